@@ -1,103 +1,207 @@
 // SPDX-License-Identifier: Apache-2.0
 // Times `redrive view` over loopback, without a browser:
-//   node bench/view.mjs REDRIVE RUN NODE_MODULES [CAMERA]
+//   node bench/view.mjs REDRIVE RUN NODE_MODULES [CAMERA] [--clients N] [--seconds S]
 // NODE_MODULES is src/redrive/view/page/node_modules in the build folder. Prints JSON.
-//   start_ms: from the start of the program to the first image
-//   answer_ms: from a camera message to its image, of a camera that moves when the image has come:
-//     median and 95th percentile, at the size that the viewer chose
-//   images_per_s: of a camera that moves all the time, 60 messages a second
-//   full_ms: rendering an image at full size, median
+//   page_gz_bytes: the page with all its files, compressed
+//   start_ms: from the start of the program to the first image, of a camera of the run
+//   sizes: of a pinhole with 60 degrees, mounted where the camera is, by size of the image:
+//     first_ms: from the first message to its first image, at the size that the viewer chose
+//     answer_ms: from a message to its image, of a camera that moves when the image has come: median
+//       and 95th percentile, and the size of most of these images
+//     images_per_s: of a camera that moves all the time, 60 messages a second, and their size
+//     full_ms: rendering an image at full size, median
+//   crowd: N pages (8) that move all the time for S seconds (60): images a second of all, the
+//     slowest one's, and the program's memory at a tenth of the time and at the end, in MB
 import {spawn} from "node:child_process";
+import fs from "node:fs";
+import http from "node:http";
 import {createRequire} from "node:module";
 import path from "node:path";
 
-const [redrive, run, modules, wanted] = process.argv.slice(2);
+const words = process.argv.slice(2);
+function option(name, usual) {
+  const at = words.indexOf(name);
+  return at < 0 ? usual : Number(words.splice(at, 2)[1]);
+}
+const clients = option("--clients", 8);
+const crowdSeconds = option("--seconds", 60);
+const [redrive, run, modules, wanted] = words;
 const {WebSocket} = createRequire(path.resolve(modules, "x.js"))("ws");
 const seconds = 5;
+const sizes = ["640x352", "1280x704"];
+
+const wait = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
+const quantile = (values, share = 0.5) =>
+  [...values].sort((a, b) => a - b)[Math.floor(share * (values.length - 1))];
+const size = ({width, height}) => `${width} x ${height}`;
+
+/** Returns the value that occurs most often. */
+function mode(values) {
+  const count = (value) => values.filter((other) => other === value).length;
+  return [...new Set(values)].sort((a, b) => count(b) - count(a))[0];
+}
+
+/** A page without a browser. */
+class Client {
+  static async connect(address) {
+    const client = new Client();
+    client.id = 0;
+    client.onImage = () => {};
+    client.socket = new WebSocket(`ws://${address.host}${address.pathname}socket`,
+      {origin: address.origin});
+    await new Promise((resolve) => {
+      client.socket.on("message", (data, isBinary) => {
+        if (!isBinary) {
+          const message = JSON.parse(data);
+          if (message.kind === "hello") resolve((client.hello = message));
+          if (message.kind === "error") throw new Error(message.text);
+          return;
+        }
+        const header = JSON.parse(data.subarray(4, 4 + data.readUInt32LE(0)));
+        client.socket.send(JSON.stringify({type: "shown", sequence: header.sequence}));
+        client.onImage(header);
+      });
+    });
+    return client;
+  }
+
+  camera() {
+    const {cameras} = this.hello;
+    return cameras.find(({name}) => name === wanted) ?? cameras[0];
+  }
+
+  /** Asks for the camera, or for a pinhole in its place, up to 0.5 m to the left of the car. */
+  ask(pinhole) {
+    const camera = this.camera();
+    const frame = this.hello.frames[Math.floor(this.hello.frames.length / 2)];
+    const m = camera.body_from_sensor;
+    const yaw = (Math.atan2(m[6], m[2]) * 180) / Math.PI;
+    this.socket.send(JSON.stringify({
+      type: "view", id: ++this.id, camera: camera.name, frame: frame.id,
+      shift_m: [0, 0.25 + 0.25 * Math.sin(0.1 * this.id), 0], yaw_deg: 0, pitch_deg: 0,
+      layer: "image", exposure: `${camera.name}:${frame.id}`, overlays: [], reference: false,
+      novel: null,
+      mount: pinhole ? {
+        at: `${m[3]},${m[7]},${m[11]},${yaw.toFixed(3)},0,0`, lens: `pinhole:60:${pinhole}`} : null,
+    }));
+  }
+
+  image() {
+    return new Promise((resolve) => (this.onImage = resolve));
+  }
+
+  /** Calls `each` with the header of every image for some time. */
+  async collect(for_s, each = () => {}) {
+    const headers = [];
+    this.onImage = (header) => {
+      headers.push(header);
+      each(header);
+    };
+    await wait(1000 * for_s);
+    this.onImage = () => {};
+    return headers;
+  }
+
+  /** Asks 60 times a second and returns the headers of the images. */
+  async move(for_s, pinhole) {
+    const timer = setInterval(() => this.ask(pinhole), 1000 / 60);
+    const headers = await this.collect(for_s);
+    clearInterval(timer);
+    return headers;
+  }
+}
+
+/** Times one client at a size of the pinhole. */
+async function measure(client, pinhole) {
+  let asked = performance.now();
+  const first = client.image();
+  client.ask(pinhole);
+  const {width, height} = await first;
+  const first_ms = performance.now() - asked;
+  await wait(2000); // full size has come and was measured
+  const answers = [];
+  const again = () => {
+    asked = performance.now();
+    client.ask(pinhole);
+  };
+  again();
+  const answered = await client.collect(seconds, (header) => {
+    if (header.id !== client.id) return;
+    answers.push(performance.now() - asked);
+    again();
+  });
+  await wait(500);
+  const moving = await client.move(seconds, pinhole);
+  await wait(500);
+  const full = answered.concat(moving).filter(({factor}) => factor === 1);
+  return {
+    first_ms: Math.round(first_ms), first_size: size({width, height}),
+    answer_ms: {
+      median: +quantile(answers).toFixed(1), p95: +quantile(answers, 0.95).toFixed(1),
+      size: mode(answered.map(size))},
+    images_per_s: +(moving.length / seconds).toFixed(1), moving_size: mode(moving.map(size)),
+    full_ms: full.length > 0 ? quantile(full.map(({render_ms}) => render_ms)) : null,
+  };
+}
+
+function memory_mb(pid) {
+  const pages = fs.readFileSync(`/proc/${pid}/statm`, "utf8").split(" ")[1];
+  return Math.round((pages * 4096) / 1e6);
+}
+
+/** Times `clients` pages at once. */
+async function crowd(address, pid) {
+  const all = await Promise.all(Array.from({length: clients}, () => Client.connect(address)));
+  const moved = all.map((client) => client.move(crowdSeconds));
+  await wait(100 * crowdSeconds);
+  const early_mb = memory_mb(pid);
+  const counts = (await Promise.all(moved)).map((headers) => headers.length);
+  const late_mb = memory_mb(pid);
+  all.forEach(({socket}) => socket.terminate());
+  const sum = counts.reduce((a, b) => a + b, 0);
+  return {clients, seconds: crowdSeconds, images_per_s: +(sum / crowdSeconds).toFixed(1),
+    slowest_images_per_s: +(Math.min(...counts) / crowdSeconds).toFixed(1), early_mb, late_mb};
+}
+
+/** Size of a file of the page as it is sent. */
+function bytesOf(address) {
+  return new Promise((resolve) => {
+    http.get(address, {headers: {"Accept-Encoding": "gzip"}}, (response) => {
+      let sum = 0;
+      response.on("data", (bytes) => (sum += bytes.length));
+      response.on("end", () => resolve(sum));
+    });
+  });
+}
 
 const start = performance.now();
 const program = spawn(redrive, ["view", run, "--port", "0"], {stdio: ["ignore", "pipe", "inherit"]});
-let printed = "";
-const address = await new Promise((resolve) => {
-  program.stdout.on("data", (bytes) => {
-    printed += bytes;
-    const found = /http:\/\/\S+/.exec(printed);
-    if (found) resolve(new URL(found[0]));
+let failed = true;
+try {
+  let printed = "";
+  const address = await new Promise((resolve) => {
+    program.stdout.on("data", (bytes) => {
+      printed += bytes;
+      const found = /http:\/\/\S+/.exec(printed);
+      if (found) resolve(new URL(found[0]));
+    });
   });
-});
-const socket = new WebSocket(`ws://${address.host}${address.pathname}socket`,
-  {origin: address.origin});
-
-let hello = null;
-let id = 0;
-let onImage = () => {};
-const median = (values, share = 0.5) =>
-  [...values].sort((a, b) => a - b)[Math.floor(share * (values.length - 1))];
-
-/** Asks for the camera, up to 0.5 m to the left of the car. */
-function ask() {
-  const camera = hello.cameras.find(({name}) => name === wanted) ?? hello.cameras[0];
-  const frame = hello.frames[Math.floor(hello.frames.length / 2)];
-  socket.send(JSON.stringify({
-    type: "view", id: ++id, camera: camera.name, frame: frame.id,
-    shift_m: [0, 0.25 + 0.25 * Math.sin(0.1 * id), 0], yaw_deg: 0, pitch_deg: 0, layer: "image",
-    exposure: "own", overlays: [], reference: false, novel: null}));
+  const client = await Client.connect(address);
+  const first = client.image();
+  client.ask();
+  const {camera} = await first;
+  const start_ms = Math.round(performance.now() - start);
+  await wait(2000);
+  let page_gz_bytes = 0;
+  for (const file of ["", "viewer.js", "viewer.css"])
+    page_gz_bytes += await bytesOf(new URL(file, address));
+  const result = {run, method: client.hello.method, camera, page_gz_bytes, start_ms, sizes: {}};
+  for (const pinhole of sizes) result.sizes[pinhole] = await measure(client, pinhole);
+  client.socket.terminate();
+  if (clients > 0) result.crowd = await crowd(address, program.pid);
+  console.log(JSON.stringify(result, null, 2));
+  failed = false;
+} finally {
+  program.kill("SIGINT");
 }
-
-/** Calls `each` with the header of every image for some seconds. */
-async function collect(each) {
-  const headers = [];
-  onImage = (header) => {
-    headers.push(header);
-    each(header);
-  };
-  await new Promise((resolve) => setTimeout(resolve, 1000 * seconds));
-  onImage = () => {};
-  await new Promise((resolve) => setTimeout(resolve, 500)); // the camera rests
-  return headers;
-}
-
-socket.on("message", (data, isBinary) => {
-  if (!isBinary) {
-    const message = JSON.parse(data);
-    if (message.kind === "hello") {
-      hello = message;
-      ask();
-    }
-    return;
-  }
-  const header = JSON.parse(data.subarray(4, 4 + data.readUInt32LE(0)));
-  socket.send(JSON.stringify({type: "shown", sequence: header.sequence}));
-  onImage(header);
-});
-
-const first = await new Promise((resolve) => (onImage = resolve));
-const start_ms = performance.now() - start;
-await new Promise((resolve) => setTimeout(resolve, 2000)); // full size has come and was measured
-
-let asked = performance.now();
-const answers = [];
-const again = () => {
-  asked = performance.now();
-  ask();
-};
-again();
-const answered = await collect((header) => {
-  if (header.id !== id) return;
-  answers.push(performance.now() - asked);
-  again();
-});
-const timer = setInterval(ask, 1000 / 60);
-const moving = await collect(() => {});
-clearInterval(timer);
-const full = answered.concat(moving).filter(({factor}) => factor === 1);
-const size = ({width, height}) => `${width} x ${height}`;
-console.log(JSON.stringify({
-  run, camera: first.camera, full_size: `${first.full_width} x ${first.full_height}`,
-  start_ms: Math.round(start_ms), first_size: size(first), first_ms: first.total_ms,
-  answer_ms: {median: +median(answers).toFixed(1), p95: +median(answers, 0.95).toFixed(1)},
-  answer_size: size(answered.at(-1)),
-  images_per_s: +(moving.length / (seconds + 0.5)).toFixed(1), moving_size: size(moving.at(-1)),
-  full_ms: full.length > 0 ? median(full.map(({render_ms}) => render_ms)) : null}, null, 2));
-socket.terminate();
-program.kill("SIGINT");
+process.exit(failed ? 1 : 0);
