@@ -27,15 +27,15 @@ const camera = "F_MIDLONGRANGECAM_CL";
 const folder = fs.mkdtempSync(path.join(os.tmpdir(), "redrive-browser-"));
 const run = path.join(folder, "run");
 
-function train() {
-  execFileSync(redrive, ["train", street, "--out", run, "--truth-poses", "--method", "splat",
-    "--cameras", camera, "--frames", "1016:1040", "--holdout-every", "4", "--max-steps", "120",
-    "--max-gaussians", "60000", "--threads", "2"], {stdio: "pipe"});
+function trainWords(out, steps) {
+  return ["train", street, "--out", out, "--truth-poses", "--method", "splat", "--cameras", camera,
+    "--frames", "1016:1040", "--holdout-every", "4", "--max-steps", String(steps),
+    "--max-gaussians", "60000", "--threads", "2"];
 }
 
 /** Starts the program and returns it with the address that it prints. */
-async function serve() {
-  const program = spawn(redrive, ["view", run, "--port", "0"], {stdio: ["ignore", "pipe", "pipe"]});
+async function serve(words) {
+  const program = spawn(redrive, [...words, "--port", "0"], {stdio: ["ignore", "pipe", "pipe"]});
   let printed = "";
   const address = await new Promise((resolve, reject) => {
     program.stdout.on("data", (bytes) => {
@@ -44,7 +44,7 @@ async function serve() {
       if (found) resolve(found[0]);
     });
     program.stderr.on("data", (bytes) => (printed += bytes));
-    program.on("exit", (code) => reject(new Error(`redrive view ended with ${code}: ${printed}`)));
+    program.on("exit", (code) => reject(new Error(`redrive ${words[0]} ended with ${code}: ${printed}`)));
   });
   return {program, address};
 }
@@ -353,6 +353,38 @@ const tests = {
     await settled(page);
   },
 
+  async "shows a run that trains"(page, address) {
+    const {program, address: live} =
+      await serve([...trainWords(path.join(folder, "live"), 100000), "--view"]);
+    try {
+      await page.goto(live);
+      const label = (pattern) => page.waitForFunction((source) => new RegExp(source).test(
+        document.getElementById("training-label")?.textContent ?? ""), {}, pattern);
+      await label("^step [1-9]\\d*, \\d+ s of training$");
+      await page.waitForSelector("#training polyline.psnr"); // 50 steps
+      await page.click("#pause");
+      await label("paused$");
+      const step = () => page.$eval(
+        "#training-label", (element) => Number(/\d+/.exec(element.textContent)[0]));
+      const before = await step();
+      await set(page, "left-number", 1); // images are made while it waits
+      assert.equal(await step(), before);
+      await page.focus("#pause");
+      await page.keyboard.press("Enter");
+      await label("training$");
+      await page.waitForFunction((least) => Number(/\d+/.exec(
+        document.getElementById("training-label").textContent)[0]) > least, {}, before);
+    } finally {
+      program.kill("SIGINT");
+      await new Promise((resolve) => program.on("exit", resolve));
+    }
+    await page.goto(address);
+    await page.waitForFunction(() => window.redriveView?.state);
+    await settled(page);
+    assert.match(await text(page, "curve-label"), /^PSNR of training rays/);
+    assert.equal(await page.$eval("#pause", (button) => button.offsetParent), null);
+  },
+
   async "refuses strangers"(_page, address) {
     assert.equal(await status(address), 200);
     const {origin, host} = new URL(address);
@@ -385,8 +417,8 @@ async function shoot(browser, address) {
 
 let program = null, browser = null, failed = 0;
 try {
-  train();
-  const served = await serve();
+  execFileSync(redrive, trainWords(run, 120), {stdio: "pipe"});
+  const served = await serve(["view", run]);
   program = served.program;
   browser = await puppeteer.launch({
     executablePath: chromium, headless: true,

@@ -16,10 +16,9 @@
 #include "redrive/cli/backend_options.h"
 #include "redrive/cli/command.h"
 #include "redrive/cli/training.h"
+#include "redrive/cli/view_server.h"
 #include "redrive/scene/load_views.h"
 #include "redrive/train/memory.h"
-#include "redrive/view/access.h"
-#include "redrive/view/page.h"
 #include "redrive/view/run_watch.h"
 #include "redrive/view/viewer.h"
 
@@ -33,8 +32,6 @@ struct ViewOptions {
   kernels::BackendChoice backend;
 };
 
-constexpr int kUsualPort = 7007;
-
 /// Opens the address in the user's browser, if there is xdg-open.
 void open_browser(const std::string& address) {
   std::string program = "xdg-open", argument = address;
@@ -47,26 +44,6 @@ void open_browser(const std::string& address) {
   if (posix_spawnp(&child, program.c_str(), &quiet, nullptr, arguments.data(), environ) != 0)
     std::fprintf(stderr, "redrive: --open: there is no xdg-open; open the address yourself\n");
   posix_spawn_file_actions_destroy(&quiet);
-}
-
-/// Listens on --port; without one on the usual port, or another one if that is taken.
-std::unique_ptr<view::Server> listen(const ViewOptions& options, view::Viewer* viewer) {
-  view::ServerOptions server;
-  server.listen = options.listen;
-  server.token = view::random_token();
-  server.page = view::page_files();
-  server.max_message_bytes = view::kMaxMessageBytes;
-  if (options.port < 0) {
-    try {
-      server.port = kUsualPort;
-      return std::make_unique<view::Server>(server, viewer);
-    } catch (const UsageError&) {
-      server.port = 0;
-    }
-  } else {
-    server.port = options.port;
-  }
-  return std::make_unique<view::Server>(server, viewer);
 }
 
 /// Returns a recording as a run without a model.
@@ -85,10 +62,7 @@ Run open_without_model(const std::string& folder) {
 }
 
 int run_view(const ViewOptions& options) {
-  if (view::page_files().empty())
-    throw UsageError("view", options.run,
-                     "this build has no page: node and npm were missing, or npm could not install; "
-                     "scripts/setup and another build bring it");
+  check_page("view", options.run);
   const bool is_run = std::filesystem::exists(RunPaths{options.run}.config());
   std::optional<view::RunWatch> watch;
   if (is_run) watch.emplace(options.run);
@@ -101,10 +75,7 @@ int run_view(const ViewOptions& options) {
   view::Viewer::Look look;
   if (watch) look = [&watch] { return watch->look(); };
   view::Viewer viewer(std::move(run), *backend, look);
-  const auto server = listen(options, &viewer);
-  std::printf("%s\nWhoever has this address sees the run. Ctrl-C ends.\n",
-              server->address().c_str());
-  std::fflush(stdout);
+  const auto server = start_view_server(options.listen, options.port, &viewer);
   if (options.open) open_browser(server->address());
   viewer.serve(*server, stop);
   return kExitOk;
@@ -118,8 +89,8 @@ Action configure_view(CLI::App& command) {
       ->required();
   command
       .add_option("--port", options->port,
-                  "port to listen on, 0: any that is free (default: " + std::to_string(kUsualPort) +
-                      ", or any if that is taken)")
+                  "port to listen on, 0: any that is free (default: " +
+                      std::to_string(kUsualViewPort) + ", or any if that is taken)")
       ->check(CLI::Range(0, 65535));
   command
       .add_option("--listen", options->listen,

@@ -127,10 +127,10 @@ int report_end(const Run& run, TrainEnd end) {
 }  // namespace
 
 int train_to_end(Run* run, const TrainingData& training, const kernels::BackendGroup& group,
-                 const std::atomic<bool>& stop) {
+                 const std::atomic<bool>& stop, StepObserver* observer) {
   std::vector<kernels::Backend*> backends;
   for (const auto& backend : group.backends) backends.push_back(backend.get());
-  return report_end(*run, train(run, training, backends, group.reduction.get(), stop));
+  return report_end(*run, train(run, training, backends, group.reduction.get(), stop, observer));
 }
 
 }  // namespace redrive

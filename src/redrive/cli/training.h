@@ -27,6 +27,6 @@ void print_summary(const Run& run, const TrainingData& training,
 
 /// Trains, prints how it ended and how to resume, and returns the exit code.
 int train_to_end(Run* run, const TrainingData& training, const kernels::BackendGroup& group,
-                 const std::atomic<bool>& stop);
+                 const std::atomic<bool>& stop, StepObserver* observer = nullptr);
 
 }  // namespace redrive

@@ -36,11 +36,13 @@ double decibels(double mse) { return -10 * std::log10(std::max(mse, 1e-10)); }
 class Trainer {
  public:
   Trainer(Run* run, const TrainingData& data, const std::vector<kernels::Backend*>& backends,
-          kernels::AllReduce* all_reduce)
+          kernels::AllReduce* all_reduce, StepObserver* observer)
       : run_(*run),
+        observer_(observer),
         state_(run->state),
         options_(run->options),
         scene_(run->scene),
+        frames_(run->recording.frames),
         sampler_(scene_, data.images, run->options.seed),
         lidar_sampler_(data.lidar, run->options.seed),
         data_{scene_, data.images, data.lidar, sampler_,
@@ -62,6 +64,7 @@ class Trainer {
       while (progress() < 1) {
         if (stop) return end(TrainEnd::kInterrupted);
         step();
+        if (observer_) observer_->between_steps(run_, scene_, frames_);
       }
       if (state_.window.steps > 0) close_window();
       if (!loss_rose()) return end(TrainEnd::kFinished);
@@ -127,10 +130,9 @@ class Trainer {
   void update_poses() {
     if (!state_.poses.refines()) return;
     const std::vector<FramePose>& recorded = run_.recording.frames;
-    const std::vector<FramePose> trajectory =
-        apply_corrections(run_.scene, recorded, state_.poses.corrections, &scene_);
+    frames_ = apply_corrections(run_.scene, recorded, state_.poses.corrections, &scene_);
     sampler_.update_poses();
-    lidar_sampler_.update_poses(scene_.global_from_world, recorded, trajectory);
+    lidar_sampler_.update_poses(scene_.global_from_world, recorded, frames_);
   }
 
   bool refines() const {
@@ -326,9 +328,11 @@ class Trainer {
   }
 
   Run& run_;
+  StepObserver* observer_;
   TrainState& state_;
   const TrainOptions& options_;
-  Scene scene_;  // the run's scene with the pose corrections applied
+  Scene scene_;                    // the run's scene with the pose corrections applied
+  std::vector<FramePose> frames_;  // likewise
   PixelSampler sampler_;
   LidarSampler lidar_sampler_;
   TrainingSet data_;
@@ -344,14 +348,15 @@ class Trainer {
 }  // namespace
 
 TrainEnd train(Run* run, const TrainingData& data, const std::vector<kernels::Backend*>& backends,
-               kernels::AllReduce* all_reduce, const std::atomic<bool>& stop) {
+               kernels::AllReduce* all_reduce, const std::atomic<bool>& stop,
+               StepObserver* observer) {
   const auto how_to_go_on = [&](const std::exception& error) {
     return "step " + std::to_string(run->state.step) + ": " + error.what() +
            "; the last checkpoint stands, go on from it with: redrive resume " +
            run->paths.root.string();
   };
   try {
-    return Trainer(run, data, backends, all_reduce).run(stop);
+    return Trainer(run, data, backends, all_reduce, observer).run(stop);
   } catch (
       const DeviceError& error) {  // a checkpoint is downloaded completely before it is written
     throw DeviceError(how_to_go_on(error));
@@ -360,12 +365,13 @@ TrainEnd train(Run* run, const TrainingData& data, const std::vector<kernels::Ba
   }
 }
 
-TrainEnd train(Run* run, kernels::Backend& backend, const std::atomic<bool>& stop) {
+TrainEnd train(Run* run, kernels::Backend& backend, const std::atomic<bool>& stop,
+               StepObserver* observer) {
   const TrainingData data = [&] {
     ThreadPool pool(backend.threads());
     return load_training_data(*run, pool);
   }();
-  return train(run, data, {&backend}, nullptr, stop);
+  return train(run, data, {&backend}, nullptr, stop, observer);
 }
 
 }  // namespace redrive

@@ -11,14 +11,26 @@
 
 namespace redrive {
 
+/// Is called by train() between two steps, on its thread. Time in it is no time of training.
+class StepObserver {
+ public:
+  virtual ~StepObserver() = default;
+  /// `run` is that of train(), whose model may be used, not changed; `scene` and `frames` are its
+  /// scene and poses with the corrections so far.
+  virtual void between_steps(Run& run, const Scene& scene,
+                             const std::vector<FramePose>& frames) = 0;
+};
+
 enum class TrainEnd { kFinished, kInterrupted };
 
 /// Trains from run->state.step to the end of the run, or until `stop`. A resumed run ends with the
 /// same weights as an uninterrupted one, except with max_seconds and after a divergence, which
 /// rolls back to the last checkpoint.
-TrainEnd train(Run* run, kernels::Backend& backend, const std::atomic<bool>& stop);
+TrainEnd train(Run* run, kernels::Backend& backend, const std::atomic<bool>& stop,
+               StepObserver* observer = nullptr);
 /// Trains likewise with loaded data, data-parallel on `backends`; all_reduce may be null for one.
 TrainEnd train(Run* run, const TrainingData& data, const std::vector<kernels::Backend*>& backends,
-               kernels::AllReduce* all_reduce, const std::atomic<bool>& stop);
+               kernels::AllReduce* all_reduce, const std::atomic<bool>& stop,
+               StepObserver* observer = nullptr);
 
 }  // namespace redrive

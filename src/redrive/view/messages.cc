@@ -28,6 +28,11 @@ std::uint64_t count_of(const JsonField& field) {
   return static_cast<std::uint64_t>(value);
 }
 
+bool boolean_of(const JsonField& field) {
+  if (!field.json().is_boolean()) field.fail("must be true or false");
+  return field.json().get<bool>();
+}
+
 double bounded(const JsonField& field, double least, double most) {
   const double value = field.number();
   if (!(value >= least && value <= most)) field.fail("is out of range");
@@ -76,9 +81,7 @@ ViewRequest view_of(const JsonField& message) {
   view.layer = layer_of(message.at("layer"));
   view.exposure = name_of(message.at("exposure"));
   view.overlays = overlays_of(message.at("overlays"));
-  const JsonField reference = message.at("reference");
-  if (!reference.json().is_boolean()) reference.fail("must be true or false");
-  view.reference = reference.json().get<bool>();
+  view.reference = boolean_of(message.at("reference"));
   if (message.has("novel") && !message.at("novel").json().is_null()) {
     const JsonField novel = message.at("novel");
     view.novel = {name_of(novel.at("set")), count_of(novel.at("index"))};
@@ -111,7 +114,8 @@ ClientMessage parse_client_message(std::string_view text) {
   if (type == "view") return view_of(message);
   if (type == "shown") return Shown{count_of(message.at("sequence"))};
   if (type == "pick") return pick_of(message);
-  message.at("type").fail("must be view, shown or pick");
+  if (type == "train") return TrainCommand{boolean_of(message.at("paused"))};
+  message.at("type").fail("must be view, shown, pick or train");
 }
 
 }  // namespace redrive::view

@@ -6,6 +6,7 @@
 //    "mount": null or {"at": "X,Y,Z,YAW,PITCH,ROLL", "lens": TEXT}}, as of `redrive render`
 //   {"type": "shown", "sequence"}
 //   {"type": "pick", "id", "at": [u, v]}
+//   {"type": "train", "paused": bool}
 #pragma once
 
 #include <array>
@@ -79,7 +80,12 @@ struct Pick {
   double u = 0, v = 0;   ///< 0..1: from the left and upper edge of the image to the others
 };
 
-using ClientMessage = std::variant<ViewRequest, Shown, Pick>;
+/// Lets training wait, or go on.
+struct TrainCommand {
+  bool paused = false;
+};
+
+using ClientMessage = std::variant<ViewRequest, Shown, Pick, TrainCommand>;
 
 /// Throws InputError for everything that is not one of the messages above, with numbers in range.
 ClientMessage parse_client_message(std::string_view text);

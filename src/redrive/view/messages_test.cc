@@ -64,6 +64,8 @@ TEST(Messages, ReadsLayersAndOverlays) {
 TEST(Messages, ReadsShownAndPick) {
   EXPECT_EQ(std::get<Shown>(parse_client_message(R"({"type": "shown", "sequence": 9})")).sequence,
             9u);
+  EXPECT_TRUE(
+      std::get<TrainCommand>(parse_client_message(R"({"type": "train", "paused": true})")).paused);
   const auto pick =
       std::get<Pick>(parse_client_message(R"({"type": "pick", "id": 2, "at": [0.25, 1]})"));
   EXPECT_EQ(pick.id, 2u);
@@ -76,7 +78,8 @@ TEST(Messages, RefusesEverythingElse) {
        {"", "{", "[]", "null", "7", R"({"type": 1})", R"({"type": "run"})", R"({"type": "shown"})",
         R"({"type": "shown", "sequence": -1})", R"({"type": "pick", "id": 1, "at": [0.5]})",
         R"({"type": "pick", "id": 1, "at": [0.5, 1.5]})",
-        R"({"type": "pick", "id": 1, "at": [1e999, 0]})"})
+        R"({"type": "pick", "id": 1, "at": [1e999, 0]})", R"({"type": "train"})",
+        R"({"type": "train", "paused": 1})"})
     EXPECT_THROW(parse_client_message(text), InputError) << text;
   const auto refuses = [](const char* key, const nlohmann::json& value) {
     nlohmann::json json = view_message();

@@ -347,6 +347,11 @@ nlohmann::json ViewRenderer::pick(const RenderJob& job, double u, double v) cons
   return answer;
 }
 
+void ViewRenderer::forget_field() {
+  coverage_.reset();
+  observers_.reset();
+}
+
 PointSearch ViewRenderer::begin_search(const Eigen::Vector3d& point_in_world) {
   if (!observers_) observers_ = std::make_unique<PointObservers>(run_, backend_);
   return observers_->begin(point_in_world);

@@ -93,6 +93,9 @@ class ViewRenderer {
   /// the surface at (u, v), 0..1 over the image.
   nlohmann::json pick(const RenderJob& job, double u, double v) const;
 
+  /// Forgets what was made of the field before it changed.
+  void forget_field();
+
   /// Searches the training images that saw a point. InputError as read_exclusions.
   PointSearch begin_search(const Eigen::Vector3d& point_in_world);
   bool step(PointSearch* search);  ///< returns whether there is more to do

@@ -9,6 +9,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/image/jpeg.h"
+#include "redrive/view/outgoing.h"
 
 namespace redrive::view {
 namespace {
@@ -26,22 +27,10 @@ constexpr std::size_t kRevolutionsAtOnce = 20;   ///< the cloud grows by so many
 constexpr int kSmallestSide = 64;                ///< pixels of the smallest image
 constexpr int kQuality = 92;
 
-std::string bytes_message(const nlohmann::json& header, const std::string& jpeg,
-                          const std::string& points = "", const std::string& mask = "") {
-  const std::string text = header.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
-  std::string message;
-  message.reserve(4 + text.size() + jpeg.size() + points.size() + mask.size());
-  for (int shift = 0; shift < 32; shift += 8)
-    message += static_cast<char>((text.size() >> shift) & 255);
-  return message += text + jpeg + points + mask;
-}
-
 /// Returns the factor beyond which an image shows nothing.
 int largest_factor(const Camera& camera) {
   return std::clamp(std::min(camera.width, camera.height) / kSmallestSide, 1, 16);
 }
-
-double rounded(double value, double step) { return std::round(value / step) * step; }
 
 double seconds_between(std::chrono::steady_clock::time_point from,
                        std::chrono::steady_clock::time_point to) {
@@ -53,19 +42,6 @@ std::string reference_key(const ViewRequest& view) {
   if (view.novel) return view.novel->set + "/" + std::to_string(view.novel->index);
   if (view.mount) return "mount";
   return view.camera + ":" + std::to_string(view.frame);
-}
-
-nlohmann::json lines_to_json(const std::vector<OverlayLine>& lines) {
-  nlohmann::json all = nlohmann::json::array();
-  for (const OverlayLine& line : lines) {
-    nlohmann::json points = nlohmann::json::array();
-    for (const Eigen::Vector2d& point : line.points) {
-      points.push_back(rounded(point.x(), 1e-4));
-      points.push_back(rounded(point.y(), 1e-4));
-    }
-    all.push_back({{"kind", line.kind}, {"label", line.label}, {"points", std::move(points)}});
-  }
-  return all;
 }
 
 }  // namespace
@@ -83,9 +59,10 @@ struct Viewer::Client {
   Inbox inbox;
 
   bool greeted = false;
+  std::optional<Training> training;  ///< as the page knows it, as are the next two
+  std::string curve, problem;
   std::optional<ViewRequest> view;  ///< the latest
   Clock::time_point arrived{};
-  std::string problem;               ///< of the run, as the page knows it
   bool failed = false;               ///< `view` cannot be shown; the page knows why
   bool scored = false;               ///< the score of `view` was sent
   int sent_factor = 0;               ///< of the last image of `view`; 0: none yet
@@ -158,6 +135,8 @@ void Viewer::received(ClientId id, std::string_view text) {
     inbox.arrived = Clock::now();
   } else if (const auto* const pick = std::get_if<Pick>(&*message)) {
     inbox.pick = *pick;
+  } else if (const auto* const train = std::get_if<TrainCommand>(&*message)) {
+    paused_ = train->paused;
   } else {
     inbox.shown = std::max(inbox.shown, std::get<Shown>(*message).sequence);
   }
@@ -168,6 +147,7 @@ void Viewer::received(ClientId id, std::string_view text) {
 void Viewer::closed(ClientId id) {
   const std::lock_guard lock(mutex_);
   clients_.erase(id);
+  if (clients_.empty()) paused_ = false;  // nobody is left who could let training go on
 }
 
 void Viewer::show(std::shared_ptr<const Run> run) {
@@ -178,6 +158,7 @@ void Viewer::show(std::shared_ptr<const Run> run) {
   const std::lock_guard lock(mutex_);
   for (const auto& [id, client] : clients_) client->begin_again();
   run_ = std::move(run);
+  read_curve();
 }
 
 /// Shows a newer checkpoint to all pages, or says why there is none.
@@ -193,38 +174,69 @@ void Viewer::look_at_run() {
   problem_ = std::move(news.problem);
 }
 
+void Viewer::use(Server& server) {
+  const std::lock_guard lock(mutex_);
+  server_ = &server;
+}
+
 void Viewer::serve(Server& server, const std::atomic<bool>& stop) {
+  use(server);
+  while (!stop) work(/*waits=*/true);
+}
+
+bool Viewer::work(bool waits) {
+  look_at_run();
+  std::vector<std::pair<ClientId, std::shared_ptr<Client>>> turn;
   {
     const std::lock_guard lock(mutex_);
-    server_ = &server;
+    has_news_ = false;
+    for (const auto& [id, client] : clients_) {
+      client->take_news();
+      turn.emplace_back(id, client);
+    }
   }
-  ClientId last_served = 0;
-  while (!stop) {
-    look_at_run();
-    std::vector<std::pair<ClientId, std::shared_ptr<Client>>> turn;
-    {
-      const std::lock_guard lock(mutex_);
-      has_news_ = false;
-      for (const auto& [id, client] : clients_) {
-        client->take_news();
-        turn.emplace_back(id, client);
-      }
-    }
-    // The clients after the one that was served last come first.
-    std::ranges::rotate(turn, std::ranges::find_if(turn, [&](const auto& entry) {
-                          return entry.first > last_served;
-                        }));
-    Clock::time_point wake_at = Clock::now() + std::chrono::milliseconds(100);
-    bool worked = false;
-    for (auto& [id, client] : turn) {
-      worked = work(id, *client, &wake_at);
-      if (!worked) continue;
-      last_served = id;
-      break;
-    }
-    if (worked) continue;
-    std::unique_lock lock(mutex_);
-    wake_.wait_until(lock, wake_at, [this] { return has_news_; });
+  // The clients after the one that was served last come first.
+  std::ranges::rotate(turn, std::ranges::find_if(turn, [&](const auto& entry) {
+                        return entry.first > last_served_;
+                      }));
+  Clock::time_point wake_at = Clock::now() + std::chrono::milliseconds(100);
+  for (auto& [id, client] : turn) {
+    if (!work(id, *client, &wake_at)) continue;
+    last_served_ = id;
+    return true;
+  }
+  if (!waits) return false;
+  std::unique_lock lock(mutex_);
+  wake_.wait_until(lock, wake_at, [this] { return has_news_; });
+  return false;
+}
+
+void Viewer::set_training(const Training& training) { training_ = training; }
+
+void Viewer::show_again() {
+  renderer_->forget_field();
+  read_curve();
+  const std::lock_guard lock(mutex_);
+  for (const auto& [id, client] : clients_) {
+    client->failed = client->scored = false;
+    // At full size at once, since the camera rests; what is being refined goes on.
+    if (client->sent_factor == 1) client->sent_factor = 2;
+    client->search = std::nullopt;
+  }
+}
+
+void Viewer::drop_jobs() {
+  const std::lock_guard lock(mutex_);
+  for (const auto& [id, client] : clients_) client->job = std::nullopt;
+}
+
+/// Reads the rows of metrics.jsonl again.
+void Viewer::read_curve() {
+  if (!renderer_->has_model()) return;
+  try {
+    curve_ = text_message(curve_to_json(read_metrics(run_->paths)));
+  } catch (const std::exception&) {  // no file, or a damaged one: the page has no curve
+    curve_.clear();
   }
 }
 
@@ -234,6 +246,21 @@ bool Viewer::work(ClientId id, Client& client, Clock::time_point* wake_at) {
   if (!client.greeted) {
     client.greeted = true;
     server_->send_text(id, hello_);
+    return true;
+  }
+  if (client.curve != curve_) {
+    client.curve = curve_;
+    if (!curve_.empty()) server_->send_text(id, curve_);
+    return true;
+  }
+  if (training_) training_->paused = paused_;
+  if (training_ && client.training != training_) {
+    client.training = training_;
+    send(id, {{"kind", "training"},
+              {"trains", training_->trains},
+              {"paused", training_->paused},
+              {"step", training_->step},
+              {"seconds", training_->seconds}});
     return true;
   }
   if (client.problem != problem_) {
@@ -248,9 +275,8 @@ bool Viewer::work(ClientId id, Client& client, Clock::time_point* wake_at) {
   return work_on_image(id, client, wake_at) || search_on(id, client);
 }
 
-/// Sends JSON; file names in it need not be UTF-8.
-void Viewer::send(ClientId id, const nlohmann::json& text) {
-  server_->send_text(id, text.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
+void Viewer::send(ClientId id, const nlohmann::json& json) {
+  server_->send_text(id, text_message(json));
 }
 
 bool Viewer::work_on_image(ClientId id, Client& client, Clock::time_point* wake_at) {

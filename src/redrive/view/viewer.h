@@ -27,6 +27,15 @@
 
 namespace redrive::view {
 
+/// How far a run is that trains in this process.
+struct Training {
+  bool trains = false;  ///< false: it has ended
+  std::int64_t step = 0;
+  double seconds = 0;  ///< of training
+  bool paused = false;
+  bool operator==(const Training&) const = default;
+};
+
 /// Sends to a page, all little-endian: texts are JSON with a "kind"; images are bytes: the size of
 /// a JSON header (32 bits), the header ({"kind": "image" or "reference", ..., "jpeg", "points",
 /// "mask"}), that many bytes of JPEG, of points and of the mask (overlay.h).
@@ -41,6 +50,16 @@ class Viewer : public ServerEvents {
   /// Makes images until `stop`; looks at it 10 times a second.
   void serve(Server& server, const std::atomic<bool>& stop);
 
+  /// What serve() does, piece by piece, for LiveView: use() first. Does one piece of work, at most
+  /// an image or a strip of it. Returns whether there was one; with `waits` it waits 0.1 s for it.
+  bool work(bool waits);
+  void use(Server& server);
+
+  void set_training(const Training& training);
+  bool paused() const { return paused_; }  ///< by a page
+  void show_again();  ///< the model has changed: makes the images that are shown once more
+  void drop_jobs();   ///< the model is another object: forgets the images that are being made
+
   void opened(ClientId id) override;
   void received(ClientId id, std::string_view text) override;
   void closed(ClientId id) override;
@@ -50,7 +69,8 @@ class Viewer : public ServerEvents {
   struct Inbox;
   struct Client;
 
-  void send(ClientId id, const nlohmann::json& text);
+  void send(ClientId id, const nlohmann::json& json);
+  void read_curve();
   void show(std::shared_ptr<const Run> run);
   void look_at_run();
   bool work(ClientId id, Client& client, Clock::time_point* wake_at);
@@ -71,6 +91,10 @@ class Viewer : public ServerEvents {
   std::string hello_;
   Look look_;
   Clock::time_point look_at_;
+  std::string curve_;  ///< of training, as it is sent
+  std::optional<Training> training_;
+  std::atomic<bool> paused_ = false;
+  ClientId last_served_ = 0;
   std::string problem_;  ///< of the run, as the pages know it
   Server* server_ = nullptr;
   std::map<std::pair<std::string, Layer>, Pace> paces_;  ///< by camera and layer

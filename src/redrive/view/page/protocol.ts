@@ -45,6 +45,23 @@ export interface Picked {
   wgs84?: {latitude_deg: number; longitude_deg: number; height_m: number};
 }
 
+/** How far a run is that trains in the program. */
+export interface Training {
+  kind: "training";
+  trains: boolean; // false: it has ended
+  paused: boolean;
+  step: number;
+  seconds: number;
+}
+
+/** Rows of metrics.jsonl. */
+export interface Curve {
+  kind: "curve";
+  steps: number[];
+  psnr_db: number[];
+  loss: number[];
+}
+
 export interface SeenBy {
   kind: "seen_by";
   id: number;
@@ -94,6 +111,8 @@ export type Text =
   | Hello
   | Picked
   | SeenBy
+  | Training
+  | Curve
   | {kind: "score"; id: number; psnr_db: number}
   | {kind: "no_reference"; key: string; text: string}
   | {kind: "problem"; text: string} // of the run; empty: none

@@ -10,6 +10,7 @@ import {
 } from "./protocol";
 import {Stage} from "./stage";
 import {fromHash, isDriven, referenceKey, toHash, toRequest, type State} from "./state";
+import {TrainingPanel} from "./training";
 
 const degreesPerPixel = 0.15;
 const speed = 3; // metres a second; shift: four times
@@ -28,6 +29,8 @@ class Viewer {
   private hello!: Hello;
   state!: State;
   private controls!: Controls;
+  private readonly training = new TrainingPanel(
+    element("training"), (message) => this.connection.send(message));
   private id = 0; // of the last request
   private asks = false; // the state has changed since it was asked for
   private playing = false;
@@ -67,6 +70,12 @@ class Viewer {
       this.noReference = message.text;
       this.stage.reference = null;
     }
+    if (message.kind === "training") {
+      this.training.showTraining(message);
+      this.hello.step = message.step;
+      this.controls.showStep();
+    }
+    if (message.kind === "curve") this.training.showCurve(message);
     if (message.kind === "problem") {
       this.problem = message.text;
       this.notice(this.noticed);

@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: Apache-2.0
+// Shows a run while it trains, in the same process: between two steps the trainer's thread makes
+// images of the model that it trains.
+#pragma once
+
+#include <atomic>
+#include <chrono>
+#include <memory>
+#include <vector>
+
+#include "redrive/train/trainer.h"
+#include "redrive/view/viewer.h"
+
+namespace redrive::view {
+
+class LiveView : public StepObserver {
+ public:
+  /// The run is that of train(), with its model; backend and `stop` must outlive it.
+  LiveView(Run* run, kernels::Backend& backend, const std::atomic<bool>& stop);
+
+  Viewer& viewer() { return *viewer_; }  ///< events of the server go there
+  void use(Server& server) { viewer_->use(server); }
+
+  /// Makes images for at most kShare of the time, and as long as a page pauses training.
+  void between_steps(Run& run, const Scene& scene, const std::vector<FramePose>& frames) override;
+
+  /// Shows the run that train() has left, until `stop`.
+  void serve(Run& run);
+
+  static constexpr double kShare = 0.3;
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  class Loan;
+  void refresh(const Run& run);
+
+  const std::atomic<bool>& stop_;
+  std::shared_ptr<Run> shown_;  ///< has the model while images are made
+  std::unique_ptr<Viewer> viewer_;
+  const Model* model_ = nullptr;  ///< of the last images
+  Clock::time_point returned_, refresh_at_;
+  double credit_s_ = 0;  ///< time for images
+};
+
+}  // namespace redrive::view

@@ -1,0 +1,137 @@
+// SPDX-License-Identifier: Apache-2.0
+// The viewer in a process that trains.
+#include "redrive/view/live_view.h"
+
+#include <thread>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
+
+#include "redrive/train/train_testing.h"
+#include "redrive/view/loopback_client_testing.h"
+
+namespace redrive::view {
+namespace {
+
+using ::testing::HasSubstr;
+
+class LiveViewTest : public testing::Test {
+ protected:
+  redrive::Run fresh_run(const char* name, std::int64_t steps) {
+    return tiny_run(folder_.path / name, folder_.path, tiny_options(steps));
+  }
+
+  static nlohmann::json next(LoopbackClient& client) {
+    const auto message = client.receive_message();
+    if (!message || message->opcode == 8) return {{"kind", "closed"}};
+    if (message->opcode == 1) return nlohmann::json::parse(message->payload);
+    std::size_t size = 0;
+    for (int i = 0; i < 4; ++i)
+      size |= static_cast<std::size_t>(static_cast<unsigned char>(message->payload[i])) << 8 * i;
+    nlohmann::json header = nlohmann::json::parse(message->payload.substr(4, size));
+    if (header["kind"] == "image")
+      client.send_message(
+          nlohmann::json{{"type", "shown"}, {"sequence", header["sequence"]}}.dump());
+    return header;
+  }
+  /// Reads until a message of a kind for which `wanted` holds.
+  static nlohmann::json wait_for(
+      LoopbackClient& client, const std::string& kind,
+      const std::function<bool(const nlohmann::json&)>& wanted = [](const auto&) { return true; }) {
+    for (;;) {
+      nlohmann::json message = next(client);
+      if (message["kind"] == "closed" || (message["kind"] == kind && wanted(message)))
+        return message;
+    }
+  }
+
+  TemporaryFolder folder_;
+  std::unique_ptr<kernels::Backend> backend_ = processor_backend(1);
+};
+
+/// A page of a run that trains.
+class LivePage {
+ public:
+  LivePage(redrive::Run* run, kernels::Backend& backend, const std::atomic<bool>& stop)
+      : live(run, backend, stop) {
+    ServerOptions options;
+    options.token = "t";
+    server = std::make_unique<Server>(options, &live.viewer());
+    live.use(*server);
+    client = std::make_unique<LoopbackClient>(server->port());
+    const std::string host = "127.0.0.1:" + std::to_string(server->port());
+    EXPECT_THAT(client->upgrade("/t/socket", host, "http://" + host), HasSubstr("101"));
+    client->send_message(nlohmann::json{
+        {"type", "view"},
+        {"id", 1},
+        {"camera", "FRONT"},
+        {"frame", 11},
+        {"shift_m", {0, 0, 0}},
+        {"yaw_deg", 0},
+        {"pitch_deg", 0},
+        {"layer", "image"},
+        {"exposure", "own"},
+        {"overlays", nlohmann::json::array()},
+        {"reference", false},
+        {"novel", nullptr}}.dump());
+  }
+  LiveView live;
+  std::unique_ptr<Server> server;
+  std::unique_ptr<LoopbackClient> client;
+};
+
+TEST_F(LiveViewTest, PausesAndGoesOn) {
+  redrive::Run run = fresh_run("run", 1000000);
+  std::atomic<bool> stop{false};
+  LivePage page(&run, *backend_, stop);
+  std::thread trainer([&] {
+    train(&run, *backend_, stop, &page.live);
+    page.live.serve(run);
+  });
+  EXPECT_EQ(wait_for(*page.client, "hello")["method"], "nerf");
+  EXPECT_EQ(wait_for(*page.client, "image")["camera"], "FRONT");
+  const auto is_trained = [](const nlohmann::json& training) { return training["step"] > 25; };
+  EXPECT_EQ(wait_for(*page.client, "training", is_trained)["trains"], true);
+  EXPECT_GE(wait_for(*page.client, "curve")["steps"].size(), 1u);
+  page.client->send_message(R"({"type": "train", "paused": true})");
+  const nlohmann::json paused =
+      wait_for(*page.client, "training",
+               [](const nlohmann::json& training) { return training["paused"].get<bool>(); });
+  page.client->send_message(R"({"type": "pick", "id": 1, "at": [0.5, 0.5]})");
+  wait_for(*page.client, "picked");  // images are made while it waits
+  page.client->send_message(R"({"type": "train", "paused": false})");
+  wait_for(*page.client, "training", [&](const nlohmann::json& training) {
+    return !training["paused"].get<bool>() && training["step"] > paused["step"];
+  });
+  stop = true;
+  trainer.join();
+  EXPECT_GT(run.state.step, paused["step"].get<std::int64_t>());
+  EXPECT_NE(run.state.model, nullptr);
+}
+
+TEST_F(LiveViewTest, ChangesNoBitOfTheRun) {
+  redrive::Run alone = fresh_run("alone", 60), watched = fresh_run("watched", 60);
+  std::atomic<bool> stop{false};
+  train(&alone, *backend_, stop);
+  LivePage page(&watched, *backend_, stop);
+  EXPECT_EQ(train(&watched, *backend_, stop, &page.live), TrainEnd::kFinished);
+  EXPECT_EQ(watched.state.step, 60);
+  const auto values = [](const redrive::Run& run) {
+    const auto span = run.state.model->parameters.span();
+    return std::vector<float>(span.begin(), span.end());
+  };
+  EXPECT_EQ(values(watched), values(alone));
+  // The page learns that it has ended.
+  std::thread server([&] { page.live.serve(watched); });
+  EXPECT_EQ(wait_for(*page.client, "training",
+                     [](const nlohmann::json& training) {
+                       return !training["trains"].get<bool>();
+                     })["step"],
+            60);
+  stop = true;
+  server.join();
+}
+
+}  // namespace
+}  // namespace redrive::view
