@@ -368,6 +368,8 @@ void print_inspection(const Inspection& result) {
     std::printf("held out       %zu images by the recording's own split\n", held_out);
   if (masks > 0) std::printf("masks          %zu\n", masks);
   if (alpha) std::printf("alpha          yes: train takes --background white, black or random\n");
+  if (!recording.points_file.empty())
+    std::printf("points         %s\n", recording.points_file.c_str());
   std::printf("lidar          %zu files\nboxes          %zu files\n", recording.lidar_files.size(),
               recording.box_files.size());
   std::string others, novel;

@@ -7,10 +7,6 @@
 namespace redrive {
 namespace {
 
-constexpr std::int64_t kMaxPixels = 1 << 28;  // sixteen times the largest automotive sensors
-constexpr double kMaxImageSize_px = 65536;
-constexpr double kMaxFocalLength_px = 1e6;  // 65536 px across 4 degrees
-
 int side_from_json(const JsonField& field) {
   const double size = field.number();
   if (size < 1 || size > kMaxImageSize_px || size != std::floor(size))

@@ -8,6 +8,10 @@
 
 namespace redrive {
 
+constexpr std::int64_t kMaxPixels = 1 << 28;  ///< sixteen times the largest automotive sensors
+constexpr double kMaxImageSize_px = 65536;
+constexpr double kMaxFocalLength_px = 1e6;  ///< 65536 px across 4 degrees
+
 /// Whole pixels, 1 to 65536 a side, 2^28 in all.
 void image_size_from_json(const JsonField& width, const JsonField& height,
                           CameraCalibration* camera);

@@ -6,7 +6,11 @@
 // only PLY reader is assimp's, a mesh loader that repairs damaged files instead of rejecting them.
 #pragma once
 
+#include <array>
+#include <cstdint>
 #include <filesystem>
+#include <span>
+#include <string>
 #include <string_view>
 #include <vector>
 
@@ -18,5 +22,12 @@ namespace redrive {
 /// files, more than 1e8 points, and coordinates that are not finite.
 std::vector<Eigen::Vector3d> parse_ply(std::string_view bytes, const std::filesystem::path& file);
 std::vector<Eigen::Vector3d> read_ply(const std::filesystem::path& file);
+
+struct PlyPoint {
+  Eigen::Vector3f position, normal;
+  std::array<std::uint8_t, 3> rgb{};
+};
+/// Returns a binary_little_endian PLY with x y z, nx ny nz if `normals`, and red green blue.
+std::string make_ply(std::span<const PlyPoint> points, bool normals);
 
 }  // namespace redrive

@@ -90,8 +90,8 @@ struct Recording {
                                                ///< them; `frames` may carry errors
   std::vector<FrameFile> lidar_files;          ///< by frame id, with or without a pose; for reader
   std::vector<FrameFile> box_files;            ///< by frame id, with or without a pose; for reader
-  std::filesystem::path points_file;           ///< static point cloud instead of lidar_files
-                                               ///< (recording/ply.h); empty: none
+  std::filesystem::path points_file;           ///< static point cloud instead of lidar_files, for
+                                               ///< reader; empty: none
   GlobalFrame global_frame = GlobalFrame::kEcef;
   /// True: a drive, in metres and seconds. False: photographs in an arbitrary unit, which replaces
   /// the metre everywhere; the body's axes are those of a camera that looks along body x, and t_ns

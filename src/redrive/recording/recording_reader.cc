@@ -4,6 +4,7 @@
 #include "redrive/base/error.h"
 #include "redrive/recording/calibration_json.h"
 #include "redrive/recording/egomotion_json.h"
+#include "redrive/recording/ply.h"
 
 namespace redrive {
 namespace {
@@ -17,6 +18,13 @@ std::vector<LidarPoint> RecordingReader::read_lidar(const FrameFile& file) const
 }
 
 std::uint64_t RecordingReader::lidar_point_count(const FrameFile&) const { return 0; }
+
+std::vector<StaticPoint> RecordingReader::read_points(const Recording& recording) const {
+  std::vector<StaticPoint> points;
+  for (const Eigen::Vector3d& in_body : read_ply(recording.points_file))
+    points.push_back({recording.frames.front().global_from_body * in_body, {}, false});
+  return points;
+}
 
 std::vector<Box> RecordingReader::read_boxes(const FrameFile& file) const {
   throw InputError(file.path, "", "", "boxes of a recording whose format has none");

@@ -26,6 +26,13 @@ struct CalibratedPoses {
   std::filesystem::path frames_file, cameras_file;
 };
 
+/// A point of the static world.
+struct StaticPoint {
+  Eigen::Vector3d in_global;         ///< the recording's global frame
+  std::vector<std::int64_t> frames;  ///< of the recording, whose images show the point
+  bool has_track = false;            ///< whether its file says which images show it
+};
+
 /// The base class serves formats without LiDAR and boxes as it is. Its pose files, which serve
 /// every format, are egomotion.json (recording/egomotion_json.h) and calibration.json
 /// (recording/calibration_json.h). A reader keeps what its files need beyond themselves, such as
@@ -38,6 +45,9 @@ class RecordingReader {
   virtual std::vector<LidarPoint> read_lidar(const FrameFile& file) const;
   /// Number of points that read_lidar returns, without reading them; 0 if the file is damaged.
   virtual std::uint64_t lidar_point_count(const FrameFile& file) const;
+  /// Points of Recording::points_file, which must not be empty: by default a PLY in the body axes
+  /// of the first frame, without tracks. InputError for a damaged file.
+  virtual std::vector<StaticPoint> read_points(const Recording& recording) const;
   /// Boxes of one of Recording::box_files, each object once. InputError for a damaged file.
   virtual std::vector<Box> read_boxes(const FrameFile& file) const;
 

@@ -2,6 +2,7 @@
 // The registry of recording formats.
 #include "redrive/base/error.h"
 #include "redrive/recording/aimotive.h"
+#include "redrive/recording/colmap.h"
 #include "redrive/recording/kitti.h"
 #include "redrive/recording/recording.h"
 #include "redrive/recording/transforms.h"
@@ -29,6 +30,8 @@ constexpr Format kFormats[] = {
      kitti::looks_like_odometry, kitti::open_odometry},
     {"blender", "transforms_train.json", transforms::looks_like_blender, transforms::open_blender},
     {"transforms", "transforms.json", transforms::looks_like, transforms::open},
+    {"colmap", "cameras and images, .bin or .txt, in sparse/0, sparse or the folder itself",
+     colmap::looks_like, colmap::open},
 };
 
 }  // namespace

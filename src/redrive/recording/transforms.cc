@@ -9,7 +9,10 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
+#include "redrive/recording/photographs.h"
+#include "redrive/recording/ply.h"
 #include "redrive/recording/png_size.h"
+#include "redrive/recording/recording_reader.h"
 #include "redrive/recording/wording.h"
 
 namespace redrive::transforms {
@@ -55,6 +58,17 @@ MaskFile find_mask(const fs::path& file, const FrameEntry& entry, const fs::path
   return {mask, true};
 }
 
+/// Points are in the file's world.
+class Reader final : public RecordingReader {
+ public:
+  std::vector<StaticPoint> read_points(const Recording& recording) const override {
+    std::vector<StaticPoint> points;
+    for (const Eigen::Vector3d& point : read_ply(recording.points_file))
+      points.push_back({point, {}, false});
+    return points;
+  }
+};
+
 TransformsFile read(const fs::path& file) {
   const auto size_of = [&](const std::string& file_path) -> std::optional<ImageSize> {
     const fs::path image = find_image(file.parent_path(), file_path);
@@ -67,11 +81,7 @@ TransformsFile read(const fs::path& file) {
 /// Collects frames and images. Images with equal intrinsics are of one camera.
 class Collector {
  public:
-  explicit Collector(const fs::path& root) {
-    recording_.root = root;
-    recording_.global_frame = GlobalFrame::kArbitrary;
-    recording_.metric = false;
-  }
+  explicit Collector(const fs::path& root) : recording_(photographs::empty_recording(root)) {}
 
   void add(const fs::path& file, const FrameEntry& entry, bool held_out) {
     const fs::path image = find_image(file.parent_path(), entry.file);
@@ -80,7 +90,7 @@ class Collector {
       return;
     }
     const auto id = static_cast<std::int64_t>(recording_.frames.size());
-    recording_.frames.push_back({id, id * 1'000'000'000, entry.global_from_body});
+    recording_.frames.push_back({id, id * photographs::kFrameTime_ns, entry.global_from_body});
     if (!images_.insert(image).second)
       throw InputError(file, "file_path", entry.file,
                        "a second frame with the image " + image.string());
@@ -90,6 +100,18 @@ class Collector {
     if (is_new) recording_.cameras.push_back({c, {}});
     recording_.cameras[found->second].images.push_back(
         {{id, image}, find_mask(file, entry, image), held_out});
+  }
+
+  /// `path`: ply_file_path, may be empty.
+  void set_points(const std::string& path) {
+    if (path.empty()) return;
+    const fs::path file = recording_.root / path;
+    if (!is_there(file)) {
+      recording_.findings.push_back({"ply_file_path", file.string() + " is missing: no points"});
+      return;
+    }
+    recording_.points_file = file;
+    recording_.reader = std::make_shared<Reader>();
   }
 
   Recording finish(std::optional<BoundingCube> bounds) {
@@ -128,18 +150,13 @@ std::vector<FrameEntry> in_file_name_order(std::vector<FrameEntry> entries) {
   return entries;
 }
 
-void reject_ground_truth(const fs::path& root, PoseSource source) {
-  if (source == PoseSource::kGroundTruth)
-    throw InputError(root, "", "", "this format ships no other, exact poses");
-}
-
 }  // namespace
 
 bool looks_like(const fs::path& root) { return is_there(root / "transforms.json"); }
 bool looks_like_blender(const fs::path& root) { return is_there(root / "transforms_train.json"); }
 
 Recording open(const fs::path& root, PoseSource source) {
-  reject_ground_truth(root, source);
+  photographs::reject_ground_truth(root, source);
   const fs::path file = root / "transforms.json";
   const TransformsFile transforms = read(file);
   const auto set_of = [](const std::optional<std::vector<std::string>>& names) {
@@ -165,11 +182,12 @@ Recording open(const fs::path& root, PoseSource source) {
         {"frames",
          counted(neither.size(), "image") +
              " in neither train_filenames nor the held-out list, left out: " + first_few(neither)});
+  collector.set_points(transforms.points);
   return collector.finish(transforms.bounds);
 }
 
 Recording open_blender(const fs::path& root, PoseSource source) {
-  reject_ground_truth(root, source);
+  photographs::reject_ground_truth(root, source);
   const fs::path train = root / "transforms_train.json", test = root / "transforms_test.json",
                  val = root / "transforms_val.json";
   Collector collector(root);

@@ -5,8 +5,8 @@
 //   {"fl_x", "fl_y", "cx", "cy", "w", "h", "k1".., "p1", "p2", "camera_model" or "is_fisheye",
 //   "camera_angle_x",
 //    "aabb_scale", "scale", "offset", "aabb", "train_filenames", "val_filenames", "test_filenames",
-//    "frames": [{"file_path", "transform_matrix", "mask_path", and any of the first line, which
-//    takes precedence}]}
+//    "ply_file_path", "frames": [{"file_path", "transform_matrix", "mask_path", and any of the
+//    first line, which takes precedence}]}
 // - transform_matrix: camera to world, OpenGL camera axes (x right, y up, z backward).
 // - cx, cy are relative to the image's corner, where pixel centres are at + 0.5; everywhere else
 // coordinates start at the first pixel's centre. The default is the middle of the image.
@@ -44,6 +44,7 @@ struct FrameEntry {
 
 struct TransformsFile {
   std::vector<FrameEntry> entries;                           ///< as listed
+  std::string points;                                        ///< ply_file_path; empty: none
   std::optional<BoundingCube> bounds;                        ///< if aabb_scale or aabb is present
   std::optional<std::vector<std::string>> train, val, test;  ///< lists of names, if present
 };

@@ -12,6 +12,7 @@
 #include "redrive/camera/models.h"
 #include "redrive/math/angles.h"
 #include "redrive/recording/calibration_fields.h"
+#include "redrive/recording/photographs.h"
 #include "redrive/recording/rigid_json.h"
 #include "redrive/recording/transforms.h"
 
@@ -136,9 +137,7 @@ CameraCalibration camera_from_json(const Intrinsics& intrinsics, const ImageSize
   read_distortion(intrinsics, model, &camera);
   if (!model.perspective && !intrinsics.find("fl_x"))
     intrinsics.frame.fail("a fisheye needs fl_x: programs disagree about its angle of view");
-  // Columns: the camera's x (right), y (down) and z (forward) in body axes x forward, y left, z up.
-  camera.body_from_sensor = Rigid3d::Identity();
-  camera.body_from_sensor.linear() << 0, 0, 1, -1, 0, 0, 0, -1, 0;
+  camera.body_from_sensor = photographs::body_from_camera();
   return camera;
 }
 
@@ -235,6 +234,7 @@ TransformsFile parse(std::string_view text, const std::filesystem::path& file,
     if (known) entry.camera = camera_from_json(intrinsics, *known);
     result.entries.push_back(std::move(entry));
   }
+  if (root.has("ply_file_path")) result.points = path_from_json(root.at("ply_file_path"));
   result.bounds = bounds_from_json(root);
   result.train = names_from_json(root, "train_filenames", names);
   result.val = names_from_json(root, "val_filenames", names);

@@ -12,10 +12,11 @@ namespace {
 
 constexpr std::size_t kPointsPerRange = 4096;
 constexpr int kCellsPerFace = 180;  // a face of the cube around an origin spans 90 degrees
-constexpr float kHiddenRange = 0.95f, kMinRange_m = 0.5f;
+constexpr float kHiddenRange = 0.95f;
 
-struct CloudPoint {
+struct AssignedPoint {
   std::uint32_t origin = 0;
+  bool seen = false;       ///< by the origin, as the cloud says
   std::uint64_t cell = 0;  ///< of directions from the origin
   float range_m = 0;
 };
@@ -33,15 +34,23 @@ std::uint64_t cell_of(const Eigen::Vector3d& direction) {
          side(direction[(axis + 2) % 3]);
 }
 
-CloudPoint assign_to_origin(const Eigen::Vector3d& point, std::span<const CloudOrigin> origins) {
+AssignedPoint assign_to_origin(const CloudPoint& in, std::span<const CloudOrigin> origins) {
+  const Eigen::Vector3d& point = in.in_world_m;
   double least = std::numeric_limits<double>::infinity();
-  CloudPoint out;
-  for (std::size_t o = 0; o < origins.size(); ++o)
+  AssignedPoint out;
+  const auto assign = [&](std::size_t o) {
     if (const double square = (point - origins[o].position_in_world_m).squaredNorm();
         square < least) {
       least = square;
       out.origin = static_cast<std::uint32_t>(o);
     }
+  };
+  if (in.seen_from >= 0) {
+    assign(static_cast<std::size_t>(in.seen_from));
+    out.seen = least > 0;
+  } else {
+    for (std::size_t o = 0; o < origins.size(); ++o) assign(o);
+  }
   out.range_m = static_cast<float>(std::sqrt(least));
   constexpr std::uint64_t kCells = 6ull * kCellsPerFace * kCellsPerFace;
   if (least > 0)
@@ -51,18 +60,18 @@ CloudPoint assign_to_origin(const Eigen::Vector3d& point, std::span<const CloudO
 
 }  // namespace
 
-LidarReturns cloud_returns(std::span<const Eigen::Vector3d> in_world_m,
-                           std::span<const CloudOrigin> origins, ThreadPool& pool) {
+LidarReturns cloud_returns(std::span<const CloudPoint> cloud, std::span<const CloudOrigin> origins,
+                           float least_range_m, ThreadPool& pool) {
   REDRIVE_CHECK(!origins.empty());
-  const std::size_t every = (in_world_m.size() + kMaxCloudPoints - 1) / kMaxCloudPoints;
-  std::vector<CloudPoint> points(every > 0 ? (in_world_m.size() + every - 1) / every : 0);
+  const std::size_t every = (cloud.size() + kMaxCloudPoints - 1) / kMaxCloudPoints;
+  std::vector<AssignedPoint> points(every > 0 ? (cloud.size() + every - 1) / every : 0);
   pool.run_ranges(points.size(), kPointsPerRange, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i)
-      points[i] = assign_to_origin(in_world_m[i * every], origins);
+      points[i] = assign_to_origin(cloud[i * every], origins);
   });
   std::unordered_map<std::uint64_t, float> nearest_m;
   nearest_m.reserve(points.size());
-  for (const CloudPoint& point : points) {
+  for (const AssignedPoint& point : points) {
     const auto [at, is_new] = nearest_m.try_emplace(point.cell, point.range_m);
     if (!is_new) at->second = std::min(at->second, point.range_m);
   }
@@ -70,18 +79,18 @@ LidarReturns cloud_returns(std::span<const Eigen::Vector3d> in_world_m,
   LidarReturns returns;
   std::vector<std::size_t> used;
   for (std::size_t i = 0; i < points.size(); ++i)
-    if (points[i].range_m >= kMinRange_m &&
-        kHiddenRange * points[i].range_m <= nearest_m.at(points[i].cell))
+    if (points[i].seen || (points[i].range_m > 0 && points[i].range_m >= least_range_m &&
+                           kHiddenRange * points[i].range_m <= nearest_m.at(points[i].cell)))
       used.push_back(i);
   returns.n = used.size();
   returns.hidden = points.size() - used.size();
   returns.origin.resize(3 * returns.n);
   returns.direction.resize(3 * returns.n);
   for (std::size_t k = 0; k < returns.n; ++k) {
-    const CloudPoint& point = points[used[k]];
+    const AssignedPoint& point = points[used[k]];
     const CloudOrigin& origin = origins[point.origin];
     const Eigen::Vector3d direction =
-        (in_world_m[used[k] * every] - origin.position_in_world_m) / point.range_m;
+        (cloud[used[k] * every].in_world_m - origin.position_in_world_m) / point.range_m;
     for (int d = 0; d < 3; ++d) {
       returns.origin[d * returns.n + k] = static_cast<float>(origin.position_in_world_m[d]);
       returns.direction[d * returns.n + k] = static_cast<float>(direction[d]);

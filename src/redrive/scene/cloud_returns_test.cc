@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/scene/cloud_returns.h"
 
+#include <cmath>
+
 #include <gtest/gtest.h>
 
 namespace redrive {
@@ -10,7 +12,9 @@ const std::vector<CloudOrigin> kOrigins{{{0, 0, 1}, 100}, {{10, 0, 1}, 200}};
 
 LidarReturns returns_of(const std::vector<Eigen::Vector3d>& points) {
   ThreadPool pool(2);
-  return cloud_returns(points, kOrigins, pool);
+  std::vector<CloudPoint> cloud;
+  for (const Eigen::Vector3d& point : points) cloud.push_back({point});
+  return cloud_returns(cloud, kOrigins, 0.5f, pool);
 }
 
 TEST(CloudReturns, AssignsEachPointToTheNearestOrigin) {
@@ -46,6 +50,16 @@ TEST(CloudReturns, DropsPointsAtTheCamera) {
   const LidarReturns returns = returns_of({{0, 0, 1}, {0.1, 0.1, 1}, {0, 2, 1}});
   ASSERT_EQ(returns.n, 1u);
   EXPECT_FLOAT_EQ(returns.range_m[0], 2);
+}
+
+TEST(CloudReturns, KeepsPointsWithTheOriginThatSeesThem) {
+  ThreadPool pool(1);
+  const LidarReturns returns =
+      cloud_returns(std::vector<CloudPoint>{{{0, 4, 1}, 1}, {{10, 0.1, 1}, 1}, {{10, 8, 1}, 1}},
+                    kOrigins, 0.5f, pool);
+  ASSERT_EQ(returns.n, 3u) << "near and behind others";
+  EXPECT_EQ(returns.t_ns, (std::vector<std::int64_t>{200, 200, 200}));
+  EXPECT_FLOAT_EQ(returns.range_m[0], std::sqrt(116.0f));
 }
 
 TEST(CloudReturns, AcceptsEmptyClouds) { EXPECT_EQ(returns_of({}).n, 0u); }

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <tuple>
 
-#include "redrive/recording/ply.h"
 #include "redrive/recording/recording_reader.h"
 #include "redrive/recording/trajectory.h"
 #include "redrive/scene/cloud_returns.h"
@@ -93,6 +92,20 @@ std::vector<Ray> rays_of(const std::vector<LidarPoint>& points,
   return rays;
 }
 
+/// Returns the points of the recording's cloud, with the first of their frames that the scene has;
+/// not those that other frames alone see.
+std::vector<CloudPoint> read_cloud(const Recording& recording, const Scene& scene) {
+  const Rigid3d world_from_global = scene.global_from_world.inverse();
+  std::vector<CloudPoint> cloud;
+  for (const StaticPoint& point : recording.reader->read_points(recording)) {
+    CloudPoint out{world_from_global * point.in_global};
+    for (const std::int64_t id : point.frames)
+      if (out.seen_from < 0) out.seen_from = scene.frame_index(id);
+    if (out.seen_from >= 0 || !point.has_track) cloud.push_back(out);
+  }
+  return cloud;
+}
+
 }  // namespace
 
 LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene,
@@ -102,7 +115,9 @@ LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene,
     for (const Frame& frame : scene.frames)
       origins.push_back(
           {frame.world_from_body * scene.rig[0].body_from_sensor.translation(), frame.t_ns});
-    return cloud_returns(read_ply(recording.points_file), origins, pool);
+    constexpr float kLeastRange_m = 0.5f;  // nearer points are on the car
+    return cloud_returns(read_cloud(recording, scene), origins,
+                         recording.metric ? kLeastRange_m : 0, pool);
   }
   LidarReturns returns;
   if (!recording.body_from_lidar) return returns;

@@ -9,6 +9,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/image/image_io.h"
+#include "redrive/scene/resample.h"
 
 namespace redrive {
 namespace {
@@ -35,24 +36,8 @@ void check_recorded_size(const std::filesystem::path& path, int width, int heigh
                          size_text(rig.recorded.width, rig.recorded.height));
 }
 
-/// Position of each undistorted pixel in the recorded image; (-1, -1), which is black, outside it.
-struct UndistortMap {
-  cv::Mat u, v;
-};
-
-UndistortMap make_undistort_map(const RigCamera& rig) {
-  const Camera plain = rig.recorded.undistorted();
-  UndistortMap map{cv::Mat(plain.height, plain.width, CV_32F, -1.0f),
-                   cv::Mat(plain.height, plain.width, CV_32F, -1.0f)};
-  for (int y = 0; y < plain.height; ++y)
-    for (int x = 0; x < plain.width; ++x) {
-      const auto direction = plain.unproject({x, y});
-      const auto recorded = direction ? rig.recorded.project(*direction) : std::nullopt;
-      if (!recorded) continue;
-      map.u.at<float>(y, x) = static_cast<float>(recorded->x());
-      map.v.at<float>(y, x) = static_cast<float>(recorded->y());
-    }
-  return map;
+ResampleMap make_undistort_map(const RigCamera& rig) {
+  return make_resample_map(rig.recorded.undistorted(), rig.recorded);
 }
 
 /// Sets `used` of the image from its mask file.
@@ -93,7 +78,7 @@ void composite(const std::filesystem::path& path, Background background, Image8*
 }
 
 /// `map`: null unless the scene undistorts.
-Image8 load_with_map(const Scene& scene, const View& view, const UndistortMap* map) {
+Image8 load_with_map(const Scene& scene, const View& view, const ResampleMap* map) {
   const RigCamera& rig = scene.rig[view.camera];
   Image8 image = read_image(view.image);
   check_recorded_size(view.image, image.width, image.height, rig);
@@ -102,14 +87,15 @@ Image8 load_with_map(const Scene& scene, const View& view, const UndistortMap* m
   if (!map && scene.downscale == 1) return image;
 
   const int width = rig.camera.width, height = rig.camera.height, factor = scene.downscale;
-  const auto resample = [&](const cv::Mat& recorded, int border) {
-    cv::Mat mat = recorded;
-    if (map) {
-      cv::Mat undistorted;
-      cv::remap(mat, undistorted, map->u, map->v, cv::INTER_LINEAR, cv::BORDER_CONSTANT,
-                cv::Scalar::all(border));
-      mat = undistorted;
-    }
+  const auto undistort = [&](std::vector<std::uint8_t>* values, int channels, std::uint8_t border) {
+    if (map && !values->empty())
+      *values = resample(*map, *values, image.width, image.height, channels, border);
+  };
+  undistort(&image.rgb, 3, 0);
+  undistort(&image.alpha, 1, 0);
+  undistort(&image.used, 1, 255);
+  const auto reduced = [&](const cv::Mat& full) {
+    cv::Mat mat = full;
     if (factor > 1) {
       cv::Mat small;
       cv::resize(mat(cv::Rect(0, 0, width * factor, height * factor)), small, {width, height}, 0, 0,
@@ -118,14 +104,14 @@ Image8 load_with_map(const Scene& scene, const View& view, const UndistortMap* m
     }
     return mat;
   };
-  const auto resample_plane = [&](std::vector<std::uint8_t>& values, int border) {
-    const cv::Mat mat = resample(plane(image, values), border);
+  const auto reduced_plane = [&](std::vector<std::uint8_t>& values) {
+    const cv::Mat mat = reduced(plane(image, values));
     return std::vector<std::uint8_t>(mat.begin<std::uint8_t>(), mat.end<std::uint8_t>());
   };
-  Image8 result = from_mat(resample(as_mat(image), 0));
-  if (!image.alpha.empty()) result.alpha = resample_plane(image.alpha, 0);
+  Image8 result = from_mat(reduced(as_mat(image)));
+  if (!image.alpha.empty()) result.alpha = reduced_plane(image.alpha);
   if (!image.used.empty()) {
-    result.used = resample_plane(image.used, 255);
+    result.used = reduced_plane(image.used);
     for (std::uint8_t& used : result.used) used = used == 255 ? 255 : 0;
   }
   return result;
@@ -135,7 +121,7 @@ Image8 load_with_map(const Scene& scene, const View& view, const UndistortMap* m
 
 Image8 load_view(const Scene& scene, const View& view) {
   if (!scene.undistort) return load_with_map(scene, view, nullptr);
-  const UndistortMap map = make_undistort_map(scene.rig[view.camera]);
+  const ResampleMap map = make_undistort_map(scene.rig[view.camera]);
   return load_with_map(scene, view, &map);
 }
 
@@ -161,7 +147,7 @@ std::vector<float> load_depth(const std::filesystem::path& path, const RigCamera
 
 std::vector<Image8> load_views(const Scene& scene, ThreadPool& pool) {
   cv::setNumThreads(1);  // parallel over images instead
-  std::vector<UndistortMap> maps(scene.undistort ? scene.rig.size() : 0);
+  std::vector<ResampleMap> maps(scene.undistort ? scene.rig.size() : 0);
   pool.run(static_cast<int>(maps.size()),
            [&](int camera) { maps[camera] = make_undistort_map(scene.rig[camera]); });
   std::vector<Image8> images(scene.views.size());

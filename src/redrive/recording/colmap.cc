@@ -1,0 +1,211 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/recording/colmap.h"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <set>
+
+#include "redrive/base/error.h"
+#include "redrive/base/files.h"
+#include "redrive/recording/colmap_files.h"
+#include "redrive/recording/frame_files.h"
+#include "redrive/recording/photographs.h"
+#include "redrive/recording/recording_reader.h"
+#include "redrive/recording/wording.h"
+
+namespace redrive::colmap {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// Points further from the origin, which few images triangulate badly, are left out.
+constexpr double kMaxDistance = 1e7;
+
+/// The folder of the model's files; empty if there is none.
+fs::path find_model(const fs::path& root) {
+  for (const char* folder : {"sparse/0", "sparse", ""})
+    for (const char* extension : {".bin", ".txt"})
+      if (is_there(root / folder / ("cameras" + std::string(extension))) &&
+          is_there(root / folder / ("images" + std::string(extension))))
+        return root / folder;
+  return {};
+}
+
+/// The file of that name, binary or text; empty if there is none.
+fs::path find_file(const fs::path& model, const std::string& name) {
+  // cameras and images have to be of one kind.
+  const bool binary = is_there(model / "cameras.bin") && is_there(model / "images.bin");
+  const fs::path path = model / (name + (binary ? ".bin" : ".txt"));
+  return is_there(path) ? path : fs::path();
+}
+
+/// Reads a file by the parser of its kind.
+template <class Record>
+std::vector<Record> read(const fs::path& file,
+                         std::vector<Record> (*binary)(std::string_view, const fs::path&),
+                         std::vector<Record> (*text)(std::string_view, const fs::path&)) {
+  return (file.extension() == ".bin" ? binary : text)(read_file(file), file);
+}
+
+std::vector<PointRecord> read_point_records(const fs::path& file) {
+  return read(file, parse_points_binary, parse_points_text);
+}
+
+class Reader final : public RecordingReader {
+ public:
+  explicit Reader(std::map<std::int64_t, std::int64_t> frame_of_image)
+      : frame_of_image_(std::move(frame_of_image)) {}
+
+  std::vector<StaticPoint> read_points(const Recording& recording) const override {
+    std::vector<StaticPoint> points;
+    for (const PointRecord& record : read_point_records(recording.points_file)) {
+      if (!(record.in_world.norm() <= kMaxDistance)) continue;
+      StaticPoint point{record.in_world, {}, !record.images.empty()};
+      for (const std::int64_t image : record.images)
+        if (const auto frame = frame_of_image_.find(image); frame != frame_of_image_.end())
+          point.frames.push_back(frame->second);
+      points.push_back(std::move(point));
+    }
+    return points;
+  }
+
+ private:
+  std::map<std::int64_t, std::int64_t> frame_of_image_;
+};
+
+/// Images below `folder`, relative to it, that the model does not have.
+std::vector<std::string> images_without_pose(const fs::path& folder,
+                                             const std::set<std::string>& known) {
+  std::vector<std::string> names;
+  std::error_code error;
+  fs::recursive_directory_iterator it(folder, error);
+  for (const fs::recursive_directory_iterator end; !error && it != end; it.increment(error)) {
+    const std::string name = it->path().lexically_relative(folder).string();
+    if (has_extension(name, {".jpg", ".jpeg", ".png"}) && !known.contains(name))
+      names.push_back(name);
+  }
+  std::ranges::sort(names);
+  return names;
+}
+
+/// Returns a cube around the cameras and the middle 80 % of the points along each axis: a few
+/// points may be far away.
+std::optional<BoundingCube> bounds_of(const std::vector<FramePose>& frames,
+                                      const std::vector<PointRecord>& points) {
+  if (points.empty()) return std::nullopt;
+  Eigen::AlignedBox3d box;
+  for (const FramePose& frame : frames) box.extend(frame.global_from_body.translation());
+  Eigen::Vector3d low, high;
+  std::vector<double> values(points.size());
+  for (int k = 0; k < 3; ++k) {
+    std::ranges::transform(points, values.begin(),
+                           [&](const PointRecord& point) { return point.in_world[k]; });
+    const auto at = [&](std::size_t tenths) {
+      const auto nth =
+          values.begin() + static_cast<std::ptrdiff_t>((values.size() - 1) * tenths / 10);
+      std::ranges::nth_element(values, nth);
+      return *nth;
+    };
+    low[k] = at(1);
+    high[k] = at(9);
+  }
+  box.extend(low);
+  box.extend(high);
+  const double side = box.sizes().maxCoeff();
+  if (!(side > 1e-6 && box.center().norm() <= kMaxDistance)) return std::nullopt;
+  return BoundingCube{box.center(), 0.5 * side};
+}
+
+/// Name of a camera: one of several is numbered, so that names sort by number.
+std::string camera_name(std::int64_t id, const std::vector<CameraRecord>& cameras) {
+  if (cameras.size() == 1) return "camera";
+  std::size_t digits = 0;
+  for (const CameraRecord& camera : cameras)
+    digits = std::max(digits, std::to_string(camera.id).size());
+  const std::string number = std::to_string(id);
+  return "camera_" + std::string(digits - number.size(), '0') + number;
+}
+
+}  // namespace
+
+bool looks_like(const fs::path& root) { return !find_model(root).empty(); }
+
+Recording open(const fs::path& root, PoseSource source) {
+  photographs::reject_ground_truth(root, source);
+  const fs::path model = find_model(root), cameras_file = find_file(model, "cameras"),
+                 images_file = find_file(model, "images");
+  const std::vector<CameraRecord> cameras =
+      read(cameras_file, parse_cameras_binary, parse_cameras_text);
+  std::vector<ImageRecord> images = read(images_file, parse_images_binary, parse_images_text);
+  std::ranges::sort(images, [](const ImageRecord& a, const ImageRecord& b) {
+    return strverscmp(a.name.c_str(), b.name.c_str()) < 0;
+  });
+
+  Recording recording = photographs::empty_recording(root);
+  const fs::path folder = root / "images";
+  if (!is_folder(folder))
+    throw InputError(folder, "", "",
+                     "no such folder; the images of " + images_file.string() + " belong there");
+  std::map<std::int64_t, RecordedCamera> by_id;
+  for (const CameraRecord& camera : cameras) {
+    RecordedCamera& recorded = by_id[camera.id];
+    recorded.calibration = to_calibration(camera, cameras_file);
+    recorded.calibration.name = camera_name(camera.id, cameras);
+    recorded.calibration.body_from_sensor = photographs::body_from_camera();
+  }
+  std::vector<std::string> missing;
+  std::set<std::string> names;
+  std::map<std::int64_t, std::int64_t> frame_of_image;
+  for (const ImageRecord& image : images) {
+    const std::string record = "image " + std::to_string(image.id);
+    const auto camera = by_id.find(image.camera_id);
+    if (camera == by_id.end())
+      throw InputError(images_file, record + " camera", std::to_string(image.camera_id),
+                       "is not in " + cameras_file.filename().string());
+    if (!names.insert(image.name).second)
+      throw InputError(images_file, record + " name", image.name, "is there twice");
+    const fs::path path = folder / image.name;
+    if (!is_there(path)) {
+      missing.push_back(image.name);
+      continue;
+    }
+    const auto id = static_cast<std::int64_t>(recording.frames.size());
+    frame_of_image[image.id] = id;
+    recording.frames.push_back({id, id * photographs::kFrameTime_ns,
+                                image.camera_from_world.inverse(Eigen::Isometry) *
+                                    photographs::body_from_camera().inverse(Eigen::Isometry)});
+    const fs::path mask = root / "masks" / (image.name + ".png");
+    camera->second.images.push_back(
+        {{id, path}, is_there(mask) ? MaskFile{mask, true} : MaskFile{}, false});
+  }
+  std::vector<Finding>& findings = recording.findings;
+  if (!missing.empty())
+    findings.push_back(
+        {"frames", counted(missing.size(), "image") +
+                       " of the model, but not in images, left out: " + first_few(missing)});
+  if (const auto others = images_without_pose(folder, names); !others.empty())
+    findings.push_back(
+        {"images", counted(others.size(), "image") +
+                       " without a pose in the model, left out: " + first_few(others)});
+  for (const char* name : {"rigs", "frames"})
+    if (const fs::path file = find_file(model, name); !file.empty())
+      findings.push_back(
+          {file.filename().string(), "not needed and not read: " + images_file.filename().string() +
+                                         " has the pose of every image"});
+  for (auto& [id, camera] : by_id)
+    if (!camera.images.empty()) recording.cameras.push_back(std::move(camera));
+  if (recording.cameras.empty())
+    throw InputError(root, "", "", "empty recording: no image of the model is there");
+
+  if (const fs::path points = find_file(model, "points3D"); points.empty()) {
+    findings.push_back({"points3D", "missing: nothing says where the scene is"});
+  } else {
+    recording.points_file = points;
+    recording.bounds = bounds_of(recording.frames, read_point_records(points));
+  }
+  recording.reader = std::make_shared<Reader>(std::move(frame_of_image));
+  return recording;
+}
+
+}  // namespace redrive::colmap

@@ -1,0 +1,33 @@
+// SPDX-License-Identifier: Apache-2.0
+// What recordings of posed photographs have in common, whatever their format: no clock, no metre,
+// and a body that is the camera.
+#pragma once
+
+#include "redrive/base/error.h"
+#include "redrive/recording/recording.h"
+
+namespace redrive::photographs {
+
+constexpr std::int64_t kFrameTime_ns = 1'000'000'000;  ///< Recording::metric
+
+/// Columns: the camera's x (right), y (down) and z (forward) in body axes x forward, y left, z up.
+inline Rigid3d body_from_camera() {
+  Rigid3d body_from_camera = Rigid3d::Identity();
+  body_from_camera.linear() << 0, 0, 1, -1, 0, 0, 0, -1, 0;
+  return body_from_camera;
+}
+
+inline Recording empty_recording(const std::filesystem::path& root) {
+  Recording recording;
+  recording.root = root;
+  recording.global_frame = GlobalFrame::kArbitrary;
+  recording.metric = false;
+  return recording;
+}
+
+inline void reject_ground_truth(const std::filesystem::path& root, PoseSource source) {
+  if (source == PoseSource::kGroundTruth)
+    throw InputError(root, "", "", "this format ships no other, exact poses");
+}
+
+}  // namespace redrive::photographs
