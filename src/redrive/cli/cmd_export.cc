@@ -1,25 +1,138 @@
 // SPDX-License-Identifier: Apache-2.0
-// redrive export: writes a run's model in a file format of other programs.
+// redrive export: writes a run or a recording in a format of other programs.
 #include <cstdio>
 #include <memory>
 #include <string>
 #include <vector>
 
+#include "redrive/base/cpu_features.h"
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
+#include "redrive/cli/backend_options.h"
 #include "redrive/cli/command.h"
 #include "redrive/cli/output_file.h"
+#include "redrive/export/export_folder.h"
+#include "redrive/export/field_points.h"
+#include "redrive/export/write_photo_set.h"
 #include "redrive/model/method.h"
+#include "redrive/scene/lidar_points.h"
+#include "redrive/scene/lidar_returns.h"
+#include "redrive/scene/load_views.h"
+#include "redrive/scene/moving_objects.h"
+#include "redrive/train/memory.h"
 #include "redrive/train/run.h"
 
 namespace redrive {
 namespace {
 
 struct ExportCommandOptions {
-  std::string run, format, file;
+  std::string from, format, out;
   bool force = false;
   ExportOptions encode;
+  kernels::BackendChoice backend;
 };
+
+/// What is exported: a run, or the recording alone.
+struct Source {
+  bool is_run = false;
+  Run run;  ///< of a recording: without a model
+};
+
+bool is_run(const std::string& folder) {
+  return std::filesystem::exists(RunPaths{folder}.config());
+}
+
+/// Opens a recording as a run without a model. Its scene serves for the colours of points: images
+/// are reduced.
+Source open_source(const std::string& folder) {
+  if (is_run(folder)) return {true, open_run(folder)};
+  constexpr int kDownscale = 2;
+  Source source;
+  source.run.recording = open_recording(folder);
+  SceneOptions options;
+  options.downscale = kDownscale;
+  source.run.scene = make_scene(source.run.recording, options);
+  try {
+    load_view(source.run.scene, source.run.scene.views.front());
+  } catch (const UsageError&) {  // transparent images
+    options.background = Background::kWhite;
+    source.run.scene = make_scene(source.run.recording, options);
+  }
+  return source;
+}
+
+/// Returns the recording's points of the static world with colours of its images.
+PointCloud recorded_points(const Run& run, ThreadPool& pool) {
+  const MovingObjects moving = read_moving_objects(run.recording, run.scene);
+  const LidarReturns returns = load_lidar_returns(run.recording, run.scene, moving, pool);
+  if (returns.n == 0) return {};
+  return lidar_points(run.scene, load_views(run.scene, pool), returns, pool);
+}
+
+void print_points(const PointCloud& points) {
+  const std::size_t every = (points.n + kMaxExportedPoints - 1) / kMaxExportedPoints;
+  if (points.n == 0)
+    std::printf("no points: the recording has neither LiDAR nor a point cloud\n");
+  else if (every > 1)
+    std::printf("%zu points, every %zu. of %zu\n", (points.n + every - 1) / every, every, points.n);
+  else
+    std::printf("%zu points\n", points.n);
+}
+
+// ---- Formats
+
+/// Folders of photographs.
+template <class Write>
+int export_photos(const ExportCommandOptions& options, const char* marker,
+                  bool (*has_camera)(const CameraCalibration&), const Write& write) {
+  check_export_folder("OUT", options.out, options.force, marker);
+  const Source source = open_source(options.from);
+  const PhotoSet set = make_photo_set(source.run.recording, source.run.scene, has_camera);
+  ThreadPool pool(options.backend.threads > 0 ? options.backend.threads : hardware_threads());
+  const PointCloud points = recorded_points(source.run, pool);
+  write_export_folder(
+      options.out, [&](const std::filesystem::path& folder) { write(folder, set, points, pool); });
+  std::printf("%s: %zu images of %zu cameras%s\nworld: %s\n", options.out.c_str(),
+              set.photos.size(), set.cameras.size(),
+              source.is_run ? ", poses of the run" : ", poses as recorded", set.world.c_str());
+  print_points(points);
+  for (const std::string& what : set.left_out) std::printf("not exported: %s\n", what.c_str());
+  if (source.is_run) std::printf("not exported: the field, exposures and masks of the run\n");
+  return kExitOk;
+}
+
+int export_colmap(const ExportCommandOptions& options) {
+  return export_photos(options, kColmapMarker, is_colmap_camera, write_colmap);
+}
+
+int export_transforms(const ExportCommandOptions& options) {
+  return export_photos(options, kTransformsMarker, is_transforms_camera, write_transforms);
+}
+
+int export_ply(const ExportCommandOptions& options) {
+  check_output_file("OUT", options.out, options.force);
+  const Source source = open_source(options.from);
+  std::string bytes;
+  if (source.is_run) {
+    const auto backend = make_backend_of(source.run, options.backend);
+    check_device_memory(source.run, *backend, source.run.state.model->rendering_work());
+    const std::vector<PlyPoint> points = field_points(source.run, *backend, kMaxExportedPoints);
+    if (points.empty())
+      throw InputError(options.from, "", "", "the field has no opaque surface in its images");
+    bytes = make_ply(points, /*normals=*/true);
+    std::printf("%zu points of rendered depth with normals\n", points.size());
+  } else {
+    ThreadPool pool(options.backend.threads > 0 ? options.backend.threads : hardware_threads());
+    const PointCloud points = recorded_points(source.run, pool);
+    if (points.n == 0)
+      throw InputError(options.from, "", "", "the recording has neither LiDAR nor a point cloud");
+    bytes = point_cloud_ply(points, Rigid3d::Identity());
+    print_points(points);
+  }
+  write_file(options.out, bytes);
+  std::printf("%s: %.1f MB\n", options.out.c_str(), 1e-6 * static_cast<double>(bytes.size()));
+  return kExitOk;
+}
 
 /// Returns the model's format of this name. Throws UsageError if it has none.
 ExportFormat find_format(const Model& model, const std::string& name) {
@@ -33,39 +146,71 @@ ExportFormat find_format(const Model& model, const std::string& name) {
       "the run is of method " + std::string(model.method()) + ", which has no such format" + known);
 }
 
-int export_run(const ExportCommandOptions& options) {
-  check_output_file("FILE", options.file, options.force);
-  const Run run = open_run(options.run);
+int export_model(const ExportCommandOptions& options) {
+  check_output_file("OUT", options.out, options.force);
+  const Run run = open_run(options.from);
   const std::string bytes = find_format(*run.state.model, options.format).encode(options.encode);
-  write_file(options.file, bytes);
-  std::printf("%s: %.1f MB\n", options.file.c_str(), 1e-6 * static_cast<double>(bytes.size()));
+  write_file(options.out, bytes);
+  std::printf("%s: %.1f MB\n", options.out.c_str(), 1e-6 * static_cast<double>(bytes.size()));
   return kExitOk;
 }
 
-/// Lists the formats of all methods.
+/// A format of every run. Formats of a method's models come behind these.
+struct Format {
+  const char* name;
+  const char* help;
+  int (*run)(const ExportCommandOptions& options);
+};
+
+constexpr Format kFormats[] = {
+    {"colmap",
+     "a folder with images, their poses and cameras as COLMAP has them, text and binary, "
+     "and LiDAR points (runs and recordings)",
+     export_colmap},
+    {"transforms",
+     "a folder with images and nerfstudio's transforms.json, and LiDAR points as PLY "
+     "(runs and recordings)",
+     export_transforms},
+    {"ply",
+     "a point cloud with colours: of a run's rendered depth, with normals, or of a "
+     "recording's LiDAR",
+     export_ply},
+};
+
 std::string formats_help() {
-  std::string text = "file format";
+  std::string text = "format";
+  for (const Format& format : kFormats)
+    text += "; " + std::string(format.name) + ": " + format.help;
   for (const Method& method : methods())
     for (const ExportFormat& format : method.make()->export_formats())
       text += "; " + format.name + " (runs of --method " + method.name + "): " + format.help;
   return text;
 }
 
+int run_export(const ExportCommandOptions& options) {
+  for (const Format& format : kFormats)
+    if (options.format == format.name) return format.run(options);
+  return export_model(options);
+}
+
 }  // namespace
 
 Action configure_export(CLI::App& command) {
   auto options = std::make_shared<ExportCommandOptions>();
-  command.add_option("RUN", options->run, "run folder, as train makes it")->required();
-  command.add_option("FILE", options->file, "file to write")->required();
+  command.add_option("RUN", options->from, "run folder, as train makes it, or a recording")
+      ->required();
+  command.add_option("OUT,--out", options->out, "file or folder to write")->required();
   command.add_option("--to", options->format, formats_help())->required();
   command
       .add_option("--sh-degree", options->encode.sh_degree,
-                  "degree of the colours' spherical harmonics, 0 or 1: a Gaussian takes 68 bytes "
-                  "with 0, 104 with 1")
+                  "splat-ply: degree of the colours' spherical harmonics, 0 or 1: a Gaussian takes "
+                  "68 bytes with 0, 104 with 1")
       ->check(CLI::Range(0, 1))
       ->capture_default_str();
-  command.add_flag("--force", options->force, "overwrites an existing file");
-  return [options] { return export_run(*options); };
+  command.add_flag("--force", options->force,
+                   "overwrites an existing file, or a folder of an earlier export");
+  add_backend_options(command, &options->backend);
+  return [options] { return run_export(*options); };
 }
 
 }  // namespace redrive

@@ -1,0 +1,105 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/export/photo_set.h"
+
+#include <algorithm>
+#include <cmath>
+#include <set>
+
+#include "redrive/base/error.h"
+
+namespace redrive {
+namespace {
+
+/// Returns a camera that COLMAP and nerfstudio have, at the same place with the same size.
+CameraCalibration plain_camera_for(const CameraCalibration& calibration, const Camera& recorded) {
+  CameraCalibration plain = calibration;
+  plain.parameters.resize(4);
+  if (recorded.info().perspective) {
+    plain.model = "opencv_pinhole";
+    plain.parameters.resize(9, 0);
+    return plain;
+  }
+  // Pixels per radian around the axis stay the same.
+  constexpr double kStep_rad = 1e-4;
+  const auto along = [&](const Eigen::Vector3d& direction) {
+    const auto pixel = recorded.project(direction);
+    REDRIVE_CHECK(pixel.has_value());
+    return (*pixel - Eigen::Vector2d(recorded.cx, recorded.cy)).norm() / kStep_rad;
+  };
+  plain.model = "opencv_fisheye";
+  plain.parameters[0] = along({kStep_rad, 0, 1});
+  plain.parameters[1] = along({0, kStep_rad, 1});
+  plain.parameters.resize(8, 0);
+  return plain;
+}
+
+PhotoCamera photo_camera(const Recording& recording, const RigCamera& rig,
+                         const std::function<bool(const CameraCalibration&)>& has_model) {
+  const RecordedCamera* recorded = recording.find_camera(rig.name);
+  REDRIVE_CHECK(recorded);
+  PhotoCamera out{recorded->calibration, rig.recorded, rig.recorded};
+  if (has_model(out.calibration)) return out;
+  out.resampled = true;
+  out.calibration = plain_camera_for(out.calibration, rig.recorded);
+  out.camera = make_camera(out.calibration);
+  return out;
+}
+
+void list_left_out(const Recording& recording, const Scene& scene, PhotoSet* set) {
+  std::string offsets, rolling;
+  const auto add = [](const std::string& name, std::string* list) {
+    *list += (list->empty() ? "" : ", ") + name;
+  };
+  for (std::size_t c = 0; c < scene.rig.size(); ++c) {
+    const RigCamera& rig = scene.rig[c];
+    if (rig.readout_ns != 0) add(rig.name, &rolling);
+    if (rig.time_offset_ns != 0) add(rig.name, &offsets);
+    if (!set->cameras[c].resampled) continue;
+    std::string what = "the lens of " + rig.name + " (";
+    what += rig.recorded.info().name;
+    what += "): its images are resampled to " + set->cameras[c].calibration.model;
+    set->left_out.push_back(what + ", with masks of pixels that the lens does not see");
+  }
+  if (!rolling.empty())
+    set->left_out.emplace_back("rolling shutter of " + rolling +
+                               ": each image has the pose of its middle row");
+  if (!offsets.empty())
+    set->left_out.emplace_back("time offsets of " + offsets +
+                               ": each image has the pose of its own time");
+  if (scene.metric) set->left_out.emplace_back("times, and the rig: every image has its own pose");
+  if (!recording.box_files.empty()) set->left_out.emplace_back("boxes of annotated objects");
+  if (!recording.novel.empty()) set->left_out.emplace_back("novel views with their ground truth");
+  if (scene.background != Background::kNone)
+    set->left_out.emplace_back("the background: images keep their transparency");
+  if (recording.bounds) set->left_out.emplace_back("the bounds of the scene");
+}
+
+}  // namespace
+
+PhotoSet make_photo_set(const Recording& recording, const Scene& scene,
+                        const std::function<bool(const CameraCalibration&)>& has_model) {
+  PhotoSet set;
+  set.world_from_scene = scene.metric ? Rigid3d::Identity() : scene.global_from_world;
+  set.world = scene.metric ? "body axes (x forward, y left, z up) of frame " +
+                                 std::to_string(recording.frames.front().id)
+                           : "the recording's own axes";
+  for (const RigCamera& rig : scene.rig)
+    set.cameras.push_back(photo_camera(recording, rig, has_model));
+  std::set<std::filesystem::path> names;
+  for (const View& view : scene.views) {
+    const PhotoCamera& camera = set.cameras[view.camera];
+    std::filesystem::path file = view.image.filename();
+    if (camera.resampled) file.replace_extension(".png");
+    // Folders of photographs may share names.
+    if (!names.insert(camera.calibration.name / file).second)
+      file = std::to_string(scene.frames[view.frame].id) + "_" + file.string();
+    names.insert(camera.calibration.name / file);
+    set.photos.push_back({camera.calibration.name / file, view.image, view.camera,
+                          set.world_from_scene * scene.world_from_camera(view), view.mask,
+                          view.held_out});
+  }
+  list_left_out(recording, scene, &set);
+  return set;
+}
+
+}  // namespace redrive

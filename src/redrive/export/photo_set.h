@@ -1,0 +1,48 @@
+// SPDX-License-Identifier: Apache-2.0
+// A recording as posed photographs, which is what COLMAP and nerfstudio know: an image has one
+// pose and a camera. What does not fit is listed.
+#pragma once
+
+#include <filesystem>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "redrive/recording/recording.h"
+#include "redrive/scene/scene.h"
+
+namespace redrive {
+
+struct PhotoCamera {
+  CameraCalibration calibration;  ///< name and intrinsics of the images that are written
+  Camera camera;                  ///< the same
+  Camera recorded;                ///< of the recorded images
+  bool resampled = false;         ///< whether they differ
+};
+
+struct Photo {
+  std::filesystem::path name;    ///< relative, in the folder of the images
+  std::filesystem::path source;  ///< the recorded image
+  int camera = 0;                ///< index into PhotoSet::cameras
+  Rigid3d world_from_camera;     ///< when the middle row was exposed; x right, y down, z forward
+  MaskFile mask;
+  bool held_out = false;
+};
+
+struct PhotoSet {
+  std::vector<PhotoCamera> cameras;
+  std::vector<Photo> photos;          ///< by camera, then frame
+  Rigid3d world_from_scene;           ///< Scene's world in the set's
+  std::string world;                  ///< what the axes of the set's world are
+  std::vector<std::string> left_out;  ///< what the set cannot say, or says in another way
+};
+
+/// Returns the views of a scene as photographs at the size they were recorded with. The world of a
+/// drive is the scene's; other recordings keep their own. `has_model` says whether the format has
+/// exactly this camera: images of others are to be resampled to a pinhole without distortion, or,
+/// where the lens is no perspective one, to an equidistant opencv_fisheye with the same centre and
+/// resolution there.
+PhotoSet make_photo_set(const Recording& recording, const Scene& scene,
+                        const std::function<bool(const CameraCalibration&)>& has_model);
+
+}  // namespace redrive

@@ -1,0 +1,237 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/export/write_photo_set.h"
+
+#include <cmath>
+#include <optional>
+
+#include <nlohmann/json.hpp>
+
+#include "redrive/base/error.h"
+#include "redrive/base/files.h"
+#include "redrive/image/image_io.h"
+#include "redrive/recording/colmap_files.h"
+#include "redrive/recording/ply.h"
+#include "redrive/scene/resample.h"
+
+namespace redrive {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+
+void make_folders(const fs::path& folder) {
+  std::error_code error;
+  fs::create_directories(folder, error);
+  if (error) throw IoError(folder, error.message());
+}
+
+fs::path mask_name(const Photo& photo) {
+  return fs::path("masks") / (photo.name.string() + ".png");
+}
+
+/// The map of a resampled camera and the pixels that it sees.
+struct Resampling {
+  ResampleMap map;
+  std::vector<std::uint8_t> seen;  ///< [height, width], 255 or 0
+  bool sees_all = true;
+};
+
+Resampling make_resampling(const PhotoCamera& camera) {
+  Resampling out{make_resample_map(camera.camera, camera.recorded), {}};
+  const std::vector<std::uint8_t> all(
+      static_cast<std::size_t>(camera.recorded.width) * camera.recorded.height, 255);
+  // A pixel that is partly outside is masked.
+  out.seen = resample(out.map, all, camera.recorded.width, camera.recorded.height, 1, 0);
+  for (std::uint8_t& seen : out.seen) {
+    seen = seen == 255 ? 255 : 0;
+    out.sees_all &= seen == 255;
+  }
+  return out;
+}
+
+/// Writes a mask whose black pixels are masked.
+void write_mask(const fs::path& file, int width, int height,
+                const std::vector<std::uint8_t>& used) {
+  Image8 mask{width, height, {}, {}, {}};
+  for (const std::uint8_t value : used) mask.rgb.insert(mask.rgb.end(), 3, value);
+  make_folders(file.parent_path());
+  write_image(file, mask);
+}
+
+/// Writes the photo's mask if it has one.
+void write_photo_mask(const fs::path& folder, const Photo& photo, const Resampling* resampling) {
+  std::optional<Image8> mask;
+  if (!photo.mask.path.empty()) mask = read_image(photo.mask.path);
+  if (!mask && (!resampling || resampling->sees_all)) return;
+  std::vector<std::uint8_t> used;
+  int width = 0, height = 0;
+  if (mask) {
+    width = mask->width;
+    height = mask->height;
+    for (std::size_t i = 0; i < mask->rgb.size(); i += 3) {
+      const bool black = mask->rgb[i] == 0 && mask->rgb[i + 1] == 0 && mask->rgb[i + 2] == 0;
+      used.push_back(black == photo.mask.black_is_masked ? 0 : 255);
+    }
+  }
+  if (resampling) {
+    if (mask) used = resample(resampling->map, used, width, height, 1, 0);
+    width = resampling->map.width;
+    height = resampling->map.height;
+    if (used.empty()) used = resampling->seen;
+    for (std::size_t i = 0; i < used.size(); ++i)
+      used[i] = used[i] == 255 && resampling->seen[i] ? 255 : 0;
+  }
+  write_mask(folder / mask_name(photo), width, height, used);
+}
+
+/// Copies or resamples the images, and writes masks.
+void write_images(const fs::path& folder, const PhotoSet& set, ThreadPool& pool) {
+  std::vector<std::optional<Resampling>> resampling(set.cameras.size());
+  pool.run(static_cast<int>(set.cameras.size()), [&](int c) {
+    if (set.cameras[c].resampled) resampling[c] = make_resampling(set.cameras[c]);
+  });
+  for (const Photo& photo : set.photos)
+    make_folders((folder / "images" / photo.name).parent_path());
+  pool.run(static_cast<int>(set.photos.size()), [&](int i) {
+    const Photo& photo = set.photos[i];
+    const Resampling* how = resampling[photo.camera] ? &*resampling[photo.camera] : nullptr;
+    const fs::path out = folder / "images" / photo.name;
+    if (how) {
+      const Image8 recorded = read_image(photo.source);
+      const Camera& camera = set.cameras[photo.camera].recorded;
+      if (recorded.width != camera.width || recorded.height != camera.height)
+        throw InputError(photo.source, "size", size_text(recorded.width, recorded.height),
+                         "the calibration has " + size_text(camera.width, camera.height));
+      Image8 image{how->map.width, how->map.height, {}, {}, {}};
+      image.rgb = resample(how->map, recorded.rgb, recorded.width, recorded.height, 3, 0);
+      write_image(out, image);
+    } else {
+      write_file(out, read_file(photo.source));
+    }
+    write_photo_mask(folder, photo, how);
+  });
+}
+
+/// Calls `use` with the index of each point that is written.
+template <class Use>
+void for_each_exported(const PointCloud& points, const Use& use) {
+  const std::size_t every = (points.n + kMaxExportedPoints - 1) / kMaxExportedPoints;
+  for (std::size_t i = 0; i < points.n; i += every) use(i);
+}
+
+Eigen::Vector3d position_of(const PointCloud& points, std::size_t i) {
+  return {points.position[i], points.position[points.n + i], points.position[2 * points.n + i]};
+}
+
+std::array<std::uint8_t, 3> colour_of(const PointCloud& points, std::size_t i) {
+  std::array<std::uint8_t, 3> rgb;
+  for (std::size_t k = 0; k < 3; ++k)
+    rgb[k] = static_cast<std::uint8_t>(std::lround(255 * points.rgb[k * points.n + i]));
+  return rgb;
+}
+
+/// Parameters of nerfstudio's camera models that are ours by name.
+json intrinsics(const CameraCalibration& camera) {
+  json out = {{"camera_model", camera.model == "opencv_fisheye" ? "OPENCV_FISHEYE" : "OPENCV"},
+              {"fl_x", camera.fx()},
+              {"fl_y", camera.fy()},
+              {"cx", camera.cx() + 0.5},
+              {"cy", camera.cy() + 0.5},
+              {"w", camera.width},
+              {"h", camera.height}};
+  const CameraModelInfo& model = *find_camera_model(camera.model);
+  for (std::size_t i = 0; i < model.distortion.size(); ++i)
+    out[std::string(model.distortion[i].name)] = camera.parameters[4 + i];
+  return out;
+}
+
+json matrix_json(const Rigid3d& world_from_camera) {
+  // OpenGL's camera axes are x right, y up, z backward.
+  Eigen::Matrix4d matrix = world_from_camera.matrix();
+  matrix.col(1) *= -1;
+  matrix.col(2) *= -1;
+  json rows = json::array();
+  for (int r = 0; r < 4; ++r)
+    rows.push_back({matrix(r, 0), matrix(r, 1), matrix(r, 2), matrix(r, 3)});
+  return rows;
+}
+
+}  // namespace
+
+bool is_colmap_camera(const CameraCalibration& calibration) {
+  return colmap::to_record(calibration).has_value();
+}
+
+bool is_transforms_camera(const CameraCalibration& calibration) {
+  return calibration.model == "opencv_pinhole" || calibration.model == "opencv_fisheye";
+}
+
+void write_colmap(const fs::path& folder, const PhotoSet& set, const PointCloud& points,
+                  ThreadPool& pool) {
+  write_images(folder, set, pool);
+  std::vector<colmap::CameraRecord> cameras;
+  for (const PhotoCamera& camera : set.cameras) {
+    cameras.push_back(*colmap::to_record(camera.calibration));
+    cameras.back().id = static_cast<std::int64_t>(cameras.size());
+  }
+  std::vector<colmap::ImageRecord> images;
+  for (const Photo& photo : set.photos)
+    images.push_back({static_cast<std::int64_t>(images.size()) + 1,
+                      photo.world_from_camera.inverse(Eigen::Isometry), photo.camera + 1,
+                      photo.name.generic_string()});
+  std::vector<colmap::PointRecord> records;
+  for_each_exported(points, [&](std::size_t i) {
+    records.push_back({set.world_from_scene * position_of(points, i), colour_of(points, i), {}});
+  });
+  const fs::path sparse = folder / "sparse/0";
+  make_folders(sparse);
+  for (const bool binary : {true, false}) {
+    const colmap::ModelFiles files = binary ? colmap::make_binary(cameras, images, records)
+                                            : colmap::make_text(cameras, images, records);
+    const std::string extension = binary ? ".bin" : ".txt";
+    write_file(sparse / ("cameras" + extension), files.cameras);
+    write_file(sparse / ("images" + extension), files.images);
+    write_file(sparse / ("points3D" + extension), files.points);
+  }
+}
+
+void write_transforms(const fs::path& folder, const PhotoSet& set, const PointCloud& points,
+                      ThreadPool& pool) {
+  write_images(folder, set, pool);
+  json document = json::object();
+  // nerfstudio takes the camera model of the whole file.
+  if (set.cameras.size() == 1) document = intrinsics(set.cameras[0].calibration);
+  document["frames"] = json::array();
+  json train = json::array(), test = json::array();
+  for (const Photo& photo : set.photos) {
+    json frame = set.cameras.size() == 1 ? json::object()
+                                         : intrinsics(set.cameras[photo.camera].calibration);
+    const std::string file = (fs::path("images") / photo.name).generic_string();
+    frame["file_path"] = file;
+    frame["transform_matrix"] = matrix_json(photo.world_from_camera);
+    if (fs::exists(folder / mask_name(photo)))
+      frame["mask_path"] = mask_name(photo).generic_string();
+    document["frames"].push_back(frame);
+    (photo.held_out ? test : train).push_back(file);
+  }
+  if (!test.empty()) {
+    document["train_filenames"] = train;
+    document["test_filenames"] = test;
+  }
+  if (points.n > 0) {
+    document["ply_file_path"] = "points.ply";
+    write_file(folder / "points.ply", point_cloud_ply(points, set.world_from_scene));
+  }
+  write_file(folder / "transforms.json", document.dump(1) + "\n");
+}
+
+std::string point_cloud_ply(const PointCloud& points, const Rigid3d& world_from_scene) {
+  std::vector<PlyPoint> out;
+  for_each_exported(points, [&](std::size_t i) {
+    const Eigen::Vector3d position = world_from_scene * position_of(points, i);
+    out.push_back({position.cast<float>(), Eigen::Vector3f::Zero(), colour_of(points, i)});
+  });
+  return make_ply(out, /*normals=*/false);
+}
+
+}  // namespace redrive

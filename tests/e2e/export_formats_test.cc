@@ -1,0 +1,228 @@
+// SPDX-License-Identifier: Apache-2.0
+// redrive export to the formats of other programs, read back.
+#include <cmath>
+
+#include <nlohmann/json.hpp>
+
+#include "redrive/image/image_io.h"
+#include "redrive/recording/ply.h"
+#include "redrive/recording/recording_reader.h"
+#include "redrive/scene/scene.h"
+#include "tests/e2e/end_to_end.h"
+
+namespace redrive::testing {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+
+class ExportFormats : public EndToEnd {
+ protected:
+  ExportFormats() {
+    edit_json(tiny_calibration(drive_), [](nlohmann::json& calibration) {
+      calibration[kTinyFront]["time_offset_s"] = 0.02;
+      calibration[kTinyRear]["readout_s"] = 0.03;
+    });
+    // A wall 8 m ahead of the first frame, all of which the front camera sees.
+    std::vector<PlyPoint> wall;
+    for (int y = -4; y <= 4; ++y)
+      for (int z = 0; z < 4; ++z)
+        wall.push_back({{8, 0.5f * static_cast<float>(y), static_cast<float>(z)}, {0, 0, 0}, {}});
+    write_file(drive_ / "points.ply", make_ply(wall, false));
+  }
+
+  ProgramResult exported(const fs::path& from, const std::string& format,
+                         const std::vector<std::string>& more = {}) const {
+    std::vector<std::string> arguments = {"export", from.string(), "--to",      format,
+                                          "--out",  out_.string(), "--threads", "2"};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    return redrive(arguments);
+  }
+
+  const fs::path out_ = folder_ / "out";
+};
+
+/// The view of `scene` whose image is called so.
+const View* find_view(const Scene& scene, const fs::path& stem) {
+  for (const View& view : scene.views)
+    if (view.image.stem() == stem) return &view;
+  return nullptr;
+}
+
+/// Compares poses in the drive's scene and, where the lens is the same, the direction of every 5th
+/// pixel.
+void expect_same_rays(const fs::path& drive, const fs::path& out) {
+  const Scene before = make_scene(open_recording(drive), {});
+  const Recording recording = open_recording(out);
+  const Scene after = make_scene(recording, {});
+  ASSERT_EQ(after.views.size(), before.views.size());
+  ASSERT_EQ(after.rig.size(), before.rig.size());
+  for (const View& view : before.views) {
+    const RigCamera& rig = before.rig[view.camera];
+    const View* same = find_view(after, view.image.stem());
+    ASSERT_TRUE(same) << view.image;
+    const Rigid3d expected = before.world_from_camera(view),
+                  found = after.global_from_world * after.world_from_camera(*same);
+    EXPECT_LT((expected.translation() - found.translation()).norm(), 1e-6) << view.image;
+    EXPECT_LT((expected.linear() - found.linear()).norm(), 1e-6) << view.image;
+    const Camera& camera = after.rig[same->camera].recorded;
+    if (rig.name == kTinyLeft) {
+      EXPECT_EQ(camera.info().name, "opencv_fisheye") << "neither format has mei";
+      continue;
+    }
+    for (int y = 0; y < camera.height; y += 5)
+      for (int x = 0; x < camera.width; x += 5) {
+        const auto direction = rig.recorded.unproject({double(x), double(y)});
+        if (!direction) continue;
+        const auto pixel = camera.project(*direction);
+        ASSERT_TRUE(pixel);
+        EXPECT_LT((*pixel - Eigen::Vector2d(x, y)).norm(), 1e-4) << x << ' ' << y;
+      }
+  }
+}
+
+/// Compares the resampled fisheye with the colours of the sphere that the drive's images show.
+void expect_resampled(const fs::path& drive, const fs::path& out) {
+  const Scene before = make_scene(open_recording(drive), {}),
+              after = make_scene(open_recording(out), {});
+  const View* view = find_view(after, tiny_image("", kTinyLeft, kTinyFirstId).stem());
+  ASSERT_TRUE(view);
+  const Image8 recorded = read_image(tiny_image(drive, kTinyLeft, kTinyFirstId)),
+               image = read_image(view->image), mask = read_image(view->mask.path);
+  const Camera& from = before.rig[before.camera_index(kTinyLeft)].recorded;
+  const Camera& to = after.rig[view->camera].recorded;
+  double difference = 0;
+  int compared = 0, masked = 0;
+  for (int y = 1; y + 1 < to.height; ++y)
+    for (int x = 1; x + 1 < to.width; ++x) {
+      const std::size_t i = 3 * (static_cast<std::size_t>(y) * to.width + x);
+      const auto pixel = from.project(*to.unproject({double(x), double(y)}));
+      if (mask.rgb[i] == 0) {
+        ++masked;
+        continue;
+      }
+      ASSERT_TRUE(pixel);
+      const auto u = static_cast<std::size_t>(std::lround(pixel->x())),
+                 v = static_cast<std::size_t>(std::lround(pixel->y()));
+      ++compared;
+      for (std::size_t k = 0; k < 3; ++k)
+        difference += std::abs(image.rgb[i + k] - recorded.rgb[3 * (v * recorded.width + u) + k]);
+    }
+  EXPECT_GT(compared, 600);
+  // The colours change by up to 17 levels a pixel, and the nearest pixel is a third of one away.
+  EXPECT_LT(difference / (3 * compared), 8);
+  EXPECT_GT(masked, 10) << "beyond the edge of the recorded image";
+}
+
+TEST_F(ExportFormats, ColmapComesBackWithTheSameRays) {
+  const ProgramResult ended = exported(drive_, "colmap");
+  ASSERT_EQ(ended.exit_code, kExitOk) << ended.out << ended.err;
+  EXPECT_THAT(ended.out, AllOf(HasSubstr("12 images of 3 cameras"), HasSubstr("36 points"),
+                               HasSubstr("rolling shutter of " + std::string(kTinyRear)),
+                               HasSubstr("time offsets of " + std::string(kTinyFront)),
+                               HasSubstr("the lens of " + std::string(kTinyLeft) + " (mei)")));
+  expect_same_rays(drive_, out_);
+  expect_resampled(drive_, out_);
+  EXPECT_EQ(
+      read_file(out_ / "images" / kTinyFront / tiny_image("", kTinyFront, kTinyFirstId).filename()),
+      read_file(tiny_image(drive_, kTinyFront, kTinyFirstId)))
+      << "not encoded again";
+  for (const char* kind : {"bin", "txt"}) {
+    const Recording recording = open_recording(out_);
+    EXPECT_EQ(recording.format, "colmap");
+    const auto points = recording.reader->read_points(recording);
+    ASSERT_EQ(points.size(), 36u) << kind;
+    for (const StaticPoint& point : points) EXPECT_NEAR(point.in_global.x(), 8, 1e-5);
+    for (const char* file : {"cameras.bin", "images.bin", "points3D.bin"})
+      fs::remove(out_ / "sparse/0" / file);
+  }
+  expect_same_rays(drive_, out_);  // text
+}
+
+TEST_F(ExportFormats, TransformsComeBackWithTheSameRays) {
+  const ProgramResult ended = exported(drive_, "transforms");
+  ASSERT_EQ(ended.exit_code, kExitOk) << ended.out << ended.err;
+  expect_same_rays(drive_, out_);
+  expect_resampled(drive_, out_);
+  const Recording recording = open_recording(out_);
+  EXPECT_EQ(recording.reader->read_points(recording).size(), 36u);
+}
+
+TEST_F(ExportFormats, RunsKeepTheirPosesAndTheirSplit) {
+  const fs::path run = trained("run", 20, {"--holdout-every", "2", "--cameras", kTinyFront});
+  const ProgramResult ended = exported(run, "transforms");
+  ASSERT_EQ(ended.exit_code, kExitOk) << ended.out << ended.err;
+  EXPECT_THAT(ended.out, AllOf(HasSubstr("4 images of 1 cameras, poses of the run"),
+                               HasSubstr("not exported: the field")));
+  const nlohmann::json transforms = read_json(out_ / "transforms.json");
+  EXPECT_EQ(transforms.at("test_filenames").size(), 2u);
+  EXPECT_EQ(transforms.at("camera_model"), "OPENCV");
+
+  const fs::path cloud = folder_ / "cloud.ply";
+  const ProgramResult points =
+      redrive({"export", run.string(), "--to", "ply", "--out", cloud.string(), "--threads", "2"});
+  if (points.exit_code == kExitOk)
+    EXPECT_GT(read_ply(cloud).size(), 0u);
+  else  // a field of 20 steps may be transparent
+    EXPECT_THAT(points.err, HasSubstr("no opaque surface"));
+}
+
+TEST_F(ExportFormats, WritesThePointsOfARecording) {
+  const fs::path cloud = folder_ / "cloud.ply";
+  ASSERT_EQ(redrive({"export", drive_.string(), cloud.string(), "--to", "ply"}).exit_code, kExitOk);
+  EXPECT_EQ(read_ply(cloud).size(), 36u);
+  fs::remove(drive_ / "points.ply");
+  const ProgramResult none =
+      redrive({"export", drive_.string(), cloud.string(), "--to", "ply", "--force"});
+  EXPECT_EQ(none.exit_code, kExitBadInput);
+  EXPECT_THAT(none.err, HasSubstr("neither LiDAR nor a point cloud"));
+}
+
+TEST_F(ExportFormats, WritesAFolderWholeOrNotAtAll) {
+  fs::create_directory(out_);
+  write_file(out_ / "mine.txt", "mine");
+  const auto before = contents(folder_);
+  EXPECT_EQ(exported(drive_, "colmap").exit_code, kExitUsage);
+  const ProgramResult foreign = exported(drive_, "colmap", {"--force"});
+  EXPECT_EQ(foreign.exit_code, kExitUsage);
+  EXPECT_THAT(foreign.err, HasSubstr("no earlier export"));
+  EXPECT_EQ(contents(folder_), before);
+
+  fs::remove_all(out_);
+  const auto nothing = contents(folder_);
+  std::vector<std::string> arguments = {"export", drive_.string(), "--to", "colmap", out_.string()};
+  EXPECT_EQ(redrive(arguments, /*file_limit_bytes=*/300).exit_code, kExitIo);
+  write_file(tiny_image(drive_, kTinyLeft, kTinyFirstId), "no image");
+  EXPECT_EQ(exported(drive_, "colmap").exit_code, kExitBadInput);
+  EXPECT_FALSE(fs::exists(out_));
+  EXPECT_EQ(contents(folder_).size(), nothing.size());
+}
+
+TEST_F(ExportFormats, ForceReplacesAnEarlierExport) {
+  ASSERT_EQ(exported(drive_, "colmap").exit_code, kExitOk);
+  write_file(out_ / "images/old.txt", "old");
+  EXPECT_EQ(exported(drive_, "colmap").exit_code, kExitUsage);
+  ASSERT_EQ(exported(drive_, "colmap", {"--force"}).exit_code, kExitOk);
+  EXPECT_FALSE(fs::exists(out_ / "images/old.txt"));
+  EXPECT_EQ(open_recording(out_).frames.size(), 12u);
+}
+
+// What COLMAP made trains: inspect, train, eval; align says why it cannot.
+TEST_F(ExportFormats, AColmapModelTrains) {
+  ASSERT_EQ(exported(drive_, "colmap").exit_code, kExitOk);
+  const ProgramResult table = redrive({"inspect", out_.string()});
+  EXPECT_EQ(table.exit_code, kExitOk) << table.err;
+  EXPECT_THAT(table.out, HasSubstr("(colmap)"));
+  const fs::path run = folder_ / "run";
+  const ProgramResult trained =
+      redrive({"train", out_.string(), "--out", run.string(), "--method", "splat", "--max-steps",
+               "20", "--max-gaussians", "2000", "--set", "initial.sky=500", "--threads", "2",
+               "--holdout-every", "4"});
+  ASSERT_EQ(trained.exit_code, kExitOk) << trained.out << trained.err;
+  EXPECT_THAT(trained.out, HasSubstr("points of " + (out_ / "sparse/0/points3D.bin").string()));
+  EXPECT_EQ(redrive({"eval", run.string(), "--threads", "2"}).exit_code, kExitOk);
+  EXPECT_EQ(redrive({"align", out_.string()}).exit_code, kExitInsufficientData);
+}
+
+}  // namespace
+}  // namespace redrive::testing
