@@ -9,7 +9,8 @@
 //     answer_ms: from a message to its image, of a camera that moves when the image has come: median
 //       and 95th percentile, and the size of most of these images
 //     images_per_s: of a camera that moves all the time, 60 messages a second, and their size
-//     full_ms: rendering an image at full size, median
+//     full: of the images at full size among all these: their share, rendering, and from the
+//       message's arrival to the image on its way, medians; without any, the machine is too slow
 //   crowd: N pages (8) that move all the time for S seconds (60): images a second of all, the
 //     slowest one's, and the program's memory at a tenth of the time and at the end, in MB
 import {spawn} from "node:child_process";
@@ -140,7 +141,10 @@ async function measure(client, pinhole) {
       median: +quantile(answers).toFixed(1), p95: +quantile(answers, 0.95).toFixed(1),
       size: mode(answered.map(size))},
     images_per_s: +(moving.length / seconds).toFixed(1), moving_size: mode(moving.map(size)),
-    full_ms: full.length > 0 ? quantile(full.map(({render_ms}) => render_ms)) : null,
+    full: full.length === 0 ? null : {
+      share: +(full.length / (answered.length + moving.length)).toFixed(2),
+      render_ms: quantile(full.map(({render_ms}) => render_ms)),
+      total_ms: quantile(full.map(({total_ms}) => total_ms))},
   };
 }
 
