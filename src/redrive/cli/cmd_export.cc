@@ -11,6 +11,7 @@
 #include "redrive/cli/backend_options.h"
 #include "redrive/cli/command.h"
 #include "redrive/cli/output_file.h"
+#include "redrive/cli/without_model.h"
 #include "redrive/export/export_folder.h"
 #include "redrive/export/field_points.h"
 #include "redrive/export/write_photo_set.h"
@@ -35,30 +36,13 @@ struct ExportCommandOptions {
 /// What is exported: a run, or the recording alone.
 struct Source {
   bool is_run = false;
-  Run run;  ///< of a recording: without a model
+  Run run;
 };
 
-bool is_run(const std::string& folder) {
-  return std::filesystem::exists(RunPaths{folder}.config());
-}
-
-/// Opens a recording as a run without a model. Its scene serves for the colours of points: images
-/// are reduced.
 Source open_source(const std::string& folder) {
-  if (is_run(folder)) return {true, open_run(folder)};
-  constexpr int kDownscale = 2;
-  Source source;
-  source.run.recording = open_recording(folder);
-  SceneOptions options;
-  options.downscale = kDownscale;
-  source.run.scene = make_scene(source.run.recording, options);
-  try {
-    load_view(source.run.scene, source.run.scene.views.front());
-  } catch (const UsageError&) {  // transparent images
-    options.background = Background::kWhite;
-    source.run.scene = make_scene(source.run.recording, options);
-  }
-  return source;
+  constexpr int kDownscale = 2;  // of images that colour points
+  if (is_run_folder(folder)) return {true, open_run(folder)};
+  return {false, open_without_model(folder, kDownscale)};
 }
 
 /// Returns the recording's points of the static world with colours of its images.

@@ -17,7 +17,7 @@
 #include "redrive/cli/command.h"
 #include "redrive/cli/training.h"
 #include "redrive/cli/view_server.h"
-#include "redrive/scene/load_views.h"
+#include "redrive/cli/without_model.h"
 #include "redrive/train/memory.h"
 #include "redrive/view/run_watch.h"
 #include "redrive/view/viewer.h"
@@ -46,24 +46,9 @@ void open_browser(const std::string& address) {
   posix_spawn_file_actions_destroy(&quiet);
 }
 
-/// Returns a recording as a run without a model.
-Run open_without_model(const std::string& folder) {
-  Run run;
-  run.recording = open_recording(folder);
-  SceneOptions options;
-  run.scene = make_scene(run.recording, options);
-  try {
-    load_view(run.scene, run.scene.views.front());
-  } catch (const UsageError&) {  // transparent images
-    options.background = Background::kWhite;
-    run.scene = make_scene(run.recording, options);
-  }
-  return run;
-}
-
 int run_view(const ViewOptions& options) {
   check_page("view", options.run);
-  const bool is_run = std::filesystem::exists(RunPaths{options.run}.config());
+  const bool is_run = is_run_folder(options.run);
   std::optional<view::RunWatch> watch;
   if (is_run) watch.emplace(options.run);
   auto run = is_run ? watch->run() : std::make_shared<const Run>(open_without_model(options.run));
