@@ -19,6 +19,9 @@ set(CPACK_DEBIAN_PROGRAM_PACKAGE_NAME redrive)
 set(CPACK_DEBIAN_PROGRAM_FILE_NAME DEB-DEFAULT)
 set(CPACK_DEBIAN_PROGRAM_PACKAGE_SHLIBDEPS ON)
 set(CPACK_DEBIAN_PROGRAM_PACKAGE_RECOMMENDS "gnuplot-nox, fonts-dejavu-core")  # redrive figures
+if(REDRIVE_FFMPEG_PACKAGES)  # redrive render --path
+  string(APPEND CPACK_DEBIAN_PROGRAM_PACKAGE_RECOMMENDS ", ${REDRIVE_FFMPEG_PACKAGES}")
+endif()
 set(CPACK_DEBIAN_PROGRAM_PACKAGE_SUGGESTS redrive-samples)
 set(CPACK_COMPONENT_PROGRAM_DESCRIPTION "radiance fields from the recordings of sensor cars
  Turns cameras, LiDAR and egomotion of a drive into a radiance field and renders new images of it.")

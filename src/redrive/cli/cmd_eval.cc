@@ -82,7 +82,7 @@ int run_eval(EvalCommandOptions options) {
   const auto backend = make_backend_of(run, options.backend);
   if (!options.json) std::printf("%s\n", kernels::describe(*backend).c_str());
   check_device_memory(run, *backend, work_of_evaluation(run, !options.cameras.empty()));
-  options.eval.progress = image_progress();
+  options.eval.progress = image_progress("scored");
   if (!options.cameras.empty()) {
     const auto scores = score_other_cameras(run, *backend, options.cameras, options.eval);
     if (options.json)

@@ -35,7 +35,7 @@ int run_figures(FiguresCommandOptions options) {
   const auto backend = make_backend_of(run, options.backend);
   std::printf("%s\n", kernels::describe(*backend).c_str());
   check_device_memory(run, *backend, work_of_evaluation(run));
-  options.figures.eval.progress = image_progress();
+  options.figures.eval.progress = image_progress("scored");
   options.figures.written = [](const std::filesystem::path& file) {
     std::printf("%s\n", file.c_str());
     std::fflush(stdout);

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// redrive render: renders one image of a frame's camera, shifted; or all images of a POSES.json.
+// redrive render: renders one image of a frame's camera, shifted; all images of a POSES.json; or a
+// camera path (render_path.cc).
 #include <charconv>
 #include <cmath>
 #include <cstdio>
@@ -12,8 +13,10 @@
 #include "redrive/cli/backend_options.h"
 #include "redrive/cli/command.h"
 #include "redrive/cli/output_file.h"
+#include "redrive/cli/render_options.h"
 #include "redrive/image/image_io.h"
 #include "redrive/math/angles.h"
+#include "redrive/recording/camera_path_file.h"
 #include "redrive/render/normals.h"
 #include "redrive/render/renderer.h"
 #include "redrive/render/view_pose.h"
@@ -24,14 +27,6 @@ namespace redrive {
 namespace {
 
 namespace fs = std::filesystem;
-
-struct RenderOptions {
-  std::string run, camera, mount, lens, frame, translate = "0,0,0", axes = "body", exposure = "own",
-                                               out, depth, opacity, normals, poses;
-  double yaw_deg = 0, pitch_deg = 0;
-  bool relative = false, force = false;
-  kernels::BackendChoice backend;
-};
 
 /// Parses a decimal frame id, with or without leading zeros.
 std::int64_t parse_frame(const char* option, const std::string& text) {
@@ -66,6 +61,8 @@ void check_image_output(const char* option, const fs::path& file, bool force, bo
   check_output_file(option, file, force);
 }
 
+}  // namespace
+
 const RigCamera& find_camera(const Scene& scene, const std::string& name) {
   const int index = scene.camera_index(name);
   if (index >= 0) return scene.rig[index];
@@ -73,6 +70,8 @@ const RigCamera& find_camera(const Scene& scene, const std::string& name) {
   for (const RigCamera& camera : scene.rig) known += (known.empty() ? "" : ", ") + camera.name;
   throw UsageError("--camera", name, "the run has no such camera; it has: " + known);
 }
+
+namespace {
 
 /// Returns the camera of --camera, or that of --mount and --lens.
 RigCamera chosen_camera(const RenderOptions& options, const Scene& scene) {
@@ -85,11 +84,11 @@ RigCamera chosen_camera(const RenderOptions& options, const Scene& scene) {
   return *camera;
 }
 
-/// Resolves --exposure for a view of `camera` at `frame`.
-Exposure exposure_of(const RenderOptions& options, const Run& run, const std::string& camera,
-                     std::int64_t frame) {
-  if (options.exposure == "own") return exposure_at(run.recording, run.scene, camera, frame);
-  if (options.exposure == "none") return {};
+}  // namespace
+
+std::optional<Exposure> chosen_exposure(const RenderOptions& options, const Run& run) {
+  if (options.exposure == "own") return std::nullopt;
+  if (options.exposure == "none") return Exposure{};
   const std::size_t colon = options.exposure.find(':');
   const auto fail = [&](const std::string& rule) -> void {
     throw UsageError("--exposure", options.exposure, rule);
@@ -100,6 +99,15 @@ Exposure exposure_of(const RenderOptions& options, const Run& run, const std::st
       run.recording, run.scene, of, parse_frame("--exposure", options.exposure.substr(colon + 1)));
   if (exposure.camera < 0) fail("the run has no such camera or the recording no such frame");
   return exposure;
+}
+
+namespace {
+
+/// Resolves --exposure for a view of `camera` at `frame`.
+Exposure exposure_of(const RenderOptions& options, const Run& run, const std::string& camera,
+                     std::int64_t frame) {
+  const std::optional<Exposure> chosen = chosen_exposure(options, run);
+  return chosen ? *chosen : exposure_at(run.recording, run.scene, camera, frame);
 }
 
 int render_one(const RenderOptions& options) {
@@ -204,9 +212,11 @@ int render_poses(const RenderOptions& options) {
 
 int render(const RenderOptions& options) {
   if (!options.poses.empty()) return render_poses(options);
+  if (!options.path.empty()) return render_path(options);
   const bool has_camera = !options.camera.empty() || !options.mount.empty();
   if (!has_camera || options.frame.empty())
-    throw UsageError("render", "", "needs --camera or --mount, and --frame; or --poses");
+    throw UsageError("render", "",
+                     "needs --camera or --mount, and --frame; or --poses; or --path");
   return render_one(options);
 }
 
@@ -224,7 +234,27 @@ Action configure_render(CLI::App& command) {
       .add_flag("--relative", options->relative,
                 "with --poses: uses shift_body_m where a view has both")
       ->needs(poses);
-  CLI::Option* camera = command.add_option("--camera", options->camera, "camera of the run");
+  CLI::Option* path =
+      command
+          .add_option("--path", options->path,
+                      "camera path to render into the video --out FILE.mp4 or, as PNGs, into the "
+                      "folder --out: a file in nerfstudio's layout, drive (the drive of --camera), "
+                      "or sideways:N (N metres to its left)")
+          ->excludes(poses);
+  command
+      .add_option("--fps", options->fps, "images a second of --path (default: the file's, or 24)")
+      ->check(CLI::Range(kMinPathFps, kMaxPathFps))
+      ->needs(path);
+  command.add_option("--seconds", options->seconds, "duration of --path (default: the path's own)")
+      ->check(CLI::Range(0.001, kMaxPath_s))
+      ->needs(path);
+  CLI::Option* camera =
+      command
+          .add_option("--camera", options->camera,
+                      "camera of the run; with --path whose lens and exposure the images have "
+                      "(default: that of the file's keyframes, else the file's lens; for a drive "
+                      "the run's first)")
+          ->excludes(poses);
   CLI::Option* mount = command.add_option("--mount", options->mount,
                                           "X,Y,Z,YAW,PITCH,ROLL: a camera of your own instead of "
                                           "--camera, metres along the body's axes "
@@ -237,7 +267,7 @@ Action configure_render(CLI::App& command) {
   mount->needs(lens)->excludes(camera);
   lens->needs(mount);
   for (CLI::Option* option :
-       {camera, mount,
+       {mount,
         command.add_option("--frame", options->frame,
                            "frame id of the recording, whose pose the body has"),
         command
@@ -268,16 +298,20 @@ Action configure_render(CLI::App& command) {
             "--normals", options->normals,
             "PNG to write surface normals to, from depth, as (1 + n) / 2: x right, y "
             "up, z to the camera; black where nothing is seen")})
-    option->excludes(poses);
+    option->excludes(poses)->excludes(path);
   command
-      .add_option("--exposure", options->exposure,
-                  "exposure, white balance and shading of the image: own (those of the view's "
-                  "camera at its frame), none (the field's colours unchanged) or those of "
-                  "CAMERA:FRAME")
+      .add_option(
+          "--exposure", options->exposure,
+          "exposure, white balance and shading of the image: own (those of the view's "
+          "camera at its frame; of a path those of the frame nearest to its middle, for all "
+          "images), none (the field's colours unchanged) or those of CAMERA:FRAME")
       ->capture_default_str();
-  command.add_option("--out", options->out, "image to write, .png or .jpg; with --poses a folder")
+  command
+      .add_option("--out", options->out,
+                  "image to write, .png or .jpg; with --poses a folder; with --path a video, .mp4, "
+                  "or a folder")
       ->required();
-  command.add_flag("--force", options->force, "overwrites existing images");
+  command.add_flag("--force", options->force, "overwrites existing images or an existing video");
   add_backend_options(command, &options->backend);
   return [options] { return render(*options); };
 }

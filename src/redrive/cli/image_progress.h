@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Returns a callback that prints "3/12 images scored" on a terminal; an empty one where standard
-// error is not a terminal.
+// Progress of a command that makes images.
 #pragma once
 
 #include <cstdio>
@@ -10,10 +9,12 @@
 
 namespace redrive {
 
-inline std::function<void(int, int)> image_progress() {
+/// Returns a callback that prints "3/12 images scored" on a terminal, where `verb` is "scored"; an
+/// empty one where standard error is not a terminal.
+inline std::function<void(int, int)> image_progress(const char* verb) {
   if (!isatty(STDERR_FILENO)) return {};
-  return [](int done, int total) {
-    std::fprintf(stderr, "\r%d/%d images scored%s", done, total, done == total ? "\n" : "");
+  return [verb](int done, int total) {
+    std::fprintf(stderr, "\r%d/%d images %s%s", done, total, verb, done == total ? "\n" : "");
   };
 }
 

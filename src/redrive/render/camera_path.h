@@ -1,0 +1,63 @@
+// SPDX-License-Identifier: Apache-2.0
+// Paths of a camera through a run: keys, and smooth motion through them.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "redrive/camera/camera.h"
+#include "redrive/recording/camera_path_file.h"
+#include "redrive/scene/scene.h"
+
+namespace redrive {
+
+struct PathKey {
+  double t_s = 0;
+  Rigid3d world_from_camera = Rigid3d::Identity();
+  double fov_deg = 0;  ///< vertical; 0: the lens is given
+};
+
+struct CameraPath {
+  std::vector<PathKey> keys;  ///< at least one; times increase
+  double fps = 24;            ///< images a second
+  double seconds = 0;         ///< duration; the keys' times are scaled to it
+  std::string camera;         ///< of the run, whose lens and exposure the images have; may be empty
+  std::optional<Camera> lens;  ///< of a path without such a camera, for a field of view of 90 deg
+
+  /// Number of images: round(seconds * fps), at least 1. They are spread evenly from the first key
+  /// to the last.
+  int images() const;
+  /// Returns the key of an image, 0..images() - 1.
+  PathKey at_image(int index) const;
+};
+
+/// Interpolates at time t_s, clamped to the keys' times. Positions follow a cubic Hermite curve
+/// whose velocity at a key is that of the parabola through it and its neighbours (Overhauser; with
+/// even times Catmull-Rom), at the ends that of the parabola through the next two. Rotations follow
+/// the same curve of rotation vectors (Kim, Kim, Shin, SIGGRAPH 1995: cumulative Bezier basis). So
+/// velocities are continuous, and motions of constant acceleration are reproduced exactly. The
+/// field of view is linear.
+PathKey interpolate_path(const std::vector<PathKey>& keys, double t_s);
+
+/// Returns `lens` with another vertical field of view, (height / 2) / tan(fov / 2) as its f.
+Camera with_fov(Camera lens, double fov_deg);
+
+/// Returns the path of a camera on the drive, `left_m` to the left in body axes, with a key at each
+/// frame of the scene and the drive's own times.
+CameraPath drive_path(const Recording& recording, const Scene& scene, const RigCamera& camera,
+                      double left_m);
+
+/// Returns the path of a file. InputError where the run has no such camera or frame.
+CameraPath path_of_file(const CameraPathFile& file, const Recording& recording, const Scene& scene);
+
+/// Returns the pose of a keyframe, as `redrive render` places it. InputError naming `file` and
+/// keyframes[index].
+PathKey path_key(const PathKeyframe& keyframe, const Recording& recording, const Scene& scene,
+                 const std::filesystem::path& file, std::size_t index);
+
+/// Returns one exposure for the whole path, so that nothing flickers: that of `camera`, an index in
+/// the rig, at the scene's frame nearest to the middle of the path.
+Exposure path_exposure(const CameraPath& path, const Scene& scene, int camera);
+
+}  // namespace redrive
