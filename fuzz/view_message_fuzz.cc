@@ -24,6 +24,12 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     }
     if (const auto* const pick = std::get_if<redrive::view::Pick>(&message))
       if (!(pick->u >= 0 && pick->u <= 1 && pick->v >= 0 && pick->v <= 1)) __builtin_trap();
+    if (const auto* const path = std::get_if<redrive::view::PathMessage>(&message))
+      if (path->keyframes.empty() ||
+          (path->save && !redrive::view::valid_path_name(path->save->name)))
+        __builtin_trap();
+    if (const auto* const load = std::get_if<redrive::view::LoadPath>(&message))
+      if (!redrive::view::valid_path_name(load->name)) __builtin_trap();
   } catch (const redrive::InputError&) {
   }
   return 0;

@@ -322,6 +322,74 @@ const tests = {
     assert.equal(page.url(), address);
   },
 
+  async "makes a path, saves it and renders it"(page) {
+    await set(page, "layer", "image");
+    for (const overlay of ["trajectory", "frusta", "lidar"])
+      await page.click(`#overlays input[value="${overlay}"]`);
+    await set(page, "frame", 4);
+    await page.click("#path-add");
+    await set(page, "left-number", 1);
+    await set(page, "yaw-number", 10);
+    await page.click("#path-add");
+    await set(page, "frame", 12);
+    await page.click("#path-add");
+    const labels = () => page.$$eval("#path-keys li",
+      (rows) => rows.map((row) => row.firstChild.textContent));
+    assert.deepEqual(await labels(),
+      [`1020 ${camera}`, `1020 ${camera}, moved`, `1028 ${camera}, moved`]);
+    await page.click("#path-keys li:nth-child(3) [title='Earlier: view']");
+    assert.equal((await labels())[1], `1028 ${camera}, moved`);
+    await page.click("#path-keys li:nth-child(3) [title='Delete view']");
+    await page.click("#path-play");
+    await page.waitForFunction(() => document.getElementById("path-play").textContent === "Stop");
+    await page.waitForFunction(
+      () => document.getElementById("path-play").textContent === "Preview");
+    await settled(page);
+
+    await page.$eval("#path-keys li:nth-child(2) input", (field) => {
+      field.value = "0.5";
+      field.dispatchEvent(new Event("change"));
+    });
+    assert.match(await text(page, "path-note"), /2 views, 0.50 s/);
+    await set(page, "path-name", "../left");
+    await page.click("#path-save");
+    assert.match(await text(page, "path-note"), /letters, digits/);
+    await set(page, "path-name", "left");
+    await page.click("#path-save");
+    await page.waitForFunction(
+      () => /^Saved/.test(document.getElementById("path-note").textContent));
+    await page.click("#path-save");
+    assert.match(await text(page, "path-note"), /exists/);
+
+    // Its last image is that of its last key.
+    const command = await text(page, "path-command");
+    assert.equal(command,
+      `redrive render ${run} --path ${run}/paths/left.json --out left.mp4`);
+    const images = path.join(folder, "left");
+    renderAsThePageSays(command, images);
+    assert.equal(fs.readdirSync(images).length, 12);
+    await page.click("#path-keys li:nth-child(2) [title='Show view']");
+    await page.waitForFunction(() => window.redriveView.state.frame === 1028);
+    await settled(page);
+    const db = await psnr(page, path.join(images, "000011.png"));
+    assert.ok(db >= 30, `PSNR of the page's image and the path's last one: ${db} dB`);
+    try {
+      renderAsThePageSays(command, path.join(folder, "left.mp4"));
+      assert.ok(fs.statSync(path.join(folder, "left.mp4")).size > 1000);
+    } catch (error) {
+      assert.match(String(error.stderr), /FFmpeg/);
+    }
+
+    await page.reload();
+    await page.waitForFunction(() => window.redriveView?.state);
+    await page.waitForFunction(() => !document.getElementById("path-load").disabled);
+    await page.select("#path-load", "left");
+    await page.waitForFunction(() => document.querySelectorAll("#path-keys li").length === 2);
+    assert.equal(await text(page, "path-command"), command);
+    await page.click("#home");
+    await settled(page);
+  },
+
   async "fits a narrow page"(page) {
     await page.setViewport({width: 360, height: 740});
     await settled(page);

@@ -215,8 +215,7 @@ int render(const RenderOptions& options) {
   if (!options.path.empty()) return render_path(options);
   const bool has_camera = !options.camera.empty() || !options.mount.empty();
   if (!has_camera || options.frame.empty())
-    throw UsageError("render", "",
-                     "needs --camera or --mount, and --frame; or --poses; or --path");
+    throw UsageError("render", "", "needs --camera or --mount, and --frame; or --poses; or --path");
   return render_one(options);
 }
 

@@ -81,7 +81,7 @@ TEST(CameraPathFile, ErrorsNameFileFieldAndValue) {
   const nlohmann::json theirs = nerfstudio_path(), ours = our_path();
   expect_error(theirs, "/fps", 0, "fps = 0");
   expect_error(theirs, "/seconds", -1, "seconds = -1");
-  expect_error(theirs, "/camera_type", "equirectangular", "camera_type = equirectangular");
+  expect_error(theirs, "/camera_type", "equirectangular", "camera_type = \"equirectangular\"");
   expect_error(theirs, "/render_width", 1e9, "render_width = 1000000000");
   expect_error(theirs, "/camera_path", nlohmann::json::array(), "camera_path = []");
   expect_error(theirs, "/camera_path/1/fov", 180, "camera_path[1].fov = 180");

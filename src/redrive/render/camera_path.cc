@@ -86,6 +86,10 @@ Camera with_fov(Camera lens, double fov_deg) {
   return lens;
 }
 
+double fov_of(const Camera& lens) {
+  return std::clamp(2 * std::atan(0.5 * lens.height / lens.fy) / kRadiansPerDegree, 1.0, 179.0);
+}
+
 CameraPath drive_path(const Recording& recording, const Scene& scene, const RigCamera& camera,
                       double left_m) {
   CameraPath path;

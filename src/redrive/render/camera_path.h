@@ -42,6 +42,9 @@ PathKey interpolate_path(const std::vector<PathKey>& keys, double t_s);
 
 /// Returns `lens` with another vertical field of view, (height / 2) / tan(fov / 2) as its f.
 Camera with_fov(Camera lens, double fov_deg);
+/// Returns the vertical field of view, in degrees, 1..179, of a pinhole with the lens' focal
+/// length.
+double fov_of(const Camera& lens);
 
 /// Returns the path of a camera on the drive, `left_m` to the left in body axes, with a key at each
 /// frame of the scene and the drive's own times.

@@ -94,6 +94,8 @@ ViewRequest view_of(const JsonField& message) {
     if (!lens) lens_text.fail(kLensRule);
     view.mount = {*mount, *lens};
   }
+  if (message.has("path_s") && !message.at("path_s").json().is_null())
+    view.path_s = bounded(message.at("path_s"), 0, kMaxPath_s);
   return view;
 }
 
@@ -103,11 +105,32 @@ Pick pick_of(const JsonField& message) {
   return {count_of(message.at("id")), bounded(at.at(0), 0, 1), bounded(at.at(1), 0, 1)};
 }
 
+std::string path_name_of(const JsonField& field) {
+  std::string name = field.string();
+  if (!valid_path_name(name)) field.fail("must be 1 to 64 letters, digits, _ or -");
+  return name;
+}
+
+PathMessage path_of(const JsonField& message) {
+  PathMessage path;
+  path.fps = bounded(message.at("fps"), kMinPathFps, kMaxPathFps);
+  path.keyframes = path_keyframes_from_json(message.at("keyframes"));
+  if (const JsonField save = message.at("save"); !save.json().is_null())
+    path.save = {path_name_of(save.at("name")), boolean_of(save.at("overwrite"))};
+  return path;
+}
+
 }  // namespace
+
+bool valid_path_name(std::string_view name) {
+  return !name.empty() && name.size() <= 64 &&
+         name.find_first_not_of(
+             "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_-") == name.npos;
+}
 
 ClientMessage parse_client_message(std::string_view text) {
   if (text.size() > kMaxMessageBytes)
-    throw InputError(kFile, "", "", "must have at most 4096 bytes");
+    throw InputError(kFile, "", "", "must have at most 65536 bytes");
   const nlohmann::json json = parse_json(text, kFile);
   const JsonField message(json, kFile);
   const std::string type = message.at("type").string();
@@ -115,7 +138,9 @@ ClientMessage parse_client_message(std::string_view text) {
   if (type == "shown") return Shown{count_of(message.at("sequence"))};
   if (type == "pick") return pick_of(message);
   if (type == "train") return TrainCommand{boolean_of(message.at("paused"))};
-  message.at("type").fail("must be view, shown, pick or train");
+  if (type == "path") return path_of(message);
+  if (type == "load_path") return LoadPath{path_name_of(message.at("name"))};
+  message.at("type").fail("must be view, shown, pick, train, path or load_path");
 }
 
 }  // namespace redrive::view

@@ -7,6 +7,10 @@
 //   {"type": "shown", "sequence"}
 //   {"type": "pick", "id", "at": [u, v]}
 //   {"type": "train", "paused": bool}
+//   {"type": "path", "fps", "keyframes": [as of a camera path], "save": null or {"name",
+//   "overwrite"}}
+//   {"type": "load_path", "name"}
+// A view with "path_s" is at that time of the page's last path.
 #pragma once
 
 #include <array>
@@ -16,13 +20,15 @@
 #include <string>
 #include <string_view>
 #include <variant>
+#include <vector>
 
 #include "redrive/camera/mount.h"
+#include "redrive/recording/camera_path_file.h"
 
 namespace redrive::view {
 
 /// The longest message that is read.
-constexpr std::size_t kMaxMessageBytes = 4096;
+constexpr std::size_t kMaxMessageBytes = 65536;
 
 /// What the colours of an image show.
 enum class Layer { kImage, kDepth, kNormals, kOpacity, kCoverage };
@@ -63,9 +69,11 @@ struct ViewRequest {
   bool reference = false;          ///< also the recorded image
   std::optional<NovelView> novel;  ///< takes the place of camera, frame, shift and angles
   std::optional<OwnMount> mount;   ///< takes the place of the camera
+  std::optional<double> path_s;  ///< time on the path, whose pose replaces frame, shift and angles
 
   bool is_driven() const {
-    return !novel && !mount && shift_m == std::array<double, 3>{} && yaw_deg == 0 && pitch_deg == 0;
+    return !novel && !mount && !path_s && shift_m == std::array<double, 3>{} && yaw_deg == 0 &&
+           pitch_deg == 0;
   }
 };
 
@@ -85,7 +93,26 @@ struct TrainCommand {
   bool paused = false;
 };
 
-using ClientMessage = std::variant<ViewRequest, Shown, Pick, TrainCommand>;
+/// The page's camera path.
+struct PathMessage {
+  double fps = 24;
+  std::vector<PathKeyframe> keyframes;  ///< 1..kMaxPathKeyframes
+  struct Save {
+    std::string name;  ///< valid_path_name
+    bool overwrite = false;
+  };
+  std::optional<Save> save;  ///< writes it into the run
+};
+
+/// Asks for a saved path.
+struct LoadPath {
+  std::string name;  ///< valid_path_name
+};
+
+using ClientMessage = std::variant<ViewRequest, Shown, Pick, TrainCommand, PathMessage, LoadPath>;
+
+/// Whether a saved path may have this name: 1 to 64 of A-Z a-z 0-9 _ -.
+bool valid_path_name(std::string_view name);
 
 /// Throws InputError for everything that is not one of the messages above, with numbers in range.
 ClientMessage parse_client_message(std::string_view text);

@@ -73,6 +73,52 @@ TEST(Messages, ReadsShownAndPick) {
   EXPECT_EQ(pick.v, 1);
 }
 
+nlohmann::json path_message() {
+  return {{"type", "path"},
+          {"fps", 24},
+          {"keyframes", {{{"time_s", 0}, {"camera", "F"}, {"frame_id", 7}, {"yaw_deg", 5}}}},
+          {"save", {{"name", "left_turn-2"}, {"overwrite", false}}}};
+}
+
+TEST(Messages, ReadsPaths) {
+  nlohmann::json json = path_message();
+  const auto saved = std::get<PathMessage>(parse_client_message(json.dump()));
+  EXPECT_EQ(saved.fps, 24);
+  ASSERT_EQ(saved.keyframes.size(), 1u);
+  EXPECT_EQ(saved.keyframes[0].yaw_deg, 5);
+  ASSERT_TRUE(saved.save);
+  EXPECT_EQ(saved.save->name, "left_turn-2");
+  EXPECT_FALSE(saved.save->overwrite);
+  json["save"] = nullptr;
+  EXPECT_FALSE(std::get<PathMessage>(parse_client_message(json.dump())).save);
+  const auto load =
+      std::get<LoadPath>(parse_client_message(R"({"type": "load_path", "name": "a"})"));
+  EXPECT_EQ(load.name, "a");
+  json = view_message();
+  json["path_s"] = 1.5;
+  EXPECT_EQ(std::get<ViewRequest>(parse_client_message(json.dump())).path_s, 1.5);
+}
+
+TEST(Messages, RefusesOtherPaths) {
+  for (const std::string name : {"", ".", "..", "../a", "a/b", "a\\b", "a.json", "a b", "\xc3\xa4"})
+    EXPECT_FALSE(valid_path_name(name)) << name;
+  EXPECT_FALSE(valid_path_name(std::string(65, 'a')));
+  EXPECT_TRUE(valid_path_name(std::string(64, 'a')));
+  const auto refuses = [](const char* at, const nlohmann::json& value) {
+    nlohmann::json json = path_message();
+    json[nlohmann::json::json_pointer(at)] = value;
+    EXPECT_THROW(parse_client_message(json.dump()), InputError) << json;
+  };
+  refuses("/fps", 0);
+  refuses("/keyframes", nlohmann::json::array());
+  refuses("/keyframes",
+          nlohmann::json(std::vector<nlohmann::json>(257, path_message()["keyframes"][0])));
+  refuses("/keyframes/0/yaw_deg", "left");
+  refuses("/save/name", "../../config");
+  refuses("/save/overwrite", 1);
+  refuses("/save", true);
+}
+
 TEST(Messages, RefusesEverythingElse) {
   for (const char* text :
        {"", "{", "[]", "null", "7", R"({"type": 1})", R"({"type": "run"})", R"({"type": "shown"})",
@@ -106,6 +152,7 @@ TEST(Messages, RefusesEverythingElse) {
   refuses("mount", {{"at", "0,0,0,0,0,0"}, {"lens", "pinhole:180:64x64"}});
   refuses("reference", 1);
   refuses("novel", {{"set", "left_1"}});
+  EXPECT_THROW(parse_client_message(R"({"type": "load_path", "name": "a/b"})"), InputError);
   EXPECT_THROW(parse_client_message(std::string(kMaxMessageBytes + 1, ' ')), InputError);
 }
 

@@ -226,6 +226,20 @@ Placement ViewRenderer::place(const ViewRequest& request) {
           exposure_of(request, camera.name)};
 }
 
+Placement ViewRenderer::place_at(const ViewRequest& request, const Rigid3d& world_from_camera) {
+  ViewRequest mounted = request;
+  mounted.shift_m = {};
+  mounted.yaw_deg = mounted.pitch_deg = 0;
+  mounted.novel.reset();
+  mounted.mount.reset();
+  Placement placement = place(mounted);
+  placement.world_from_body =
+      world_from_camera *
+      (placement.world_from_camera.inverse(Eigen::Isometry) * placement.world_from_body);
+  placement.world_from_camera = world_from_camera;
+  return placement;
+}
+
 std::shared_ptr<const RayTable> ViewRenderer::table(const Camera& camera, const std::string& name,
                                                     int factor) {
   return cached(&tables_, {name, factor}, kKeptTables, [&] {

@@ -67,6 +67,8 @@ class ViewRenderer {
 
   /// Throws InputError where the run has no such camera, frame or novel view.
   Placement place(const ViewRequest& request);
+  /// Places the request's camera at a pose; its frame gives the exposure.
+  Placement place_at(const ViewRequest& request, const Rigid3d& world_from_camera);
 
   /// `strip_s`: the time to spend in one step, for methods that march rays; those that rasterise
   /// have one step. `expected_s`: of the whole image.

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <utility>
 
 #include <nlohmann/json.hpp>
@@ -24,6 +25,7 @@ constexpr std::chrono::seconds kLook{2};         ///< between two looks at the r
 constexpr std::chrono::seconds kBusy{1};         ///< a client counts as busy after a request
 constexpr std::uint64_t kMostUnshown = 2;        ///< images on their way to a page
 constexpr std::size_t kRevolutionsAtOnce = 20;   ///< the cloud grows by so many in the page
+constexpr std::size_t kMostPathMessages = 16;    ///< that wait
 constexpr int kSmallestSide = 64;                ///< pixels of the smallest image
 constexpr int kQuality = 92;
 
@@ -51,7 +53,8 @@ struct Viewer::Inbox {
   std::optional<ViewRequest> view;
   Clock::time_point arrived{};
   std::optional<Pick> pick;
-  std::uint64_t shown = 0;  ///< number of the last image that the page drew
+  std::uint64_t shown = 0;           ///< number of the last image that the page drew
+  std::vector<ClientMessage> paths;  ///< PathMessage and LoadPath
 };
 
 /// A page. All but the inbox is serve()'s alone.
@@ -70,6 +73,8 @@ struct Viewer::Client {
   std::size_t sent_revolutions = 0;  ///< of the cloud, with the last image
   std::uint64_t sent = 0, shown = 0;
   std::optional<Pick> pick;
+  std::vector<ClientMessage> path_messages;
+  std::vector<PathKey> path;
 
   std::optional<std::uint64_t> searched;  ///< id of the pick whose observers are searched
   std::optional<PointSearch> search;      ///< nothing: not begun
@@ -99,6 +104,8 @@ struct Viewer::Client {
       sent_factor = 0;
       if (job_refines) job.reset();
     }
+    std::ranges::move(inbox.paths, std::back_inserter(path_messages));
+    inbox.paths.clear();
     if (inbox.pick) pick = std::exchange(inbox.pick, std::nullopt);
     shown = std::min(inbox.shown, sent);
   }
@@ -137,6 +144,11 @@ void Viewer::received(ClientId id, std::string_view text) {
     inbox.pick = *pick;
   } else if (const auto* const train = std::get_if<TrainCommand>(&*message)) {
     paused_ = train->paused;
+  } else if (!std::holds_alternative<Shown>(*message)) {
+    if (inbox.paths.size() < kMostPathMessages)
+      inbox.paths.push_back(std::move(*message));
+    else if (server_)
+      server_->close(id, "too many paths at once");
   } else {
     inbox.shown = std::max(inbox.shown, std::get<Shown>(*message).sequence);
   }
@@ -246,6 +258,12 @@ bool Viewer::work(ClientId id, Client& client, Clock::time_point* wake_at) {
   if (!client.greeted) {
     client.greeted = true;
     server_->send_text(id, hello_);
+    if (renderer_->has_model()) send_paths(id, nlohmann::json::object());
+    return true;
+  }
+  if (!client.path_messages.empty()) {
+    const std::vector<ClientMessage> messages = std::exchange(client.path_messages, {});
+    for (const ClientMessage& message : messages) answer_path(id, client, message);
     return true;
   }
   if (client.curve != curve_) {
@@ -308,6 +326,31 @@ bool Viewer::work_on_image(ClientId id, Client& client, Clock::time_point* wake_
   return true;
 }
 
+/// Sends {"kind": "paths", "names", ...}.
+void Viewer::send_paths(ClientId id, nlohmann::json more) {
+  more["kind"] = "paths";
+  more["names"] = PathStore(*run_).names();
+  send(id, more);
+}
+
+void Viewer::answer_path(ClientId id, Client& client, const ClientMessage& message) {
+  const PathStore store(*run_);
+  try {
+    if (!renderer_->has_model()) throw InputError("message", "type", "path", "there is no run");
+    if (const auto* const load = std::get_if<LoadPath>(&message)) {
+      send_paths(id, {{"loaded", store.load(load->name)}, {"name", load->name}});
+      return;
+    }
+    const auto& path = std::get<PathMessage>(message);
+    client.path = store.keys(path.keyframes);
+    if (!path.save) return;
+    store.save(path);
+    send_paths(id, {{"saved", path.save->name}});
+  } catch (const std::exception& error) {
+    send_paths(id, {{"error", error.what()}});
+  }
+}
+
 void Viewer::answer_pick(ClientId id, Client& client, const Pick& pick) {
   nlohmann::json answer = client.last ? renderer_->pick(*client.last, pick.u, pick.v)
                                       : nlohmann::json{{"surface", false}};
@@ -344,8 +387,12 @@ bool Viewer::search_on(ClientId id, Client& client) {
 }
 
 void Viewer::begin(Client& client) {
-  const Placement placement = renderer_->place(*client.view);
-  Pace& pace = paces_[{placement.camera_name, client.view->layer}];
+  const ViewRequest& view = *client.view;
+  const Placement placement =
+      view.path_s && !client.path.empty()
+          ? renderer_->place_at(view, interpolate_path(client.path, *view.path_s).world_from_camera)
+          : renderer_->place(view);
+  Pace& pace = paces_[{placement.camera_name, view.layer}];
   int factor = 1;
   if (client.sent_factor == 0)
     factor = pace.factor_within(kMovingBudget_s / std::max(1, busy_clients()),

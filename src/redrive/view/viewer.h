@@ -21,6 +21,7 @@
 #include "redrive/view/messages.h"
 #include "redrive/view/overlay.h"
 #include "redrive/view/pace.h"
+#include "redrive/view/path_store.h"
 #include "redrive/view/run_watch.h"
 #include "redrive/view/server.h"
 #include "redrive/view/view_renderer.h"
@@ -76,6 +77,8 @@ class Viewer : public ServerEvents {
   bool work(ClientId id, Client& client, Clock::time_point* wake_at);
   bool work_on_image(ClientId id, Client& client, Clock::time_point* wake_at);
   bool search_on(ClientId id, Client& client);
+  void answer_path(ClientId id, Client& client, const ClientMessage& message);
+  void send_paths(ClientId id, nlohmann::json more);
   void answer_pick(ClientId id, Client& client, const Pick& pick);
   void begin(Client& client);
   bool more_of_the_cloud(ClientId id, Client& client);

@@ -46,6 +46,8 @@ class ViewerTest : public testing::Test {
     run_.recording = make_test_recording(folder_.path, 3);
     run_.scene = make_scene(run_.recording, {.holdout_every = 2});
     run_.options.method = "nerf";
+    run_.paths.root = folder_.path / "run";
+    std::filesystem::create_directory(run_.paths.root);
     if (with_model) run_.state.model = make_model();
     viewer_ = std::make_unique<Viewer>(std::shared_ptr<const redrive::Run>(&run_, [](auto*) {}),
                                        backend_, [this] { return look(); });
@@ -336,6 +338,52 @@ TEST_F(ViewerTest, SaysWhatItCannotShow) {
   EXPECT_EQ(wait_for(*client, "nothing").header["kind"], "closed");
 }
 
+nlohmann::json path_message(const nlohmann::json& save) {
+  return {{"type", "path"},
+          {"fps", 10},
+          {"keyframes",
+           {{{"time_s", 0}, {"camera", "FRONT"}, {"frame_id", 10}},
+            {{"time_s", 2}, {"camera", "FRONT"}, {"frame_id", 11}, {"shift_body_m", {1, 2, 0}}}}},
+          {"save", save}};
+}
+
+TEST_F(ViewerTest, ShowsViewsOnAPath) {
+  const auto client = connect();
+  client->send_message(path_message(nullptr).dump());
+  nlohmann::json request = view(1, "FRONT", 10);
+  request["path_s"] = 2;
+  client->send_message(request.dump());
+  const Image8 on_path = full_image(*client, 1).image;
+  request = view(2, "FRONT", 11);
+  request["shift_m"] = {1, 2, 0};
+  client->send_message(request.dump());
+  const Image8 last_key = full_image(*client, 2).image;
+  EXPECT_EQ(on_path.rgb, last_key.rgb);
+  request = view(3, "FRONT", 10);
+  request["path_s"] = 1;
+  client->send_message(request.dump());
+  EXPECT_NE(full_image(*client, 3).image.rgb, last_key.rgb);
+}
+
+TEST_F(ViewerTest, SavesAndLoadsPaths) {
+  const auto client = connect();
+  EXPECT_EQ(wait_for(*client, "paths").header["names"], nlohmann::json::array());
+  const nlohmann::json save = {{"name", "left"}, {"overwrite", false}};
+  client->send_message(path_message(save).dump());
+  nlohmann::json answer = wait_for(*client, "paths").header;
+  EXPECT_EQ(answer["saved"], "left");
+  EXPECT_EQ(answer["names"], std::vector<std::string>{"left"});
+  client->send_message(path_message(save).dump());
+  EXPECT_THAT(wait_for(*client, "paths").header["error"].get<std::string>(), HasSubstr("exists"));
+  client->send_message(R"({"type": "load_path", "name": "left"})");
+  answer = wait_for(*client, "paths").header;
+  EXPECT_EQ(answer["loaded"]["keyframes"][1]["shift_body_m"], (std::vector<double>{1, 2, 0}));
+  client->send_message(R"({"type": "load_path", "name": "other"})");
+  EXPECT_TRUE(wait_for(*client, "paths").header.contains("error"));
+  client->send_message(R"({"type": "load_path", "name": "../config"})");
+  EXPECT_EQ(wait_for(*client, "nothing").header["kind"], "closed");
+}
+
 /// A recording without a run.
 class RecordingViewerTest : public ViewerTest {
  protected:
@@ -359,6 +407,9 @@ TEST_F(RecordingViewerTest, ShowsImagesWhereTheyWereTaken) {
   EXPECT_EQ(*std::ranges::max_element(beside.image.rgb), 0);
   client->send_message(R"({"type": "pick", "id": 3, "at": [0.5, 0.5]})");
   EXPECT_EQ(wait_for(*client, "picked").header["surface"], false);
+  client->send_message(path_message({{"name", "a"}, {"overwrite", false}}).dump());
+  EXPECT_TRUE(wait_for(*client, "paths").header.contains("error"));
+  EXPECT_TRUE(std::filesystem::is_empty(run_.paths.root)) << "nothing is written";
 }
 
 TEST_F(ViewerTest, DrawsTheTrajectoryAndTheFrusta) {

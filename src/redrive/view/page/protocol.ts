@@ -107,8 +107,29 @@ export interface ReferenceHeader {
   mask: number;
 }
 
+/** A view of a camera path. */
+export interface Keyframe {
+  time_s: number;
+  camera: string;
+  frame_id: number;
+  shift_body_m: number[]; // forward, left, up
+  yaw_deg: number;
+  pitch_deg: number;
+}
+
+/** The names of the saved paths, and the answer to a path or a load. */
+export interface Paths {
+  kind: "paths";
+  names: string[];
+  saved?: string;
+  name?: string;
+  loaded?: {fps: number; keyframes: Keyframe[]};
+  error?: string;
+}
+
 export type Text =
   | Hello
+  | Paths
   | Picked
   | SeenBy
   | Training

@@ -4,6 +4,7 @@
 import {Controls, element} from "./controls";
 import {fly, turn} from "./motion";
 import {cameraOf} from "./mount";
+import {PathPart} from "./path";
 import {
   Connection, decode, type Hello, type ImageHeader, type Picked, type Picture,
   type ReferenceHeader, type Text,
@@ -31,6 +32,7 @@ class Viewer {
   private controls!: Controls;
   private readonly training = new TrainingPanel(
     element("training"), (message) => this.connection.send(message));
+  private path!: PathPart;
   private id = 0; // of the last request
   private asks = false; // the state has changed since it was asked for
   private playing = false;
@@ -63,6 +65,7 @@ class Viewer {
 
   private receive(message: Text): void {
     if (message.kind === "hello") this.begin(message);
+    if (message.kind === "paths") this.path.receive(message);
     if (message.kind === "picked") this.showPicked(message);
     if (message.kind === "seen_by") this.controls.showSeen(message);
     if (message.kind === "score" && message.id === this.id) this.score = message.psnr_db;
@@ -90,6 +93,8 @@ class Viewer {
       this.hello = hello;
       this.state = fromHash(location.hash, hello);
       this.controls = new Controls(hello, this.state, () => this.changed());
+      this.path = new PathPart(hello, this.state,
+        (answer) => this.connection.send(answer), () => this.changed());
       this.listen();
       document.title = `${hello.run} · redrive view`;
     } else if (!sameRun(this.hello, hello)) {
@@ -112,14 +117,15 @@ class Viewer {
   private ask(): void {
     this.asks = false;
     history.replaceState(null, "", `#${toHash(this.state, this.hello)}`);
-    const request = JSON.stringify(toRequest(this.state, 0));
+    const wanted = {...toRequest(this.state, 0), ...this.path.request()};
+    const request = JSON.stringify(wanted);
     if (request === this.asked) return this.draw(); // the share of a wipe, say
     this.asked = request;
     this.score = null;
     this.stage.marks = [];
     this.pickMark = null;
     if (this.stage.reference?.header.key !== referenceKey(this.state)) this.noReference = "";
-    this.connection.send(toRequest(this.state, ++this.id));
+    this.connection.send({...wanted, id: ++this.id});
     this.caption();
     this.draw();
   }
@@ -205,6 +211,7 @@ class Viewer {
     if (this.hello) {
       if (this.playing) this.advance(now);
       if (this.held.size > 0) this.flyOn(seconds);
+      this.path.tick();
       if (this.asks) this.ask();
     }
     requestAnimationFrame((next) => this.tick(next));
