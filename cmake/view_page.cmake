@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-# Bundles the page of `redrive view` (src/redrive/view/page) and compresses its files:
+# Bundles the pages of `redrive view` and `redrive export --to html` (src/redrive/view/page) and
+# compresses their files:
 #   cmake -D NODE=... -D NPM=... -D SOURCE=... -D OUTPUT=... -D TESTS=ON|OFF -P view_page.cmake
 # npm installs what package-lock.json names into OUTPUT/node_modules, with TESTS also what the tests
 # of the page need. Where that is not possible, the files are empty, OUTPUT/missing says why, and
@@ -10,7 +11,7 @@ file(REMOVE ${OUTPUT}/missing)
 function(leave_out why)
   message("viewer: left out, ${why}")
   file(WRITE ${OUTPUT}/missing "${why}\n")
-  foreach(file index.html viewer.js viewer.css)
+  foreach(file index.html viewer.js viewer.css scene.html scene.js)
     file(WRITE ${OUTPUT}/${file}.gz "")
   endforeach()
 endfunction()
@@ -41,14 +42,18 @@ if(NOT installed STREQUAL "${lock} ${TESTS}")
   file(WRITE ${OUTPUT}/node_modules/.installed "${lock} ${TESTS}")
 endif()
 
-execute_process(RESULT_VARIABLE failed ERROR_VARIABLE why
-  COMMAND ${NODE} ${OUTPUT}/node_modules/esbuild/bin/esbuild ${SOURCE}/viewer.ts --bundle --minify
-    --format=iife --target=es2022 --log-level=warning --outfile=${OUTPUT}/viewer.js)
-if(failed)
-  message(FATAL_ERROR "viewer: ${why}")
-endif()
-file(COPY ${SOURCE}/index.html ${SOURCE}/viewer.css DESTINATION ${OUTPUT})
-foreach(file index.html viewer.js viewer.css)
+# NODE_PATH: packages are where they are built, not beside the source.
+foreach(name viewer scene)
+  execute_process(RESULT_VARIABLE failed ERROR_VARIABLE why
+    COMMAND ${CMAKE_COMMAND} -E env NODE_PATH=${OUTPUT}/node_modules
+      ${NODE} ${OUTPUT}/node_modules/esbuild/bin/esbuild ${SOURCE}/${name}.ts --bundle --minify
+      --format=iife --target=es2022 --log-level=warning --outfile=${OUTPUT}/${name}.js)
+  if(failed)
+    message(FATAL_ERROR "viewer: ${why}")
+  endif()
+endforeach()
+file(COPY ${SOURCE}/index.html ${SOURCE}/viewer.css ${SOURCE}/scene.html DESTINATION ${OUTPUT})
+foreach(file index.html viewer.js viewer.css scene.html scene.js)
   execute_process(COMMAND gzip -9nc ${OUTPUT}/${file} OUTPUT_FILE ${OUTPUT}/${file}.gz
     COMMAND_ERROR_IS_FATAL ANY)
 endforeach()

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // redrive export on small runs.
+#include "redrive/base/gzip.h"
 #include "redrive/model/splat_model.h"
 #include "redrive/recording/ply.h"
+#include "redrive/report/html.h"
 #include "redrive/train/state.h"
 #include "tests/e2e/end_to_end.h"
 
@@ -9,7 +11,9 @@ namespace redrive::testing {
 namespace {
 
 using ::testing::AllOf;
+using ::testing::ContainsRegex;
 using ::testing::HasSubstr;
+using ::testing::Not;
 
 class Export : public EndToEnd {
  protected:
@@ -57,6 +61,18 @@ TEST_F(Export, WritesTheGaussiansOfARun) {
   EXPECT_EQ(before.at(file_.string()).size() - fs::file_size(file_),
             gaussians.n * 9 * sizeof(float) + 9 * std::string("property float f_rest_0\n").size());
   EXPECT_EQ(read_ply(file_).size(), gaussians.n);
+
+  const fs::path spz = folder_ / "street.spz", page = folder_ / "street.html";
+  ASSERT_EQ(redrive({"export", run.string(), "--to", "splat-spz", spz.string()}).exit_code, 0);
+  EXPECT_EQ(gunzip(read_file(spz)).size(), 16 + gaussians.n * 29);
+  const ProgramResult paged = redrive({"export", run.string(), "--to", "html", page.string()});
+  if (paged.err.find("this build has no pages") != std::string::npos)
+    GTEST_SKIP() << "the build had no node or npm";
+  ASSERT_EQ(paged.exit_code, kExitOk) << paged.err;
+  const std::string html = read_file(page);
+  EXPECT_THAT(html, HasSubstr(base64(read_file(spz))));
+  EXPECT_THAT(html, HasSubstr("camera_to_world"));
+  EXPECT_THAT(html, Not(ContainsRegex("(src|href)=\"(https?:)?//"))) << "self-contained";
 }
 
 TEST_F(Export, RefusesWhatTheMethodDoesNotHave) {
@@ -65,6 +81,9 @@ TEST_F(Export, RefusesWhatTheMethodDoesNotHave) {
   const ProgramResult ended = exported(run);
   EXPECT_EQ(ended.exit_code, kExitUsage);
   EXPECT_THAT(ended.err, AllOf(HasSubstr("--to"), HasSubstr("splat-ply"), HasSubstr("nerf")));
+  const ProgramResult page = redrive({"export", run.string(), "--to", "html", file_.string()});
+  EXPECT_EQ(page.exit_code, kExitUsage);
+  EXPECT_THAT(page.err, AllOf(HasSubstr("html"), HasSubstr("nerf")));
   EXPECT_EQ(redrive({"export", run.string(), file_.string()}).exit_code, kExitUsage)
       << "--to is missing";
   EXPECT_EQ(exported(folder_ / "no_run").exit_code, kExitBadInput);

@@ -22,6 +22,7 @@
 #include "redrive/scene/moving_objects.h"
 #include "redrive/train/memory.h"
 #include "redrive/train/run.h"
+#include "redrive/view/scene_page.h"
 
 namespace redrive {
 namespace {
@@ -118,6 +119,14 @@ int export_ply(const ExportCommandOptions& options) {
   return kExitOk;
 }
 
+int export_html(const ExportCommandOptions& options) {
+  check_output_file("OUT", options.out, options.force);
+  const std::string bytes = view::scene_page(open_run(options.from), options.encode.sh_degree);
+  write_file(options.out, bytes);
+  std::printf("%s: %.1f MB\n", options.out.c_str(), 1e-6 * static_cast<double>(bytes.size()));
+  return kExitOk;
+}
+
 /// Returns the model's format of this name. Throws UsageError if it has none.
 ExportFormat find_format(const Model& model, const std::string& name) {
   std::string known;
@@ -159,6 +168,10 @@ constexpr Format kFormats[] = {
      "a point cloud with colours: of a run's rendered depth, with normals, or of a "
      "recording's LiDAR",
      export_ply},
+    {"html",
+     "a page that shows the scene with the browser's GPU and needs nothing else (runs of --method "
+     "splat)",
+     export_html},
 };
 
 std::string formats_help() {
@@ -187,8 +200,8 @@ Action configure_export(CLI::App& command) {
   command.add_option("--to", options->format, formats_help())->required();
   command
       .add_option("--sh-degree", options->encode.sh_degree,
-                  "splat-ply: degree of the colours' spherical harmonics, 0 or 1: a Gaussian takes "
-                  "68 bytes with 0, 104 with 1")
+                  "of Gaussians, the degree of the colours' spherical harmonics, 0 or 1: in "
+                  "splat-ply a Gaussian takes 68 bytes with 0, 104 with 1")
       ->check(CLI::Range(0, 1))
       ->capture_default_str();
   command.add_flag("--force", options->force,

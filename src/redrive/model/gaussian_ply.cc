@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/model/gaussian_ply.h"
 
+#include <array>
 #include <bit>
-#include <cmath>
 #include <cstring>
 #include <vector>
 
 #include "redrive/base/error.h"
-#include "redrive/field/spherical_harmonics.h"
+#include "redrive/model/splat_numbers.h"
 
 namespace redrive {
 namespace {
@@ -37,27 +37,19 @@ std::string ply_header(std::size_t n, int sh_degree) {
 std::string gaussian_ply(const kernels::Gaussians& gaussians, int sh_degree) {
   REDRIVE_CHECK_OP(sh_degree, >=, 0);
   REDRIVE_CHECK_OP(sh_degree, <=, 1);
-  // In this direction each function of degree 1 is its factor of y, z or x.
-  constexpr double kAllOnes[3] = {1, 1, 1};
-  constexpr int kAxis[kRestCoefficients] = {1, 2, 0};
-  double factor[kHarmonics];
-  spherical_harmonics(kAllOnes, factor);
-
   std::vector<float> rows;
   for (std::size_t i = 0; i < gaussians.n; ++i) {
-    const auto at = [&](int row) { return gaussians.numbers[gaussian_slot(i, row)]; };
-    const auto add = [&](double number) { rows.push_back(static_cast<float>(number)); };
-    for (int k = 0; k < 3; ++k) add(at(kPositionRow + k));
-    for (int k = 0; k < 3; ++k) add(0);
-    for (int c = 0; c < 3; ++c) add((at(kColourRow + c) - 0.5) / factor[0]);
-    for (int c = 0; sh_degree > 0 && c < 3; ++c)
-      for (int j = 0; j < kRestCoefficients; ++j)
-        add(at(kHarmonicsRow + 3 * kAxis[j] + c) / factor[1 + j]);
-    add(at(kOpacityRow));
-    for (int k = 0; k < 3; ++k) add(at(kLogScaleRow + k));
-    double norm2 = 0;
-    for (int k = 0; k < 4; ++k) norm2 += double(at(kQuaternionRow + k)) * at(kQuaternionRow + k);
-    for (int k = 0; k < 4; ++k) add(at(kQuaternionRow + k) / std::sqrt(norm2));
+    const SplatNumbers numbers = splat_numbers(gaussians, i);
+    const auto add = [&](const auto& some) {
+      for (const double number : some) rows.push_back(static_cast<float>(number));
+    };
+    add(numbers.position);
+    add(std::array<double, 3>{});
+    add(numbers.dc);
+    for (int c = 0; sh_degree > 0 && c < 3; ++c) add(numbers.rest[c]);
+    add(std::array{numbers.opacity});
+    add(numbers.log_scale);
+    add(numbers.quaternion);
   }
   std::string bytes = ply_header(gaussians.n, sh_degree);
   const std::size_t header = bytes.size();

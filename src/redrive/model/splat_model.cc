@@ -9,6 +9,7 @@
 #include "redrive/camera/plain_camera.h"
 #include "redrive/model/densify_gaussians.h"
 #include "redrive/model/gaussian_ply.h"
+#include "redrive/model/gaussian_spz.h"
 
 namespace redrive {
 namespace {
@@ -477,7 +478,9 @@ RenderedImage SplatModel::render(kernels::Backend& backend, const RayTable& rays
 std::vector<ExportFormat> SplatModel::export_formats() const {
   return {
       {"splat-ply", "PLY of 3D Gaussians, as viewers of 3D Gaussian Splatting read it",
-       [this](const ExportOptions& options) { return gaussian_ply(view(), options.sh_degree); }}};
+       [this](const ExportOptions& options) { return gaussian_ply(view(), options.sh_degree); }},
+      {"splat-spz", "SPZ, a fifth of the size; positions, colours and angles are rounded",
+       [this](const ExportOptions& options) { return gaussian_spz(view(), options.sh_degree); }}};
 }
 
 }  // namespace redrive

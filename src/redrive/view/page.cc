@@ -14,6 +14,8 @@
 EMBED(html, "index.html.gz")
 EMBED(script, "viewer.js.gz")
 EMBED(style, "viewer.css.gz")
+EMBED(scene_html, "scene.html.gz")
+EMBED(scene_script, "scene.js.gz")
 
 namespace redrive::view {
 
@@ -26,6 +28,11 @@ std::span<const PageFile> page_files() {
       PageFile{
           "viewer.css", "text/css; charset=utf-8", {redrive_page_style, redrive_page_style_end}}};
   return files[1].gzip_bytes.empty() ? std::span<const PageFile>{} : files;
+}
+
+ScenePageFiles scene_page_files() {
+  return {{redrive_page_scene_html, redrive_page_scene_html_end},
+          {redrive_page_scene_script, redrive_page_scene_script_end}};
 }
 
 }  // namespace redrive::view

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <span>
+#include <string_view>
 
 #include "redrive/view/server.h"
 
@@ -11,5 +12,11 @@ namespace redrive::view {
 /// Returns the files; none where the build had no node or npm, or could not install what
 /// src/redrive/view/page/package-lock.json names.
 std::span<const PageFile> page_files();
+
+/// The files of scene_page.h, compressed by gzip; empty where page_files() is.
+struct ScenePageFiles {
+  std::string_view html_gz, script_gz;
+};
+ScenePageFiles scene_page_files();
 
 }  // namespace redrive::view

@@ -1,0 +1,16 @@
+// SPDX-License-Identifier: Apache-2.0
+// Compression of whole byte strings, by zlib.
+#pragma once
+
+#include <string>
+#include <string_view>
+
+namespace redrive {
+
+/// Returns a gzip file of these bytes, without a time, so that equal bytes give equal files.
+std::string gzip(std::string_view bytes);
+
+/// Returns the bytes of a gzip file that this program made or embeds; fails a check for others.
+std::string gunzip(std::string_view file);
+
+}  // namespace redrive

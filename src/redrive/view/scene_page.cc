@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/view/scene_page.h"
+
+#include <nlohmann/json.hpp>
+
+#include "redrive/base/error.h"
+#include "redrive/base/gzip.h"
+#include "redrive/field/gaussian.h"
+#include "redrive/model/gaussian_spz.h"
+#include "redrive/model/splat_model.h"
+#include "redrive/render/camera_path.h"
+#include "redrive/report/html.h"
+#include "redrive/view/page.h"
+
+namespace redrive::view {
+namespace {
+
+/// Replaces the only `mark` in `text`.
+void fill(std::string_view mark, std::string_view with, std::string* text) {
+  const std::size_t at = text->find(mark);
+  REDRIVE_CHECK(at != std::string::npos);
+  text->replace(at, mark.size(), with);
+}
+
+}  // namespace
+
+std::string scene_page(const Run& run, int sh_degree) {
+  const auto* const splat = dynamic_cast<const SplatModel*>(run.state.model.get());
+  if (!splat)
+    throw UsageError("--to", "html",
+                     "shows Gaussians, and the run is of method " + run.options.method);
+  const ScenePageFiles files = scene_page_files();
+  if (files.script_gz.empty())
+    throw UsageError("--to", "html",
+                     "this build has no pages: node and npm were missing, or npm could not "
+                     "install; scripts/setup and another build bring them");
+  const RigCamera& camera = run.scene.rig.front();
+  nlohmann::json drive = nlohmann::json::array();
+  for (const PathKey& key : drive_path(run.recording, run.scene, camera, 0).keys)
+    drive.push_back(
+        {{"t_s", key.t_s}, {"camera_to_world", camera_to_world_json(key.world_from_camera)}});
+  const nlohmann::json scene = {
+      {"fov", fov_of(camera.camera)},
+      {"screen_variance", kScreenVariance},
+      {"background", {splat->background[0], splat->background[1], splat->background[2]}},
+      {"drive", drive}};
+  std::string html = gunzip(files.html_gz);
+  // The script and the data have marks of their own kind: the last ones first.
+  fill("@SCRIPT@", gunzip(files.script_gz), &html);
+  fill("@SPLATS@", base64(gaussian_spz(splat->view(), sh_degree)), &html);
+  fill("@SCENE@", scene.dump(), &html);
+  fill("@TITLE@", html_escape(run.paths.root.filename().string() + " - redrive"), &html);
+  return html;
+}
+
+}  // namespace redrive::view
