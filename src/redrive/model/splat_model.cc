@@ -209,7 +209,7 @@ void SplatModel::initialize(std::uint64_t) {
 
 void SplatModel::initialize_from(const TrainingSet& data, std::uint64_t seed, ThreadPool& pool) {
   InitialGaussianOptions options = initial;
-  options.max_gaussians = max_gaussians;
+  options.max_gaussians = most_gaussians();
   set_gaussians(initial_gaussians(data, options, seed, pool));
   if (data.scene.background == Background::kNone) set_background(data);
 }
@@ -427,8 +427,8 @@ void SplatModel::finish_step(kernels::Backend&, const StepRequest& request, cons
   if (step % densify_every != 0 || request.progress >= double(densified_until)) return;
   const double grown = std::min(1.0, request.progress / double(grown_by));
   DensifyOptions options;
-  options.target = static_cast<std::size_t>(first_gaussians +
-                                            grown * std::max(0, max_gaussians - first_gaussians));
+  options.target = static_cast<std::size_t>(
+      first_gaussians + grown * std::max(0, most_gaussians() - first_gaussians));
   options.min_opacity = min_opacity;
   gaussians = static_cast<int>(
       densify(options, random_key(request.seed, kStreamDensify, static_cast<std::uint64_t>(step)),

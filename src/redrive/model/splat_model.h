@@ -5,6 +5,7 @@
 // densify_gaussians.h.
 #pragma once
 
+#include <algorithm>
 #include <string>
 #include <vector>
 
@@ -18,6 +19,7 @@ namespace redrive {
 struct SplatModel final : Model {
   InitialGaussianOptions initial;
   int max_gaussians = 400000;
+  int pixel_limit = 20'000'000;  ///< likewise at most, by the number of pixels to train on
   int window_pixels = 260000;    ///< of a step; larger images are cut into windows
   float coarse_progress = 0.6f;  ///< part of the run at half size, for images that are cut
   double initial_rate = 0.1, last_rate = 0.03;
@@ -40,6 +42,7 @@ struct SplatModel final : Model {
   float background[3] = {0.5f, 0.5f, 0.5f};  ///< where no Gaussian is: the images' mean colour
 
   const char* method() const override { return "splat"; }
+  int most_gaussians() const { return std::min(max_gaussians, pixel_limit); }
   std::string describe() const override;
   void visit_hyperparameters(HyperparameterVisitor& visit) override;
   void visit_state(HyperparameterVisitor& visit) override;

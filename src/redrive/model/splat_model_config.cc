@@ -12,6 +12,8 @@ namespace redrive {
 namespace {
 
 constexpr int kMostGaussians = 20'000'000;
+constexpr std::int64_t kPixelsPerGaussian = 64;  // fewer pixels for each are fitted too closely
+constexpr std::int64_t kLeastPixelLimit = 20'000;
 
 /// More Gaussians cost time a step: a short run converges better with fewer.
 OptionValues gaussians_of_time(double seconds) {
@@ -37,13 +39,17 @@ Method splat_method() {
 }
 
 std::string SplatModel::describe() const {
-  return "at most " + std::to_string(max_gaussians) + " Gaussians";
+  return "at most " + std::to_string(most_gaussians()) + " Gaussians";
 }
 
 void SplatModel::visit_hyperparameters(HyperparameterVisitor& visit) {
   visit(Hyperparameter{"max_gaussians", "number of Gaussians, at most", 1000, kMostGaussians}
             .as_option("max-gaussians"),
         max_gaussians);
+  visit(Hyperparameter{"pixel_limit", "number of Gaussians, at most: one of 64 training pixels",
+                       1000, kMostGaussians}
+            .from_recording(),
+        pixel_limit);
   visit(Hyperparameter{"initial.voxel",
                        "side of a voxel that keeps one first point, of its distance", 0, 1}
             .exclusive(),
@@ -144,6 +150,13 @@ void SplatModel::check(const HyperparameterFailure& fail) const {
 void SplatModel::configure(const Scene& scene) {
   if (scene.background != Background::kNone)
     std::ranges::copy(background_colour(scene.background), background);
+  std::int64_t pixels = 0;
+  for (const View& view : scene.views) {
+    const Camera& camera = scene.rig[view.camera].camera;
+    if (!view.held_out) pixels += std::int64_t{camera.width} * camera.height;
+  }
+  pixel_limit = static_cast<int>(
+      std::clamp<std::int64_t>(pixels / kPixelsPerGaussian, kLeastPixelLimit, kMostGaussians));
   if (scene.metric && scene.frames.size() > 1) {
     // A knot for each frame: exposures change from image to image.
     const double seconds = scene.exposure(0, scene.frames.back().t_ns).t_s;
@@ -164,7 +177,7 @@ void SplatModel::configure(const Scene& scene) {
 }
 
 std::size_t SplatModel::max_size() const {
-  return gaussian_blocks(static_cast<std::size_t>(std::max(max_gaussians, gaussians))) *
+  return gaussian_blocks(static_cast<std::size_t>(std::max(most_gaussians(), gaussians))) *
              kBlockSize +
          gains.size();
 }
@@ -199,14 +212,14 @@ double SplatModel::learning_rate(const Schedule& at) const {
 std::string SplatModel::describe_schedule(std::int64_t) const {
   char text[120];
   std::snprintf(text, sizeof text, "%d to %d Gaussians, learning rate %g, in the end times %g",
-                first_gaussians, max_gaussians, initial_rate, last_rate);
+                first_gaussians, most_gaussians(), initial_rate, last_rate);
   return text;
 }
 
 std::uint64_t SplatModel::step_bytes() const {
   constexpr std::uint64_t kBytesPerGaussian = 64 + 16 + 2 * 128;  // records, keys, pairs and sums
   constexpr std::uint64_t kBytesPerPixel = 48 * sizeof(float);
-  return kBytesPerGaussian * static_cast<std::uint64_t>(max_gaussians) +
+  return kBytesPerGaussian * static_cast<std::uint64_t>(most_gaussians()) +
          kBytesPerPixel * static_cast<std::uint64_t>(window_pixels);
 }
 
