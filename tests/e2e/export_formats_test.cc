@@ -152,7 +152,7 @@ TEST_F(ExportFormats, RunsKeepTheirPosesAndTheirSplit) {
   const fs::path run = trained("run", 20, {"--holdout-every", "2", "--cameras", kTinyFront});
   const ProgramResult ended = exported(run, "transforms");
   ASSERT_EQ(ended.exit_code, kExitOk) << ended.out << ended.err;
-  EXPECT_THAT(ended.out, AllOf(HasSubstr("4 images of 1 cameras, poses of the run"),
+  EXPECT_THAT(ended.out, AllOf(HasSubstr("4 images of 1 camera, poses of the run"),
                                HasSubstr("not exported: the field")));
   const nlohmann::json transforms = read_json(out_ / "transforms.json");
   EXPECT_EQ(transforms.at("test_filenames").size(), 2u);

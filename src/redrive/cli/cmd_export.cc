@@ -16,6 +16,7 @@
 #include "redrive/export/field_points.h"
 #include "redrive/export/write_photo_set.h"
 #include "redrive/model/method.h"
+#include "redrive/recording/wording.h"
 #include "redrive/scene/lidar_points.h"
 #include "redrive/scene/lidar_returns.h"
 #include "redrive/scene/load_views.h"
@@ -77,8 +78,9 @@ int export_photos(const ExportCommandOptions& options, const char* marker,
   const PointCloud points = recorded_points(source.run, pool);
   write_export_folder(
       options.out, [&](const std::filesystem::path& folder) { write(folder, set, points, pool); });
-  std::printf("%s: %zu images of %zu cameras%s\nworld: %s\n", options.out.c_str(),
-              set.photos.size(), set.cameras.size(),
+  std::printf("%s: %s of %s%s\nworld: %s\n", options.out.c_str(),
+              counted(set.photos.size(), "image").c_str(),
+              counted(set.cameras.size(), "camera").c_str(),
               source.is_run ? ", poses of the run" : ", poses as recorded", set.world.c_str());
   print_points(points);
   for (const std::string& what : set.left_out) std::printf("not exported: %s\n", what.c_str());
