@@ -6,8 +6,8 @@
 //   start_ms: from the start of the program to the first image, of a camera of the run
 //   sizes: of a pinhole with 60 degrees, mounted where the camera is, by size of the image:
 //     first_ms: from the first message to its first image, at the size that the viewer chose
-//     answer_ms: from a message to its image, of a camera that moves when the image has come: median
-//       and 95th percentile, and the size of most of these images
+//     answer_ms: from a message to its image, of a camera that moves when the image has come:
+//       median and 95th percentile, and the size of most of these images
 //     images_per_s: of a camera that moves all the time, 60 messages a second, and their size
 //     full: of the images at full size among all these: their share, rendering, and from the
 //       message's arrival to the image on its way, medians; without any, the machine is too slow
@@ -179,7 +179,8 @@ function bytesOf(address) {
 }
 
 const start = performance.now();
-const program = spawn(redrive, ["view", run, "--port", "0"], {stdio: ["ignore", "pipe", "inherit"]});
+const program =
+  spawn(redrive, ["view", run, "--port", "0"], {stdio: ["ignore", "pipe", "inherit"]});
 let failed = true;
 try {
   let printed = "";

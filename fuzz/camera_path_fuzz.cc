@@ -15,7 +15,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
         !(path.fps >= 1 && path.fps <= 240))
       __builtin_trap();
     for (const redrive::PathCamera& camera : path.cameras)
-      if (!camera.world_from_camera.matrix().allFinite() || path.width < 1) __builtin_trap();
+      if (!camera.world_from_camera.matrix().allFinite() || path.width < 2 || path.height < 2)
+        __builtin_trap();
     for (std::size_t i = 1; i < path.keyframes.size(); ++i)
       if (!(path.keyframes[i].time_s > path.keyframes[i - 1].time_s)) __builtin_trap();
   } catch (const redrive::InputError&) {

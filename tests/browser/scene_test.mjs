@@ -6,43 +6,16 @@
 import assert from "node:assert/strict";
 import {execFileSync} from "node:child_process";
 import fs from "node:fs";
-import {createRequire} from "node:module";
 import os from "node:os";
 import path from "node:path";
+import {findBrowser, psnr, skip} from "./browser.mjs";
 
 const [redrive, samples, modules, shots] = process.argv.slice(2);
-const chromium = ["/usr/bin/chromium", "/usr/bin/chromium-browser", "/usr/bin/google-chrome"]
-  .find((file) => fs.existsSync(file));
-function skip(why) {
-  console.log(`skipped: ${why}`);
-  process.exit(77);
-}
-if (!chromium) skip("there is no chromium (scripts/setup installs it)");
-if (!fs.existsSync(path.join(modules, "puppeteer-core")))
-  skip("npm could not install puppeteer-core when this was built");
-const puppeteer = createRequire(path.join(modules, "x.js"))("puppeteer-core");
+const launch = findBrowser(modules);
 const [width, height] = [320, 180];
 const folder = fs.mkdtempSync(path.join(os.tmpdir(), "redrive-scene-"));
 const run = path.join(folder, "run");
 const file = path.join(folder, "scene.html");
-
-/** PSNR of two PNGs, in dB. */
-function psnr(page, pngs) {
-  return page.evaluate(async (texts) => {
-    const pixels = await Promise.all(texts.map(async (text) => {
-      const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
-      const image = await createImageBitmap(new Blob([bytes], {type: "image/png"}));
-      const context = new OffscreenCanvas(image.width, image.height).getContext("2d");
-      context.drawImage(image, 0, 0);
-      return context.getImageData(0, 0, image.width, image.height).data;
-    }));
-    if (pixels[0].length !== pixels[1].length) return 0;
-    let sum = 0;
-    for (let i = 0; i < pixels[0].length; ++i)
-      if (i % 4 !== 3) sum += (pixels[0][i] - pixels[1][i]) ** 2;
-    return 10 * Math.log10(255 ** 2 / (sum / (0.75 * pixels[0].length)));
-  }, pngs.map((png) => Buffer.from(png).toString("base64")));
-}
 
 /** The image that `redrive render` makes of the page's first pose. */
 function rendered() {
@@ -63,11 +36,9 @@ try {
   execFileSync(redrive, ["train", path.join(samples, "street"), "--out", run, "--truth-poses",
     "--method", "splat", "--cameras", "F_MIDLONGRANGECAM_CL", "--frames", "1016:1040",
     "--max-steps", "60", "--max-gaussians", "40000", "--threads", "2"], {stdio: "pipe"});
-  execFileSync(redrive, ["export", run, "--to", "html", file], {stdio: "pipe"});
-  browser = await puppeteer.launch({
-    executablePath: chromium, headless: true,
-    args: ["--no-sandbox", "--disable-dev-shm-usage", "--use-gl=angle", "--use-angle=swiftshader",
-      "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]});
+  execFileSync(redrive, ["export", `${run}/`, "--to", "html", file], {stdio: "pipe"});
+  browser = await launch(["--use-gl=angle", "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]);
   const page = await browser.newPage();
   const [errors, requests] = [[], []];
   page.on("pageerror", (error) => errors.push(String(error)));
@@ -109,6 +80,39 @@ try {
     (x) => Math.abs(window.redriveScene.camera.position.x - x) > 0.2, {}, before[0]);
   await page.keyboard.up("w");
   assert.ok((await at())[0] > before[0], "W moves ahead: x of the first body pose");
+
+  // A world whose direction up is not z, as that of photographs: R moves and the mouse turns so.
+  const up = [0, 0.6, 0.8];
+  const html = fs.readFileSync(file, "utf8");
+  assert.ok(html.includes("<title>run - redrive</title>"));
+  const data = JSON.parse(/id="scene">(.*?)<\/script>/s.exec(html)[1]);
+  assert.deepEqual(data.up, [0, 0, 1]);
+  fs.writeFileSync(file, html.replace(/(id="scene">).*?(<\/script>)/s,
+    (_, before, after) => before + JSON.stringify({...data, up}) + after));
+  await page.reload();
+  await page.waitForFunction(() => window.redriveScene?.ready, {timeout: 60000});
+  const start = await at();
+  await page.keyboard.down("r");
+  await page.waitForFunction(
+    (z) => window.redriveScene.camera.position.z - z > 0.2, {}, start[2]);
+  await page.keyboard.up("r");
+  const risen = (await at()).map((x, k) => x - start[k]);
+  const length = Math.hypot(...risen);
+  risen.forEach((x, k) => assert.ok(Math.abs(x / length - up[k]) < 1e-3, `R moves along ${risen}`));
+  const forwardUp = () => page.evaluate((axis) => {
+    const {elements} = window.redriveScene.camera.matrixWorld;
+    return -axis.reduce((sum, x, k) => sum + x * elements[8 + k], 0);
+  }, up);
+  const [ahead, level] = [await page.evaluate(
+    () => window.redriveScene.camera.quaternion.toArray()), await forwardUp()];
+  await page.mouse.move(100, 60);
+  await page.mouse.down();
+  await page.mouse.move(160, 60, {steps: 4});
+  await page.mouse.up();
+  await page.waitForFunction((before) => window.redriveScene.camera.quaternion.toArray()
+    .some((x, k) => Math.abs(x - before[k]) > 0.01), {}, ahead);
+  await page.evaluate(() => window.redriveScene.camera.updateMatrixWorld());
+  assert.ok(Math.abs(await forwardUp() - level) < 1e-3, "a turn about up keeps the pitch");
 
   assert.deepEqual(errors, []);
   assert.deepEqual(requests.filter((url) => !/^(file|data|blob):/.test(url)), []);

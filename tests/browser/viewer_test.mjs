@@ -3,25 +3,14 @@
 // Trains a small run of the sample street, opens its page in a headless chromium and uses it.
 // SHOTS: a folder for screenshots. Exit code 77: skipped, there is no chromium.
 import assert from "node:assert/strict";
-import {execFileSync, spawn} from "node:child_process";
+import {execFileSync} from "node:child_process";
 import fs from "node:fs";
-import {createRequire} from "node:module";
-import http from "node:http";
 import os from "node:os";
 import path from "node:path";
+import {findBrowser, psnr, serve, status} from "./browser.mjs";
 
 const [redrive, samples, modules, shots] = process.argv.slice(2);
-const chromium = ["/usr/bin/chromium", "/usr/bin/chromium-browser", "/usr/bin/google-chrome"]
-  .find((file) => fs.existsSync(file));
-if (!chromium) {
-  console.log("skipped: there is no chromium (scripts/setup installs it)");
-  process.exit(77);
-}
-if (!fs.existsSync(path.join(modules, "puppeteer-core"))) {
-  console.log("skipped: npm could not install puppeteer-core when this was built");
-  process.exit(77);
-}
-const puppeteer = createRequire(path.join(modules, "x.js"))("puppeteer-core");
+const launch = findBrowser(modules);
 const street = path.join(samples, "street");
 const camera = "F_MIDLONGRANGECAM_CL";
 const folder = fs.mkdtempSync(path.join(os.tmpdir(), "redrive-browser-"));
@@ -31,31 +20,6 @@ function trainWords(out, steps) {
   return ["train", street, "--out", out, "--truth-poses", "--method", "splat", "--cameras", camera,
     "--frames", "1016:1040", "--holdout-every", "4", "--max-steps", String(steps),
     "--max-gaussians", "60000", "--threads", "2"];
-}
-
-/** Starts the program and returns it with the address that it prints. */
-async function serve(words) {
-  const program = spawn(redrive, [...words, "--port", "0"], {stdio: ["ignore", "pipe", "pipe"]});
-  let printed = "";
-  const address = await new Promise((resolve, reject) => {
-    program.stdout.on("data", (bytes) => {
-      printed += bytes;
-      const found = /http:\/\/\S+/.exec(printed);
-      if (found) resolve(found[0]);
-    });
-    program.stderr.on("data", (bytes) => (printed += bytes));
-    program.on("exit", (code) => reject(new Error(`redrive ${words[0]} ended with ${code}: ${printed}`)));
-  });
-  return {program, address};
-}
-
-function status(address, headers = {}) {
-  return new Promise((resolve, reject) => {
-    http.get(address, {headers}, (response) => {
-      response.resume();
-      resolve(response.statusCode);
-    }).on("error", reject);
-  });
 }
 
 /** Waits until the page shows the full image of its state. */
@@ -81,23 +45,15 @@ async function set(page, id, value) {
 }
 
 /** PSNR of the page's image and a PNG, in dB. */
-function psnr(page, file) {
-  return page.evaluate(async (base64) => {
-    const bytes = Uint8Array.from(atob(base64), (c) => c.charCodeAt(0));
-    const expected = await createImageBitmap(new Blob([bytes], {type: "image/png"}));
+async function psnrOfPage(page, file) {
+  const shown = await page.evaluate(() => {
     const {bitmap} = window.redriveView.stage.image;
-    const pixels = [bitmap, expected].map((image) => {
-      const canvas = new OffscreenCanvas(image.width, image.height);
-      const context = canvas.getContext("2d");
-      context.drawImage(image, 0, 0);
-      return context.getImageData(0, 0, image.width, image.height).data;
-    });
-    if (pixels[0].length !== pixels[1].length) return 0;
-    let sum = 0;
-    for (let i = 0; i < pixels[0].length; ++i)
-      if (i % 4 !== 3) sum += (pixels[0][i] - pixels[1][i]) ** 2;
-    return 10 * Math.log10(255 ** 2 / (sum / (0.75 * pixels[0].length)));
-  }, fs.readFileSync(file).toString("base64"));
+    const canvas = document.createElement("canvas");
+    [canvas.width, canvas.height] = [bitmap.width, bitmap.height];
+    canvas.getContext("2d").drawImage(bitmap, 0, 0);
+    return canvas.toDataURL("image/png").split(",")[1];
+  });
+  return psnr(page, [Buffer.from(shown, "base64"), fs.readFileSync(file)]);
 }
 
 const text = (page, id) => page.$eval(`#${id}`, (element) => element.textContent);
@@ -124,7 +80,7 @@ const tests = {
     const command = await text(page, "command");
     assert.match(command, /--translate=0,1,0 --yaw=-12.5 --pitch=3/);
     renderAsThePageSays(command, file);
-    const db = await psnr(page, file);
+    const db = await psnrOfPage(page, file);
     assert.ok(db >= 35, `PSNR of the page's image and render's: ${db} dB`);
   },
 
@@ -269,7 +225,7 @@ const tests = {
     assert.match(command, /--mount=[-\d.,]+,-5.5,[-\d.]+,15 --lens pinhole:70:640x352 --frame/);
     const file = path.join(folder, "mount.png");
     renderAsThePageSays(command, file);
-    const db = await psnr(page, file);
+    const db = await psnrOfPage(page, file);
     assert.ok(db >= 35, `PSNR of the page's image and render's: ${db} dB`);
     // Keys of a number field: one step up.
     await page.focus("#mount-x");
@@ -291,7 +247,8 @@ const tests = {
   },
 
   async "shows layers and overlays"(page) {
-    for (const layer of ["depth", "normals", "opacity", "coverage", "image"]) await set(page, "layer", layer);
+    for (const layer of ["depth", "normals", "opacity", "coverage", "image"])
+      await set(page, "layer", layer);
     for (const overlay of ["trajectory", "frusta", "lidar"]) // the street has no boxes
       await page.click(`#overlays input[value="${overlay}"]`);
     await page.waitForFunction(() => window.redriveView.stage.image.points.length > 600);
@@ -371,7 +328,7 @@ const tests = {
     await page.click("#path-keys li:nth-child(2) [title='Show view']");
     await page.waitForFunction(() => window.redriveView.state.frame === 1028);
     await settled(page);
-    const db = await psnr(page, path.join(images, "000011.png"));
+    const db = await psnrOfPage(page, path.join(images, "000011.png"));
     assert.ok(db >= 30, `PSNR of the page's image and the path's last one: ${db} dB`);
     try {
       renderAsThePageSays(command, path.join(folder, "left.mp4"));
@@ -386,6 +343,24 @@ const tests = {
     await page.select("#path-load", "left");
     await page.waitForFunction(() => document.querySelectorAll("#path-keys li").length === 2);
     assert.equal(await text(page, "path-command"), command);
+
+    // A path that was loaded is saved in another order.
+    const noted = (pattern) => page.waitForFunction((source) => new RegExp(source).test(
+      document.getElementById("path-note").textContent), {}, pattern);
+    await page.click("#path-keys li:nth-child(2) [title='Earlier: view']");
+    await page.click("#path-save");
+    await page.click("#path-save");
+    await noted("^Saved");
+    // Nothing is sent that the program would refuse.
+    const file = path.join(run, "paths/left.json");
+    const saved = JSON.parse(fs.readFileSync(file, "utf8"));
+    saved.keyframes[1].time_s = 3599;
+    fs.writeFileSync(file, JSON.stringify(saved));
+    await page.select("#path-load", "left");
+    await noted("3599.00 s");
+    await page.click("#path-add");
+    await page.click("#path-play");
+    await noted("^At most 3600 s");
     await page.click("#home");
     await settled(page);
   },
@@ -423,7 +398,7 @@ const tests = {
 
   async "shows a run that trains"(page, address) {
     const {program, address: live} =
-      await serve([...trainWords(path.join(folder, "live"), 100000), "--view"]);
+      await serve(redrive, [...trainWords(path.join(folder, "live"), 100000), "--view"]);
     try {
       await page.goto(live);
       const label = (pattern) => page.waitForFunction((source) => new RegExp(source).test(
@@ -486,11 +461,9 @@ async function shoot(browser, address) {
 let program = null, browser = null, failed = 0;
 try {
   execFileSync(redrive, trainWords(run, 120), {stdio: "pipe"});
-  const served = await serve(["view", run]);
+  const served = await serve(redrive, ["view", run]);
   program = served.program;
-  browser = await puppeteer.launch({
-    executablePath: chromium, headless: true,
-    args: ["--no-sandbox", "--disable-dev-shm-usage", "--disable-gpu"]});
+  browser = await launch(["--disable-gpu"]);
   const page = await browser.newPage();
   const errors = [];
   page.on("pageerror", (error) => errors.push(String(error)));

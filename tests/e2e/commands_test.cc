@@ -1,5 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Every command on a small run, and the files that it writes.
+#include <netinet/in.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
 #include <csignal>
 
 #include <nlohmann/json.hpp>
@@ -149,6 +153,21 @@ TEST_F(EndToEnd, ViewServesARunUntilCtrlC) {
   ASSERT_TRUE(recording.wait_for_output("Ctrl-C ends"));
   recording.send(SIGTERM);
   EXPECT_EQ(recording.wait().exit_code, kExitOk);
+}
+
+TEST_F(EndToEnd, TrainLeavesNoRunWhereItsPortIsTaken) {
+  const int taken = ::socket(AF_INET, SOCK_STREAM, 0);
+  sockaddr_in address = {.sin_family = AF_INET, .sin_addr = {htonl(INADDR_LOOPBACK)}};
+  socklen_t size = sizeof(address);
+  auto* const any = reinterpret_cast<sockaddr*>(&address);
+  ASSERT_EQ(::bind(taken, any, size), 0);
+  ASSERT_EQ(::listen(taken, 1), 0);
+  ASSERT_EQ(::getsockname(taken, any, &size), 0);
+  const ProgramResult refused = redrive(train_arguments(
+      folder_ / "run", {"--view", "--port", std::to_string(ntohs(address.sin_port))}));
+  ::close(taken);
+  EXPECT_EQ(refused.exit_code, kExitUsage) << refused.err;
+  EXPECT_FALSE(fs::exists(folder_ / "run"));
 }
 
 TEST_F(EndToEnd, RendersTheImagesOfAPosesFile) {

@@ -92,7 +92,10 @@ int run_train(const TrainArguments& arguments) {
   Run run;
   run.options = parse_options(arguments);
   check_run_is_new(arguments.out);
-  if (arguments.view) check_page("--view", "");
+  if (arguments.view) {
+    check_page("--view", "");
+    check_port(arguments.port);
+  }
   const kernels::BackendGroup group = make_backends(run.options);
   const int threads = group.backends.front()->threads();
   run.recording = open_recording(run.options);

@@ -35,6 +35,14 @@ void check_page(const std::string& option, const std::string& value) {
                      "scripts/setup and another build bring it");
 }
 
+void check_port(int port) {
+  if (port <= 0) return;
+  view::ServerOptions options;
+  options.port = port;
+  options.token = view::random_token();
+  const view::Server server(options, nullptr);
+}
+
 std::unique_ptr<view::Server> start_view_server(const std::string& listen, int port,
                                                 view::ServerEvents* events) {
   view::ServerOptions options;
@@ -43,8 +51,10 @@ std::unique_ptr<view::Server> start_view_server(const std::string& listen, int p
   options.page = view::page_files();
   options.max_message_bytes = view::kMaxMessageBytes;
   auto server = listen_at(std::move(options), port, events);
-  std::printf("%s\nWhoever has this address sees the run. Ctrl-C ends.\n",
-              server->address().c_str());
+  std::printf(
+      "%s\nWhoever has this address sees the run, pauses its training and saves paths in it. "
+      "Ctrl-C ends.\n",
+      server->address().c_str());
   std::fflush(stdout);
   return server;
 }

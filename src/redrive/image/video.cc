@@ -153,9 +153,10 @@ VideoWriter::VideoWriter(const std::filesystem::path& file, int width, int heigh
   video.file = file;
   const std::filesystem::path temporary =
       file.parent_path() / ("." + file.filename().string() + ".redrive-tmp");
-  video.check(ff.avformat_alloc_output_context2(&video.format, nullptr, "mp4", temporary.c_str()),
+  const std::string url = "file:" + temporary.string();  // a name with ':' is no protocol
+  video.check(ff.avformat_alloc_output_context2(&video.format, nullptr, "mp4", url.c_str()),
               "write MP4");
-  video.check(ff.avio_open(&video.format->pb, temporary.c_str(), AVIO_FLAG_WRITE), "create");
+  video.check(ff.avio_open(&video.format->pb, url.c_str(), AVIO_FLAG_WRITE), "create");
   video.temporary = temporary;
 
   const AVCodec* const encoder = ff.avcodec_find_encoder_by_name("libx264");

@@ -19,7 +19,7 @@ double number_within(const JsonField& field, double least, double most, const ch
 }
 
 int side(const JsonField& field) {
-  return static_cast<int>(number_within(field, 1, 16384, "expected pixels, 1 to 16384"));
+  return static_cast<int>(number_within(field, 2, 16384, "expected pixels, 2 to 16384"));
 }
 
 /// Changes between OpenGL's camera axes and x right, y down, z forward.

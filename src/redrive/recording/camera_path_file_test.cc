@@ -83,6 +83,7 @@ TEST(CameraPathFile, ErrorsNameFileFieldAndValue) {
   expect_error(theirs, "/seconds", -1, "seconds = -1");
   expect_error(theirs, "/camera_type", "equirectangular", "camera_type = \"equirectangular\"");
   expect_error(theirs, "/render_width", 1e9, "render_width = 1000000000");
+  expect_error(theirs, "/render_height", 1, "render_height = 1");
   expect_error(theirs, "/camera_path", nlohmann::json::array(), "camera_path = []");
   expect_error(theirs, "/camera_path/1/fov", 180, "camera_path[1].fov = 180");
   expect_error(theirs, "/camera_path/0/camera_to_world/0", 1, "camera_path[0].camera_to_world");

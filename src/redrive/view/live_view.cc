@@ -50,6 +50,10 @@ void LiveView::refresh(const Run& run) {
 }
 
 void LiveView::between_steps(Run& run, const Scene& scene, const std::vector<FramePose>& frames) {
+  if (!viewer_->has_clients()) {
+    refresh_at_ = {};  // the first page sees the run as it is
+    return;
+  }
   credit_s_ = std::min(credit_s_ + kShare / (1 - kShare) * seconds_since(returned_), kMostCredit_s);
   const bool refreshes = Clock::now() >= refresh_at_;
   if (refreshes && run.state.poses.refines()) {
@@ -72,6 +76,11 @@ void LiveView::between_steps(Run& run, const Scene& scene, const std::vector<Fra
 }
 
 void LiveView::serve(Run& run) {
+  if (run.state.poses.refines()) {
+    shown_->scene = run.scene;
+    shown_->recording.frames = apply_corrections(run.scene, run.recording.frames,
+                                                 run.state.poses.corrections, &shown_->scene);
+  }
   const Loan loan(&run, shown_.get());
   viewer_->drop_jobs();
   viewer_->set_training({false, run.state.step, run.state.seconds});

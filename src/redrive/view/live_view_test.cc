@@ -53,7 +53,8 @@ class LiveViewTest : public testing::Test {
 /// A page of a run that trains.
 class LivePage {
  public:
-  LivePage(redrive::Run* run, kernels::Backend& backend, const std::atomic<bool>& stop)
+  LivePage(redrive::Run* run, kernels::Backend& backend, const std::atomic<bool>& stop,
+           const nlohmann::json& more = nlohmann::json::object())
       : live(run, backend, stop) {
     ServerOptions options;
     options.token = "t";
@@ -62,19 +63,14 @@ class LivePage {
     client = std::make_unique<LoopbackClient>(server->port());
     const std::string host = "127.0.0.1:" + std::to_string(server->port());
     EXPECT_THAT(client->upgrade("/t/socket", host, "http://" + host), HasSubstr("101"));
-    client->send_message(nlohmann::json{
-        {"type", "view"},
-        {"id", 1},
-        {"camera", "FRONT"},
-        {"frame", 11},
-        {"shift_m", {0, 0, 0}},
-        {"yaw_deg", 0},
-        {"pitch_deg", 0},
-        {"layer", "image"},
-        {"exposure", "own"},
-        {"overlays", nlohmann::json::array()},
-        {"reference", false},
-        {"novel", nullptr}}.dump());
+    nlohmann::json view = {{"type", "view"},       {"id", 1},
+                           {"camera", "FRONT"},    {"frame", 11},
+                           {"shift_m", {0, 0, 0}}, {"yaw_deg", 0},
+                           {"pitch_deg", 0},       {"layer", "image"},
+                           {"exposure", "own"},    {"overlays", nlohmann::json::array()},
+                           {"reference", false},   {"novel", nullptr}};
+    view.update(more);
+    client->send_message(view.dump());
   }
   LiveView live;
   std::unique_ptr<Server> server;
@@ -122,6 +118,7 @@ TEST_F(LiveViewTest, ChangesNoBitOfTheRun) {
     return std::vector<float>(span.begin(), span.end());
   };
   EXPECT_EQ(values(watched), values(alone));
+  EXPECT_EQ(wait_for(*page.client, "image")["kind"], "image") << "none was made between the steps";
   // The page learns that it has ended.
   std::thread server([&] { page.live.serve(watched); });
   EXPECT_EQ(wait_for(*page.client, "training",
@@ -131,6 +128,25 @@ TEST_F(LiveViewTest, ChangesNoBitOfTheRun) {
             60);
   stop = true;
   server.join();
+}
+
+TEST_F(LiveViewTest, ServesTheLastPoses) {
+  const auto lines_of = [&](const char* name, float shift_m) {
+    redrive::Run run = fresh_run(name, 60);
+    run.state.poses = PoseState(run.scene);
+    std::atomic<bool> stop{false};
+    LivePage page(&run, *backend_, stop,
+                  {{"overlays", {"trajectory"}}, {"frame", 10}, {"shift_m", {-4, 0, 1}}});
+    run.state.poses.corrections.values[0] = shift_m;  // of the first frame, trained since
+    std::thread server([&] { page.live.serve(run); });
+    const nlohmann::json lines = wait_for(*page.client, "image")["lines"];
+    stop = true;
+    server.join();
+    return lines;
+  };
+  const nlohmann::json initial = lines_of("initial", 0), refined = lines_of("refined", 0.5);
+  EXPECT_FALSE(initial.empty());
+  EXPECT_NE(initial, refined);
 }
 
 }  // namespace

@@ -8,12 +8,12 @@
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
 #include "redrive/base/json_field.h"
+#include "redrive/recording/view_requests.h"
 
 namespace redrive::view {
 namespace {
 
 constexpr std::size_t kMaxName = 256;  ///< characters of a camera, a novel set or an exposure
-constexpr double kMaxShift_m = 1e4;    ///< as recording/view_requests.h
 constexpr const char* kFile = "message";
 
 std::string name_of(const JsonField& field) {

@@ -14,6 +14,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::size_t kMostNames = 1000;
+constexpr int kMostImages = 20'000;  ///< of camera_path, about 400 bytes each
 
 }  // namespace
 
@@ -48,9 +49,9 @@ void PathStore::save(const PathMessage& message) const {
   path.keys = keys(message.keyframes);
   path.fps = message.fps;
   path.seconds = path.keys.back().t_s - path.keys.front().t_s;
-  if (path.images() > static_cast<int>(kMaxPathCameras))
+  if (path.images() > kMostImages)
     throw InputError("message", "fps", std::to_string(message.fps),
-                     "the path has more than 100000 images");
+                     "the path has more than 20000 images");
   const Camera& lens =
       run_.scene.rig[run_.scene.camera_index(message.keyframes.front().camera)].camera;
   const double fov_deg = fov_of(lens), aspect = static_cast<double>(lens.width) / lens.height;
@@ -80,7 +81,7 @@ void PathStore::save(const PathMessage& message) const {
   std::error_code error;
   fs::create_directory(folder(), error);
   if (error) throw IoError(folder(), error.message());
-  write_file(to, document.dump(1) + "\n");
+  write_file(to, document.dump() + "\n");
 }
 
 nlohmann::json PathStore::load(const std::string& name) const {

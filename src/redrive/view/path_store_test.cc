@@ -67,6 +67,21 @@ TEST_F(PathStoreTest, OverwritesOnlyWhenAsked) {
   EXPECT_EQ(store_.load("left")["fps"], 20);
 }
 
+TEST_F(PathStoreTest, RefusesAPathOfTooManyImages) {
+  message_.keyframes[1].time_s = 1000;
+  message_.fps = 20;
+  store_.save(message_);
+  message_.fps = 20.1;
+  message_.save->overwrite = true;
+  try {
+    store_.save(message_);
+    FAIL();
+  } catch (const InputError& error) {
+    EXPECT_THAT(error.what(), testing::HasSubstr("more than 20000 images"));
+  }
+  EXPECT_EQ(store_.load("left")["fps"], 20);
+}
+
 TEST_F(PathStoreTest, RefusesWhatTheRunDoesNotHave) {
   EXPECT_THROW(store_.load("left"), InputError);
   message_.keyframes[1].frame_id = 99;

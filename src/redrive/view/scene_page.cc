@@ -22,6 +22,19 @@ void fill(std::string_view mark, std::string_view with, std::string* text) {
   text->replace(at, mark.size(), with);
 }
 
+/// Returns the world's direction up: z where the world is metric, else that of the mean camera.
+Eigen::Vector3d up_of(const Scene& scene, const std::vector<PathKey>& keys) {
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  if (!scene.metric)
+    for (const PathKey& key : keys) sum -= key.world_from_camera.linear().col(1);
+  return sum.norm() > 1e-3 ? sum.normalized() : Eigen::Vector3d::UnitZ();
+}
+
+/// Returns the name of a run's folder; "run/" is run.
+std::string name_of(const std::filesystem::path& run) {
+  return (run.has_filename() ? run : run.parent_path()).filename().string();
+}
+
 }  // namespace
 
 std::string scene_page(const Run& run, int sh_degree) {
@@ -36,20 +49,23 @@ std::string scene_page(const Run& run, int sh_degree) {
                      "install; scripts/setup and another build bring them");
   const RigCamera& camera = run.scene.rig.front();
   nlohmann::json drive = nlohmann::json::array();
-  for (const PathKey& key : drive_path(run.recording, run.scene, camera, 0).keys)
+  const CameraPath path = drive_path(run.recording, run.scene, camera, 0);
+  for (const PathKey& key : path.keys)
     drive.push_back(
         {{"t_s", key.t_s}, {"camera_to_world", camera_to_world_json(key.world_from_camera)}});
+  const Eigen::Vector3d up = up_of(run.scene, path.keys);
   const nlohmann::json scene = {
       {"fov", fov_of(camera.camera)},
       {"screen_variance", kScreenVariance},
       {"background", {splat->background[0], splat->background[1], splat->background[2]}},
+      {"up", {up.x(), up.y(), up.z()}},
       {"drive", drive}};
   std::string html = gunzip(files.html_gz);
   // The script and the data have marks of their own kind: the last ones first.
   fill("@SCRIPT@", gunzip(files.script_gz), &html);
   fill("@SPLATS@", base64(gaussian_spz(splat->view(), sh_degree)), &html);
   fill("@SCENE@", scene.dump(), &html);
-  fill("@TITLE@", html_escape(run.paths.root.filename().string() + " - redrive"), &html);
+  fill("@TITLE@", html_escape(name_of(run.paths.root) + " - redrive"), &html);
   return html;
 }
 

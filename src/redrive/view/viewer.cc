@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <iterator>
 #include <utility>
 
 #include <nlohmann/json.hpp>
@@ -11,6 +10,7 @@
 #include "redrive/base/error.h"
 #include "redrive/image/jpeg.h"
 #include "redrive/view/outgoing.h"
+#include "redrive/view/viewer_client.h"
 
 namespace redrive::view {
 namespace {
@@ -47,69 +47,6 @@ std::string reference_key(const ViewRequest& view) {
 }
 
 }  // namespace
-
-/// What came from a page since it was looked at; guarded by mutex_.
-struct Viewer::Inbox {
-  std::optional<ViewRequest> view;
-  Clock::time_point arrived{};
-  std::optional<Pick> pick;
-  std::uint64_t shown = 0;           ///< number of the last image that the page drew
-  std::vector<ClientMessage> paths;  ///< PathMessage and LoadPath
-};
-
-/// A page. All but the inbox is serve()'s alone.
-struct Viewer::Client {
-  Inbox inbox;
-
-  bool greeted = false;
-  std::optional<Training> training;  ///< as the page knows it, as are the next two
-  std::string curve, problem;
-  std::optional<ViewRequest> view;  ///< the latest
-  Clock::time_point arrived{};
-  bool failed = false;               ///< `view` cannot be shown; the page knows why
-  bool scored = false;               ///< the score of `view` was sent
-  int sent_factor = 0;               ///< of the last image of `view`; 0: none yet
-  std::string reference;             ///< key of the recorded image that was sent last
-  std::size_t sent_revolutions = 0;  ///< of the cloud, with the last image
-  std::uint64_t sent = 0, shown = 0;
-  std::optional<Pick> pick;
-  std::vector<ClientMessage> path_messages;
-  std::vector<PathKey> path;
-
-  std::optional<std::uint64_t> searched;  ///< id of the pick whose observers are searched
-  std::optional<PointSearch> search;      ///< nothing: not begun
-  Eigen::Vector3d search_at = Eigen::Vector3d::Zero();
-
-  std::optional<RenderJob> job;
-  ViewRequest job_view;
-  Clock::time_point job_arrived{};
-  bool job_refines = false;       ///< an image of the same view was sent before
-  std::optional<RenderJob> last;  ///< the image that was sent last
-
-  /// Forgets what was made of another state of the run.
-  void begin_again() {
-    greeted = failed = scored = false;
-    sent_factor = 0;
-    sent_revolutions = 0;
-    searched = std::nullopt;
-    search = std::nullopt;
-    job = last = std::nullopt;
-  }
-
-  void take_news() {
-    if (inbox.view) {
-      view = std::exchange(inbox.view, std::nullopt);
-      arrived = inbox.arrived;
-      failed = scored = false;
-      sent_factor = 0;
-      if (job_refines) job.reset();
-    }
-    std::ranges::move(inbox.paths, std::back_inserter(path_messages));
-    inbox.paths.clear();
-    if (inbox.pick) pick = std::exchange(inbox.pick, std::nullopt);
-    shown = std::min(inbox.shown, sent);
-  }
-};
 
 Viewer::Viewer(std::shared_ptr<const Run> run, kernels::Backend& backend, Look look)
     : backend_(backend), look_(std::move(look)), look_at_(Clock::now() + kLook) {
@@ -163,10 +100,13 @@ void Viewer::closed(ClientId id) {
 }
 
 void Viewer::show(std::shared_ptr<const Run> run) {
-  ViewRenderer renderer(*run, backend_);  // throws before anything changes
+  // What throws does so before anything changes.
+  ViewRenderer renderer(*run, backend_);
+  Overlay overlay(*run);
+  std::string hello = text_message(renderer.describe());
   renderer_.emplace(std::move(renderer));
-  overlay_.emplace(*run);
-  hello_ = renderer_->describe().dump();
+  overlay_.emplace(std::move(overlay));
+  hello_ = std::move(hello);
   const std::lock_guard lock(mutex_);
   for (const auto& [id, client] : clients_) client->begin_again();
   run_ = std::move(run);
@@ -505,6 +445,11 @@ void Viewer::send_score(ClientId id, Client& client) {
   }
   if (psnr_db)
     send(id, {{"kind", "score"}, {"id", client.view->id}, {"psnr_db", rounded(*psnr_db, 0.01)}});
+}
+
+bool Viewer::has_clients() const {
+  const std::lock_guard lock(mutex_);
+  return !clients_.empty();
 }
 
 /// Returns the number of clients that asked for something within the last second.

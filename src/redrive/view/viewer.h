@@ -58,6 +58,7 @@ class Viewer : public ServerEvents {
 
   void set_training(const Training& training);
   bool paused() const { return paused_; }  ///< by a page
+  bool has_clients() const;
   void show_again();  ///< the model has changed: makes the images that are shown once more
   void drop_jobs();   ///< the model is another object: forgets the images that are being made
 

@@ -292,6 +292,7 @@ TEST_F(ViewerTest, ShowsANewerRunToItsPages) {
   auto newer = std::make_shared<redrive::Run>();
   newer->recording = run_.recording;
   newer->options = run_.options;
+  newer->paths.root = folder_.path / "run\xff";  // not UTF-8
   newer->scene = make_scene(run_.recording, {.downscale = 2});
   newer->state.model = make_model();
   newer->state.step = 500;

@@ -119,7 +119,8 @@ export class Controls {
   showStep(loaded?: Date): void {
     const {run, method, step} = this.hello;
     const when = loaded ? `, loaded ${loaded.toLocaleTimeString()}` : "";
-    element("run").textContent = method ? `${run} · ${method}, step ${step}${when}` : `${run} · recording`;
+    element("run").textContent =
+      method ? `${run} · ${method}, step ${step}${when}` : `${run} · recording`;
   }
 
   selectCamera(name: string): void {

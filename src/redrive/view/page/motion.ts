@@ -25,7 +25,8 @@ function transpose(m: Matrix): Matrix {
   return [column(m, 0), column(m, 1), column(m, 2)];
 }
 
-/** body_from_camera of a turned camera: yaw about z of the body, then pitch about x of the camera. */
+/** body_from_camera of a turned camera: yaw about z of the body, then pitch about x of the
+ * camera. */
 function rotation(camera: CameraInfo, yaw_deg: number, pitch_deg: number): Matrix {
   const m = camera.body_from_sensor;
   const mounted: Matrix = [

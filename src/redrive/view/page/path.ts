@@ -6,6 +6,8 @@ import {quoted, setMove, type State} from "./state";
 
 const mostKeys = 256;
 const usualSeconds = 2;
+const [leastSeconds, mostSeconds] = [0.01, 600]; // between two views
+const longest_s = 3600; // as the program's kMaxPath_s
 
 /** A view, and how long it takes to get there from the one before. */
 interface Key extends Omit<Keyframe, "time_s"> {
@@ -72,8 +74,10 @@ export class PathPart {
     if (message.loaded && message.name) {
       this.stop();
       this.fps = message.loaded.fps;
-      this.keys = message.loaded.keyframes.map(({time_s, ...key}, i, all) =>
-        ({...key, seconds: i === 0 ? 0 : Math.round(1000 * (time_s - all[i - 1].time_s)) / 1000}));
+      this.keys = message.loaded.keyframes.map(({time_s, ...key}, i, all) => ({
+        ...key,
+        seconds: i === 0 ? usualSeconds : Math.round(1000 * (time_s - all[i - 1].time_s)) / 1000,
+      }));
       this.savedAs = message.name;
       element<HTMLInputElement>("path-name").value = message.name;
     }
@@ -82,6 +86,13 @@ export class PathPart {
 
   private duration(): number {
     return this.keys.slice(1).reduce((sum, {seconds}) => sum + seconds, 0);
+  }
+
+  /** Says where the path is longer than the program takes. */
+  private tooLong(): boolean {
+    if (Math.round(1000 * this.duration()) <= 1000 * longest_s) return false;
+    this.update(`At most ${longest_s} s.`);
+    return true;
   }
 
   private keyframes(): Keyframe[] {
@@ -128,7 +139,7 @@ export class PathPart {
   }
 
   private play(): void {
-    if (this.keys.length < 2) return;
+    if (this.keys.length < 2 || this.tooLong()) return;
     this.send({type: "path", fps: this.fps, keyframes: this.keyframes(), save: null});
     this.startedAt = performance.now();
     this.update();
@@ -146,6 +157,7 @@ export class PathPart {
     const {value: name} = element<HTMLInputElement>("path-name");
     if (!/^[A-Za-z0-9_-]{1,64}$/.test(name))
       return this.update("The name needs 1 to 64 letters, digits, _ or -.");
+    if (this.tooLong()) return;
     if (this.names.includes(name) && this.overwrites !== name) {
       this.overwrites = name;
       return this.update(`${name} exists; Save again to overwrite it.`);
@@ -183,7 +195,8 @@ export class PathPart {
     enable("path-copy", this.savedAs !== "");
     element("path-command").textContent = this.command();
     const list = element<HTMLSelectElement>("path-load");
-    list.replaceChildren(...["", ...this.names].map((name) => new Option(name || "load ...", name)));
+    const options = ["", ...this.names].map((name) => new Option(name || "load ...", name));
+    list.replaceChildren(...options);
     list.value = this.names.includes(this.savedAs) ? this.savedAs : "";
     list.disabled = this.names.length === 0;
   }
@@ -206,14 +219,15 @@ export class PathPart {
     if (index > 0) {
       const seconds = document.createElement("input");
       seconds.type = "number";
-      seconds.min = "0.1";
-      seconds.max = "600";
+      seconds.min = String(leastSeconds);
+      seconds.max = String(mostSeconds);
       seconds.step = "any";
       seconds.value = String(key.seconds);
       seconds.ariaLabel = `Seconds to view ${index + 1}`;
       seconds.addEventListener("change", () => {
         const value = Number(seconds.value);
-        if (value >= 0.01 && value <= 600) key.seconds = Math.round(1000 * value) / 1000;
+        if (value >= leastSeconds && value <= mostSeconds)
+          key.seconds = Math.round(1000 * value) / 1000;
         this.edited();
       });
       row.append(seconds, "s");

@@ -10,7 +10,8 @@ interface SceneData {
   fov: number; // vertical, degrees
   screen_variance: number; // pixels^2, that training adds
   background: [number, number, number]; // behind the Gaussians, r g b as displayed
-  drive: {t_s: number; camera_to_world: number[]}[]; // row by row, OpenGL camera axes, world z up
+  up: [number, number, number]; // in the world, of length 1
+  drive: {t_s: number; camera_to_world: number[]}[]; // row by row, OpenGL camera axes
 }
 
 const speed = 3; // metres a second; shift: four times
@@ -34,6 +35,7 @@ class ScenePage {
   // Depth and antialiasing do not help Gaussians, which are sorted and blended.
   private readonly renderer = new WebGLRenderer({canvas: this.canvas, antialias: false});
   private readonly scene = new Scene();
+  private readonly up = new Vector3(...this.data.up);
   readonly camera: PerspectiveCamera;
   private readonly held = new Set<string>();
   private readonly poses = this.data.drive.map(({camera_to_world}) => {
@@ -49,7 +51,6 @@ class ScenePage {
 
   constructor() {
     this.camera = new PerspectiveCamera(this.data.fov, 1, 0.1, 10000);
-    this.camera.up.set(0, 0, 1);
     // As the program draws them (field/gaussian.h): a filter that keeps the sum over the pixels,
     // Gaussians down to an alpha of 1/255 however large.
     this.scene.add(new SparkRenderer({
@@ -130,16 +131,16 @@ class ScenePage {
     if (move.lengthSq() === 0 && has("r") === has("f")) return;
     this.play(false);
     this.camera.position.add(move.applyQuaternion(this.camera.quaternion));
-    this.camera.position.z += way * (has("r") - has("f"));
+    this.camera.position.addScaledVector(this.up, way * (has("r") - has("f")));
   }
 
-  /** Turns about the world's z axis, then up. */
+  /** Turns about the world's direction up, then up. */
   private turn(left: number, up: number): void {
     this.play(false);
     const forward = new Vector3(0, 0, -1).applyQuaternion(this.camera.quaternion);
-    const pitch = Math.asin(Math.max(-1, Math.min(1, forward.z)));
+    const pitch = Math.asin(Math.max(-1, Math.min(1, forward.dot(this.up))));
     up = Math.max(-steepest, Math.min(steepest, pitch + up)) - pitch;
-    this.camera.quaternion.premultiply(new Quaternion().setFromAxisAngle(new Vector3(0, 0, 1), left));
+    this.camera.quaternion.premultiply(new Quaternion().setFromAxisAngle(this.up, left));
     this.camera.quaternion.multiply(new Quaternion().setFromAxisAngle(new Vector3(1, 0, 0), up));
   }
 

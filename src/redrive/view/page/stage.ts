@@ -59,7 +59,8 @@ export class Stage {
     }
     const part = {width: width / columns, height: height / rows};
     this.rendering = {x: 0, y: 0, ...part};
-    const other = wide ? {x: part.width, y: 0, ...part} : {x: 0, y: beside ? part.height : 0, ...part};
+    const other =
+      wide ? {x: part.width, y: 0, ...part} : {x: 0, y: beside ? part.height : 0, ...part};
     context.globalAlpha = 1;
     context.globalCompositeOperation = "source-over";
     context.fillStyle = "#000";

@@ -49,7 +49,8 @@ export function initialState(hello: Hello): State {
   };
 }
 
-/** Rounds to what a command shows: millimetres and hundredths of a degree. Angles stay in -180..180. */
+/** Rounds to what a command shows: millimetres and hundredths of a degree. Angles stay in
+ * -180..180. */
 export function setMove(state: State, move: Move, value: number): void {
   if (!Number.isFinite(value)) return;
   if (move === "yaw") value = ((((value + 180) % 360) + 360) % 360) - 180;

@@ -59,7 +59,8 @@ export class TrainingPanel {
     };
     this.chart.replaceChildren(
       line(loss.map((value) => Math.log(Math.max(value, 1e-9))), "loss"), line(psnr_db, "psnr"));
-    const text = `PSNR of training rays ${psnr_db[0].toFixed(1)} to ${psnr_db[last].toFixed(1)} dB, ` +
+    const text =
+      `PSNR of training rays ${psnr_db[0].toFixed(1)} to ${psnr_db[last].toFixed(1)} dB, ` +
       `loss ${loss[0].toPrecision(2)} to ${loss[last].toPrecision(2)}, to step ${steps[last]}`;
     this.chart.setAttribute("aria-label", text);
     this.curve.textContent = text;
