@@ -9,6 +9,8 @@ import os from "node:os";
 import path from "node:path";
 import {findBrowser, psnr, serve, status} from "./browser.mjs";
 
+import {dragTests} from "./viewer_drags.mjs";
+
 const [redrive, samples, modules, shots] = process.argv.slice(2);
 const launch = findBrowser(modules);
 const street = path.join(samples, "street");
@@ -57,6 +59,10 @@ async function psnrOfPage(page, file) {
 }
 
 const text = (page, id) => page.$eval(`#${id}`, (element) => element.textContent);
+
+/** Names of the path's keys. */
+const keyLabels = (page) => page.$$eval("#path-keys li",
+  (rows) => rows.map((row) => row.querySelector("button").textContent));
 
 /** Renders by the command that the page gives, into `file`. */
 function renderAsThePageSays(command, file) {
@@ -290,12 +296,10 @@ const tests = {
     await page.click("#path-add");
     await set(page, "frame", 12);
     await page.click("#path-add");
-    const labels = () => page.$$eval("#path-keys li",
-      (rows) => rows.map((row) => row.firstChild.textContent));
-    assert.deepEqual(await labels(),
+    assert.deepEqual(await keyLabels(page),
       [`1020 ${camera}`, `1020 ${camera}, moved`, `1028 ${camera}, moved`]);
     await page.click("#path-keys li:nth-child(3) [title='Earlier: view']");
-    assert.equal((await labels())[1], `1028 ${camera}, moved`);
+    assert.equal((await keyLabels(page))[1], `1028 ${camera}, moved`);
     await page.click("#path-keys li:nth-child(3) [title='Delete view']");
     await page.click("#path-play");
     await page.waitForFunction(() => document.getElementById("path-play").textContent === "Stop");
@@ -364,6 +368,8 @@ const tests = {
     await page.click("#home");
     await settled(page);
   },
+
+  ...dragTests({set, settled, labels: keyLabels}),
 
   async "fits a narrow page"(page) {
     await page.setViewport({width: 360, height: 740});

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // A camera of one's own on the car, as `redrive render --mount --lens` takes it (camera/mount.h),
 // and its part of the panel.
+import {CarPlan} from "./car_plan";
 import type {CameraInfo, Hello} from "./protocol";
 
 const numbers = ["x", "y", "z", "yaw", "pitch", "roll"] as const;
@@ -80,12 +81,13 @@ const labels: Record<string, string> = {
   fov: "wide, °", width: "wide, px", height: "high, px",
 };
 
-/** The fields of a mount. */
+/** The fields of a mount, and the drawing of the car, which sets some of them. */
 export class MountPanel {
   private readonly fields = {} as Record<string, HTMLInputElement>;
   private readonly lens = document.createElement("select");
+  private readonly plan: CarPlan | null = null; // where lengths are metres
 
-  /** `changed` gets every mount that the fields make. */
+  /** `changed` gets every mount that the fields and the drawing make. */
   constructor(
     place: HTMLElement, private readonly hello: Hello,
     private readonly changed: (mount: Mount) => void,
@@ -94,6 +96,8 @@ export class MountPanel {
     for (const name of ["pinhole", ...hello.cameras.map((camera) => camera.name)])
       this.lens.add(new Option(name === "pinhole" ? name : `of ${name}`, name));
     this.lens.addEventListener("change", () => this.read());
+    if (hello.metric)
+      this.plan = new CarPlan(place, () => hello.cameras, changed);
     const row = document.createElement("label");
     row.append("lens", this.lens);
     place.append(
@@ -107,6 +111,7 @@ export class MountPanel {
       if (document.activeElement !== field) field.value = String(value);
     };
     for (const name of numbers) set(this.fields[name], mount[name]);
+    this.plan?.show(mount);
     const found = pinhole(mount.lens);
     this.lens.value = found ? "pinhole" : mount.lens;
     sizes.forEach((name, i) => {

@@ -2,6 +2,7 @@
 // The panel's part for camera paths: a list of views with times, previewed, saved and loaded.
 import {element} from "./controls";
 import type {Hello, Keyframe, Paths} from "./protocol";
+import {dragToReorder, grip} from "./reorder";
 import {quoted, setMove, type State} from "./state";
 
 const mostKeys = 256;
@@ -39,6 +40,7 @@ export class PathPart {
       if (value) this.send({type: "load_path", name: value});
     });
     element("path-copy").addEventListener("click", () => void this.copy());
+    dragToReorder(element("path-keys"), (from, to) => this.move(from, to));
     for (const event of ["pointerdown", "wheel"])
       element("stage").addEventListener(event, () => this.stop());
     this.update();
@@ -125,6 +127,11 @@ export class PathPart {
     this.update();
   }
 
+  private move(from: number, to: number): void {
+    this.keys.splice(to, 0, ...this.keys.splice(from, 1));
+    this.edited();
+  }
+
   private show(key: Key): void {
     this.stop();
     this.state.novel = null;
@@ -203,6 +210,7 @@ export class PathPart {
 
   private row(key: Key, index: number): HTMLLIElement {
     const row = document.createElement("li");
+    if (this.keys.length > 1) row.append(grip());
     const button = (text: string, label: string, action: () => void, on = true) => {
       const made = document.createElement("button");
       made.type = "button";
@@ -232,12 +240,8 @@ export class PathPart {
       });
       row.append(seconds, "s");
     }
-    const swap = (a: number, b: number) => {
-      [this.keys[a], this.keys[b]] = [this.keys[b], this.keys[a]];
-      this.edited();
-    };
-    button("↑", "Earlier: view", () => swap(index, index - 1), index > 0);
-    button("↓", "Later: view", () => swap(index, index + 1), index + 1 < this.keys.length);
+    button("↑", "Earlier: view", () => this.move(index, index - 1), index > 0);
+    button("↓", "Later: view", () => this.move(index, index + 1), index + 1 < this.keys.length);
     button("✕", "Delete view", () => {
       this.keys.splice(index, 1);
       this.edited();
