@@ -74,10 +74,10 @@ export class CarPlan {
   show(mount: Mount): void {
     this.mount = mount;
     const cameras = this.cameras();
-    const points = [...cameras.map(({body_from_sensor: m}) => [m[3], m[7]]), [mount.x, mount.y]];
+    const out = (x: number, y: number) => Math.max(Math.abs(x - middle_x), Math.abs(y));
     if (!this.dragged)
-      this.reach = Math.max(leastReach,
-        ...points.map(([x, y]) => 1.2 * Math.max(Math.abs(x - middle_x), Math.abs(y))));
+      this.reach = Math.max(leastReach, 1.5 * out(mount.x, mount.y), // the tip is inside, too
+        ...cameras.map(({body_from_sensor: m}) => 1.2 * out(m[3], m[7])));
     this.drawCar(cameras);
     const [u, v] = this.inDrawing(mount.x, mount.y);
     const yaw = (mount.yaw * Math.PI) / 180;

@@ -97,7 +97,10 @@ export class MountPanel {
       this.lens.add(new Option(name === "pinhole" ? name : `of ${name}`, name));
     this.lens.addEventListener("change", () => this.read());
     if (hello.metric)
-      this.plan = new CarPlan(place, () => hello.cameras, changed);
+      this.plan = new CarPlan(place, () => hello.cameras, (dragged) => {
+        const mount = mountFrom(mountText(dragged), dragged.lens, hello);
+        if (mount) changed(mount);
+      });
     const row = document.createElement("label");
     row.append("lens", this.lens);
     place.append(
