@@ -185,7 +185,7 @@ TEST_F(ExportFormats, WritesAFolderWholeOrNotAtAll) {
   EXPECT_EQ(exported(drive_, "colmap").exit_code, kExitUsage);
   const ProgramResult foreign = exported(drive_, "colmap", {"--force"});
   EXPECT_EQ(foreign.exit_code, kExitUsage);
-  EXPECT_THAT(foreign.err, HasSubstr("no earlier export"));
+  EXPECT_THAT(foreign.err, HasSubstr("no folder that redrive made"));
   EXPECT_EQ(contents(folder_), before);
 
   fs::remove_all(out_);

@@ -1,6 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // redrive render --path on a small run.
+#include <signal.h>
+
+#include <chrono>
 #include <cstdlib>
+#include <thread>
 
 #include <nlohmann/json.hpp>
 
@@ -55,7 +59,7 @@ TEST_F(Path, StartsAndEndsAtItsKeyframes) {
       rendered({"--path", file_, "--out", out_, "--force", "--fps", "10", "--camera", kTinyFront})
           .exit_code,
       kExitOk);
-  EXPECT_EQ(contents(out_).size(), 2u);
+  EXPECT_EQ(contents(out_).size(), 3u) << "two images and the mark of the folder";
   EXPECT_EQ(read_image(out_ / "000001.png").width, 48);
 }
 
@@ -106,6 +110,19 @@ TEST_F(Path, WritesAVideoOfTheDrive) {
   EXPECT_EQ(stream.at("width"), 40);
   EXPECT_EQ(stream.at("height"), 24);
   EXPECT_NEAR(std::stod(stream.at("duration").get<std::string>()), 0.5, 1e-3);
+}
+
+TEST_F(Path, CtrlCLeavesNothing) {
+  const auto before = contents(folder_);
+  Program program(REDRIVE_BINARY, {"render", run_.string(), "--path", "drive", "--seconds", "600",
+                                   "--out", out_.string()});
+  for (int i = 0; i < 6000 && !fs::exists(folder_ / ".path.redrive-tmp/000001.png"); ++i)
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  program.send(SIGINT);
+  const ProgramResult ended = program.wait();
+  EXPECT_EQ(ended.exit_code, kExitInterrupted);
+  EXPECT_THAT(ended.err, HasSubstr("nothing written"));
+  EXPECT_EQ(contents(folder_), before);
 }
 
 TEST_F(Path, RefusesOtherOutputsAndOptions) {

@@ -21,7 +21,7 @@ enum ExitCode {
   kExitInsufficientData = 5,  ///< the input is valid, but does not determine the result
   kExitPreflightFailed = 6,   ///< inspect --report: errors that training would learn
   kExitDevice = 7,            ///< a GPU failed; checkpoints saved before are valid
-  kExitInterrupted = 130      ///< Ctrl-C; the state was saved
+  kExitInterrupted = 130      ///< Ctrl-C; a training saved its state, others wrote nothing
 };
 
 /// A recording, run or poses file that cannot be used.
@@ -67,6 +67,12 @@ class DeviceMemoryError : public UsageError {
  public:
   using UsageError::UsageError;
   explicit DeviceMemoryError(const std::string& message) : UsageError(message) {}
+};
+
+/// Ctrl-C, or another signal, ended work that leaves nothing behind.
+class Interrupted : public std::runtime_error {
+ public:
+  Interrupted() : std::runtime_error("interrupted, nothing written") {}
 };
 
 [[noreturn]] void check_failed(const char* file, int line, const char* expression,

@@ -8,11 +8,12 @@
 #include "redrive/base/cpu_features.h"
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
+#include "redrive/base/output_folder.h"
 #include "redrive/cli/backend_options.h"
 #include "redrive/cli/command.h"
 #include "redrive/cli/output_file.h"
+#include "redrive/cli/training.h"
 #include "redrive/cli/without_model.h"
-#include "redrive/export/export_folder.h"
 #include "redrive/export/field_points.h"
 #include "redrive/export/write_photo_set.h"
 #include "redrive/model/method.h"
@@ -69,15 +70,16 @@ void print_points(const PointCloud& points) {
 
 /// Folders of photographs.
 template <class Write>
-int export_photos(const ExportCommandOptions& options, const char* marker,
-                  bool (*has_camera)(const CameraCalibration&), const Write& write) {
-  check_export_folder("OUT", options.out, options.force, marker);
+int export_photos(const ExportCommandOptions& options, bool (*has_camera)(const CameraCalibration&), const Write& write) {
+  check_output_folder("OUT", options.out, options.force);
   const Source source = open_source(options.from);
   const PhotoSet set = make_photo_set(source.run.recording, source.run.scene, has_camera);
   ThreadPool pool(options.backend.threads > 0 ? options.backend.threads : hardware_threads());
   const PointCloud points = recorded_points(source.run, pool);
-  write_export_folder(
-      options.out, [&](const std::filesystem::path& folder) { write(folder, set, points, pool); });
+  const std::atomic<bool>& stop = stop_on_signal();
+  write_output_folder(options.out, [&](const std::filesystem::path& folder) {
+    write(folder, set, points, pool, stop);
+  });
   std::printf("%s: %s of %s%s\nworld: %s\n", options.out.c_str(),
               counted(set.photos.size(), "image").c_str(),
               counted(set.cameras.size(), "camera").c_str(),
@@ -89,11 +91,11 @@ int export_photos(const ExportCommandOptions& options, const char* marker,
 }
 
 int export_colmap(const ExportCommandOptions& options) {
-  return export_photos(options, kColmapMarker, is_colmap_camera, write_colmap);
+  return export_photos(options, is_colmap_camera, write_colmap);
 }
 
 int export_transforms(const ExportCommandOptions& options) {
-  return export_photos(options, kTransformsMarker, is_transforms_camera, write_transforms);
+  return export_photos(options, is_transforms_camera, write_transforms);
 }
 
 int export_ply(const ExportCommandOptions& options) {

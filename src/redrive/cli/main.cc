@@ -94,6 +94,8 @@ int main(int argc, char** argv) {
     return print_error(error, redrive::kExitIo);
   } catch (const redrive::DeviceError& error) {
     return print_error(error, redrive::kExitDevice);
+  } catch (const redrive::Interrupted& error) {
+    return print_error(error, redrive::kExitInterrupted);
   } catch (const std::filesystem::filesystem_error& error) {  // a name too long, a loop of links
     return print_error(error, redrive::kExitBadInput);
   } catch (const std::bad_alloc&) {

@@ -4,10 +4,10 @@
 #include <charconv>
 #include <cstdio>
 #include <filesystem>
-#include <memory>
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
+#include "redrive/base/output_folder.h"
 #include "redrive/cli/image_progress.h"
 #include "redrive/cli/output_file.h"
 #include "redrive/cli/render_options.h"
@@ -23,70 +23,10 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// Where the images of a path go, in order. It has its name once finish() has returned, and leaves
-/// nothing where that was not called.
-struct ImageSink {
-  virtual ~ImageSink() = default;
-  virtual void add(const Image8& image) = 0;
-  virtual void finish() = 0;
-};
-
-class VideoSink : public ImageSink {
- public:
-  VideoSink(const fs::path& file, const Camera& camera, double fps)
-      : video_(file, camera.width, camera.height, fps) {}
-  void add(const Image8& image) override { video_.add(image); }
-  void finish() override { video_.finish(); }
-
- private:
-  VideoWriter video_;
-};
-
 std::string image_name(int index) {
   std::string digits = std::to_string(index);
   return digits.insert(0, 6 - std::min<std::size_t>(6, digits.size()), '0') + ".png";
 }
-
-/// Whether a folder holds images as FolderSink writes them and nothing else.
-bool holds_images_alone(const fs::path& folder) {
-  return std::ranges::all_of(fs::directory_iterator(folder), [](const fs::directory_entry& entry) {
-    const std::string stem = entry.path().stem().string();
-    return entry.is_regular_file() && entry.path().extension() == ".png" && stem.size() >= 6 &&
-           stem.find_first_not_of("0123456789") == std::string::npos;
-  });
-}
-
-/// A folder of 000000.png, 000001.png and so on, made under a temporary name.
-class FolderSink : public ImageSink {
- public:
-  explicit FolderSink(const fs::path& folder)
-      : folder_(folder), temporary_(beside(".redrive-tmp")) {
-    std::error_code error;
-    fs::remove_all(temporary_, error);  // of a program that was killed
-    if (!fs::create_directory(temporary_, error)) throw IoError(temporary_, error.message());
-  }
-  ~FolderSink() override {
-    std::error_code error;
-    fs::remove_all(temporary_, error);
-  }
-  void add(const Image8& image) override { write_image(temporary_ / image_name(images_++), image); }
-  void finish() override {
-    const fs::path old = beside(".redrive-old");
-    std::error_code error;
-    fs::remove_all(old, error);
-    if (fs::exists(folder_)) fs::rename(folder_, old, error);
-    if (!error) fs::rename(temporary_, folder_, error);
-    if (error) throw IoError(folder_, error.message());
-    fs::remove_all(old, error);
-  }
-
- private:
-  fs::path beside(const char* ending) const {
-    return folder_.parent_path() / ("." + folder_.filename().string() + ending);
-  }
-  fs::path folder_, temporary_;
-  int images_ = 0;
-};
 
 bool is_video(const fs::path& out) { return has_extension(out, {".mp4"}); }
 
@@ -107,11 +47,7 @@ fs::path checked_output(const RenderOptions& options) {
                      "must be a video that ends in .mp4, or a folder for PNGs");
   if (const fs::path parent = out.parent_path(); !parent.empty() && !fs::is_directory(parent))
     throw UsageError("--out", options.out, "its folder does not exist");
-  if (!fs::exists(out)) return out;
-  if (!options.force) throw UsageError("--out", options.out, "exists; --force overwrites it");
-  if (!fs::is_directory(out) || !holds_images_alone(out))
-    throw UsageError("--out", options.out,
-                     "is not a folder of such images alone; --force overwrites only those");
+  check_output_folder("--out", out, options.force);
   return out;
 }
 
@@ -159,31 +95,31 @@ int render_path(const RenderOptions& options) {
   std::printf("%s\n", kernels::describe(*backend).c_str());
   check_device_memory(run, *backend, run.state.model->rendering_work());
   const std::atomic<bool>& stop = stop_on_signal();
-  std::unique_ptr<ImageSink> sink;
-  if (is_video(out))
-    sink = std::make_unique<VideoSink>(out, lens, path.fps);
-  else
-    sink = std::make_unique<FolderSink>(out);
-
   const int images = path.images();
   const auto progress = image_progress("rendered");
   std::optional<RayTable> rays;
   double fov_deg = 0;
-  for (int i = 0; i < images; ++i) {
-    if (stop) {
-      std::fprintf(stderr, "redrive: interrupted, nothing written\n");
-      return kExitInterrupted;
-    }
+  const auto image_at = [&](int i) {
+    if (stop) throw Interrupted();
     const PathKey key = path.at_image(i);
     if (own_lens) lens = with_fov(lens, key.fov_deg);
     if (!rays || (own_lens && key.fov_deg != fov_deg))
       rays = make_ray_table(lens, backend->threads());
     fov_deg = key.fov_deg;
-    sink->add(to_image8(
-        render_image(*backend, *run.state.model, *rays, key.world_from_camera, exposure)));
+    const Image8 image = to_image8(
+        render_image(*backend, *run.state.model, *rays, key.world_from_camera, exposure));
     if (progress) progress(i + 1, images);
+    return image;
+  };
+  if (is_video(out)) {
+    VideoWriter video(out, lens.width, lens.height, path.fps);
+    for (int i = 0; i < images; ++i) video.add(image_at(i));
+    video.finish();
+  } else {
+    write_output_folder(out, [&](const fs::path& folder) {
+      for (int i = 0; i < images; ++i) write_image(folder / image_name(i), image_at(i));
+    });
   }
-  sink->finish();
   std::printf("%s: %d images, %s, %g a second, %.2f s\n", out.c_str(), images,
               size_text(lens.width, lens.height).c_str(), path.fps, images / path.fps);
   return kExitOk;

@@ -85,7 +85,8 @@ void write_photo_mask(const fs::path& folder, const Photo& photo, const Resampli
 }
 
 /// Copies or resamples the images, and writes masks.
-void write_images(const fs::path& folder, const PhotoSet& set, ThreadPool& pool) {
+void write_images(const fs::path& folder, const PhotoSet& set, ThreadPool& pool,
+                  const std::atomic<bool>& stop) {
   std::vector<std::optional<Resampling>> resampling(set.cameras.size());
   pool.run(static_cast<int>(set.cameras.size()), [&](int c) {
     if (set.cameras[c].resampled) resampling[c] = make_resampling(set.cameras[c]);
@@ -93,6 +94,7 @@ void write_images(const fs::path& folder, const PhotoSet& set, ThreadPool& pool)
   for (const Photo& photo : set.photos)
     make_folders((folder / "images" / photo.name).parent_path());
   pool.run(static_cast<int>(set.photos.size()), [&](int i) {
+    if (stop) throw Interrupted();
     const Photo& photo = set.photos[i];
     const Resampling* how = resampling[photo.camera] ? &*resampling[photo.camera] : nullptr;
     const fs::path out = folder / "images" / photo.name;
@@ -167,8 +169,8 @@ bool is_transforms_camera(const CameraCalibration& calibration) {
 }
 
 void write_colmap(const fs::path& folder, const PhotoSet& set, const PointCloud& points,
-                  ThreadPool& pool) {
-  write_images(folder, set, pool);
+                  ThreadPool& pool, const std::atomic<bool>& stop) {
+  write_images(folder, set, pool, stop);
   std::vector<colmap::CameraRecord> cameras;
   for (const PhotoCamera& camera : set.cameras) {
     cameras.push_back(*colmap::to_record(camera.calibration));
@@ -196,8 +198,8 @@ void write_colmap(const fs::path& folder, const PhotoSet& set, const PointCloud&
 }
 
 void write_transforms(const fs::path& folder, const PhotoSet& set, const PointCloud& points,
-                      ThreadPool& pool) {
-  write_images(folder, set, pool);
+                      ThreadPool& pool, const std::atomic<bool>& stop) {
+  write_images(folder, set, pool, stop);
   json document = json::object();
   // nerfstudio takes the camera model of the whole file.
   if (set.cameras.size() == 1) document = intrinsics(set.cameras[0].calibration);

@@ -2,15 +2,13 @@
 // Folders of posed photographs for COLMAP, nerfstudio and what reads theirs.
 #pragma once
 
+#include <atomic>
+
 #include "redrive/base/parallel.h"
 #include "redrive/export/photo_set.h"
 #include "redrive/scene/point_cloud.h"
 
 namespace redrive {
-
-/// Files that tell such folders (export/export_folder.h).
-constexpr const char *kColmapMarker = "sparse/0/cameras.bin",
-                     *kTransformsMarker = "transforms.json";
 
 /// Most points that are written, thinned evenly.
 constexpr std::size_t kMaxExportedPoints = 1'000'000;
@@ -21,12 +19,12 @@ bool is_transforms_camera(const CameraCalibration& calibration);
 
 /// Writes images/, masks/ (COLMAP's names, <image>.png, black is masked) and sparse/0 with cameras,
 /// images and points3D as .bin and .txt. `points`: in the scene's world. InputError for an image
-/// that cannot be read, IoError.
+/// that cannot be read, IoError, Interrupted once `stop` is set.
 void write_colmap(const std::filesystem::path& folder, const PhotoSet& set,
-                  const PointCloud& points, ThreadPool& pool);
+                  const PointCloud& points, ThreadPool& pool, const std::atomic<bool>& stop);
 /// Writes images/, masks/, transforms.json and points.ply, if there are points.
 void write_transforms(const std::filesystem::path& folder, const PhotoSet& set,
-                      const PointCloud& points, ThreadPool& pool);
+                      const PointCloud& points, ThreadPool& pool, const std::atomic<bool>& stop);
 
 /// Returns the points as a PLY, thinned, with colours.
 std::string point_cloud_ply(const PointCloud& points, const Rigid3d& world_from_scene);

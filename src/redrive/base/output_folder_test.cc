@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/base/output_folder.h"
+
+#include <gtest/gtest.h>
+
+#include "redrive/base/error.h"
+#include "redrive/base/files.h"
+#include "redrive/base/temporary_folder_testing.h"
+
+namespace redrive {
+namespace {
+
+namespace fs = std::filesystem;
+
+class OutputFolderTest : public ::testing::Test {
+ protected:
+  void write(const char* text) const {
+    write_output_folder(out_, [&](const fs::path& folder) { write_file(folder / "a", text); });
+  }
+  std::ptrdiff_t entries() const {
+    return std::distance(fs::directory_iterator(folder_.path), fs::directory_iterator());
+  }
+
+  TemporaryFolder folder_;
+  const fs::path out_ = folder_.path / "out";
+};
+
+TEST_F(OutputFolderTest, ReplacesOnlyWhatItMade) {
+  EXPECT_NO_THROW(check_output_folder("OUT", out_, false));
+  write("first");
+  EXPECT_THROW(check_output_folder("OUT", out_, false), UsageError);
+  EXPECT_NO_THROW(check_output_folder("OUT", out_, true));
+  write("second");
+  EXPECT_EQ(read_file(out_ / "a"), "second");
+  EXPECT_EQ(entries(), 1);
+  for (const char* file : {"sparse/0/cameras.bin", "transforms.json", "000000.png"}) {
+    const fs::path foreign = folder_.path / "foreign";
+    folder_.write(foreign / file, "");
+    EXPECT_THROW(check_output_folder("OUT", foreign, true), UsageError) << file;
+    fs::remove_all(foreign);
+  }
+}
+
+TEST_F(OutputFolderTest, LeavesEverythingAsItWas) {
+  write("first");
+  const auto fail = [](const fs::path& folder) {
+    write_file(folder / "a", "half");
+    throw Interrupted();
+  };
+  EXPECT_THROW(write_output_folder(out_, fail), Interrupted);
+  EXPECT_EQ(read_file(out_ / "a"), "first");
+  EXPECT_EQ(entries(), 1);
+}
+
+TEST_F(OutputFolderTest, RemovesWhatAKilledProgramLeft) {
+  folder_.write(".out.redrive-tmp/b", "half");
+  folder_.write(".out.redrive-old/b", "old");
+  write("first");
+  write("second");
+  EXPECT_FALSE(fs::exists(out_ / "b"));
+  EXPECT_EQ(entries(), 1);
+}
+
+}  // namespace
+}  // namespace redrive
