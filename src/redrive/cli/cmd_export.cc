@@ -70,7 +70,8 @@ void print_points(const PointCloud& points) {
 
 /// Folders of photographs.
 template <class Write>
-int export_photos(const ExportCommandOptions& options, bool (*has_camera)(const CameraCalibration&), const Write& write) {
+int export_photos(const ExportCommandOptions& options, bool (*has_camera)(const CameraCalibration&),
+                  const Write& write) {
   check_output_folder("OUT", options.out, options.force);
   const Source source = open_source(options.from);
   const PhotoSet set = make_photo_set(source.run.recording, source.run.scene, has_camera);
@@ -86,6 +87,8 @@ int export_photos(const ExportCommandOptions& options, bool (*has_camera)(const 
               source.is_run ? ", poses of the run" : ", poses as recorded", set.world.c_str());
   print_points(points);
   for (const std::string& what : set.left_out) std::printf("not exported: %s\n", what.c_str());
+  if (write == write_transforms && has_two_kinds_of_lenses(set))
+    std::printf("not exported: lenses of two kinds, of which nerfstudio takes one\n");
   if (source.is_run) std::printf("not exported: the field, exposures and masks of the run\n");
   return kExitOk;
 }

@@ -106,8 +106,8 @@ int render_path(const RenderOptions& options) {
     if (!rays || (own_lens && key.fov_deg != fov_deg))
       rays = make_ray_table(lens, backend->threads());
     fov_deg = key.fov_deg;
-    const Image8 image = to_image8(
-        render_image(*backend, *run.state.model, *rays, key.world_from_camera, exposure));
+    const Image8 image =
+        to_image8(render_image(*backend, *run.state.model, *rays, key.world_from_camera, exposure));
     if (progress) progress(i + 1, images);
     return image;
   };

@@ -25,7 +25,7 @@ std::vector<PlyPoint> field_points(const Run& run, kernels::Backend& backend, st
     const Camera& camera = scene.rig[view->camera].camera;
     pixels += static_cast<std::size_t>(camera.width) * camera.height;
   }
-  const std::size_t every = std::max<std::size_t>(1, pixels / most);
+  const std::size_t every = std::max<std::size_t>(1, (pixels + most - 1) / most);
 
   std::vector<PlyPoint> points;
   RayTable table;

@@ -88,12 +88,16 @@ PhotoSet make_photo_set(const Recording& recording, const Scene& scene,
   std::set<std::filesystem::path> names;
   for (const View& view : scene.views) {
     const PhotoCamera& camera = set.cameras[view.camera];
-    std::filesystem::path file = view.image.filename();
+    // A name ends at a blank in COLMAP's text files.
+    std::string name = view.image.filename().string();
+    std::ranges::replace_if(
+        name, [](char c) { return c == ' ' || c == '\t'; }, '_');
+    std::filesystem::path file = name;
     if (camera.resampled) file.replace_extension(".png");
     // Folders of photographs may share names.
-    if (!names.insert(camera.calibration.name / file).second)
-      file = std::to_string(scene.frames[view.frame].id) + "_" + file.string();
-    names.insert(camera.calibration.name / file);
+    const std::string once = file.string();
+    for (int n = 1; !names.insert(camera.calibration.name / file).second; ++n)
+      file = std::to_string(n) + "_" + once;
     set.photos.push_back({camera.calibration.name / file, view.image, view.camera,
                           set.world_from_scene * scene.world_from_camera(view), view.mask,
                           view.held_out});

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/export/write_photo_set.h"
 
+#include <algorithm>
 #include <cmath>
 #include <optional>
 
@@ -114,6 +115,19 @@ void write_images(const fs::path& folder, const PhotoSet& set, ThreadPool& pool,
   });
 }
 
+/// nerfstudio wants a mask of every photo or of none: where some have one, gives the others a white
+/// one.
+void add_missing_masks(const fs::path& folder, const PhotoSet& set, ThreadPool& pool) {
+  if (!fs::exists(folder / "masks")) return;
+  pool.run(static_cast<int>(set.photos.size()), [&](int i) {
+    const fs::path file = folder / mask_name(set.photos[i]);
+    if (fs::exists(file)) return;
+    const CameraCalibration& camera = set.cameras[set.photos[i].camera].calibration;
+    const auto pixels = static_cast<std::size_t>(camera.width) * camera.height;
+    write_mask(file, camera.width, camera.height, std::vector<std::uint8_t>(pixels, 255));
+  });
+}
+
 /// Calls `use` with the index of each point that is written.
 template <class Use>
 void for_each_exported(const PointCloud& points, const Use& use) {
@@ -168,6 +182,12 @@ bool is_transforms_camera(const CameraCalibration& calibration) {
   return calibration.model == "opencv_pinhole" || calibration.model == "opencv_fisheye";
 }
 
+bool has_two_kinds_of_lenses(const PhotoSet& set) {
+  return std::ranges::any_of(set.cameras, [&](const PhotoCamera& camera) {
+    return camera.calibration.model != set.cameras[0].calibration.model;
+  });
+}
+
 void write_colmap(const fs::path& folder, const PhotoSet& set, const PointCloud& points,
                   ThreadPool& pool, const std::atomic<bool>& stop) {
   write_images(folder, set, pool, stop);
@@ -200,9 +220,12 @@ void write_colmap(const fs::path& folder, const PhotoSet& set, const PointCloud&
 void write_transforms(const fs::path& folder, const PhotoSet& set, const PointCloud& points,
                       ThreadPool& pool, const std::atomic<bool>& stop) {
   write_images(folder, set, pool, stop);
+  add_missing_masks(folder, set, pool);
   json document = json::object();
-  // nerfstudio takes the camera model of the whole file.
-  if (set.cameras.size() == 1) document = intrinsics(set.cameras[0].calibration);
+  if (set.cameras.size() == 1)
+    document = intrinsics(set.cameras[0].calibration);
+  else if (!has_two_kinds_of_lenses(set))  // nerfstudio takes the camera model of the whole file
+    document["camera_model"] = intrinsics(set.cameras[0].calibration).at("camera_model");
   document["frames"] = json::array();
   json train = json::array(), test = json::array();
   for (const Photo& photo : set.photos) {
@@ -218,6 +241,7 @@ void write_transforms(const fs::path& folder, const PhotoSet& set, const PointCl
   }
   if (!test.empty()) {
     document["train_filenames"] = train;
+    document["val_filenames"] = test;  // nerfstudio wants all three
     document["test_filenames"] = test;
   }
   if (points.n > 0) {

@@ -17,12 +17,17 @@ constexpr std::size_t kMaxExportedPoints = 1'000'000;
 bool is_colmap_camera(const CameraCalibration& calibration);
 bool is_transforms_camera(const CameraCalibration& calibration);
 
+/// Whether a set of transforms cameras has pinholes and fisheyes, which nerfstudio cannot read as
+/// one set.
+bool has_two_kinds_of_lenses(const PhotoSet& set);
+
 /// Writes images/, masks/ (COLMAP's names, <image>.png, black is masked) and sparse/0 with cameras,
 /// images and points3D as .bin and .txt. `points`: in the scene's world. InputError for an image
 /// that cannot be read, IoError, Interrupted once `stop` is set.
 void write_colmap(const std::filesystem::path& folder, const PhotoSet& set,
                   const PointCloud& points, ThreadPool& pool, const std::atomic<bool>& stop);
-/// Writes images/, masks/, transforms.json and points.ply, if there are points.
+/// Writes images/, masks/ (of all images or of none), transforms.json and points.ply, if there are
+/// points. Throws as write_colmap.
 void write_transforms(const std::filesystem::path& folder, const PhotoSet& set,
                       const PointCloud& points, ThreadPool& pool, const std::atomic<bool>& stop);
 

@@ -17,9 +17,10 @@ namespace redrive {
 namespace {
 
 namespace fs = std::filesystem;
-using ::testing::Contains;
+using ::testing::Each;
+using ::testing::ElementsAre;
 using ::testing::HasSubstr;
-using ::testing::IsEmpty;
+using ::testing::Not;
 
 /// The test recording: FISHEYE (mei), FRONT (opencv_pinhole), two frames.
 class WritePhotoSetTest : public ::testing::Test {
@@ -42,13 +43,73 @@ class WritePhotoSetTest : public ::testing::Test {
 TEST_F(WritePhotoSetTest, LeavesNothingWhenStopped) {
   stop_ = true;
   EXPECT_THROW(
-      write_output_folder(out_,
-                          [&](const fs::path& folder) {
-                            write_colmap(folder, set(), {}, pool_, stop_);
-                          }),
+      write_output_folder(
+          out_, [&](const fs::path& folder) { write_colmap(folder, set(), {}, pool_, stop_); }),
       Interrupted);
   EXPECT_FALSE(fs::exists(out_));
   EXPECT_FALSE(fs::exists(folder_.path / ".out.redrive-tmp"));
+}
+
+TEST_F(WritePhotoSetTest, GivesAllPhotosAMaskOrNone) {
+  const PhotoSet resampled = set();
+  const auto frames = transforms(resampled).at("frames");
+  ASSERT_EQ(frames.size(), 4u);
+  bool found = false;
+  for (std::size_t i = 0; i < frames.size(); ++i) {
+    const Image8 image = read_image(out_ / frames[i].at("file_path").get<std::string>()),
+                 mask = read_image(out_ / frames[i].at("mask_path").get<std::string>());
+    EXPECT_EQ(mask.width, image.width);
+    EXPECT_EQ(mask.height, image.height);
+    if (resampled.cameras[resampled.photos[i].camera].resampled) continue;
+    found = true;
+    EXPECT_THAT(mask.rgb, Each(255)) << "FRONT has none";
+  }
+  EXPECT_TRUE(found);
+
+  fs::remove_all(out_);
+  recording_.cameras.erase(recording_.cameras.begin());  // FISHEYE
+  EXPECT_THAT(transforms(set()).at("frames").dump(), Not(HasSubstr("mask_path")));
+}
+
+TEST_F(WritePhotoSetTest, NamesEverySplitThatNerfstudioAsksFor) {
+  PhotoSet split = set();
+  split.photos[1].held_out = true;
+  const nlohmann::json file = transforms(split);
+  EXPECT_EQ(file.at("train_filenames").size(), 3u);
+  EXPECT_EQ(file.at("val_filenames"), file.at("test_filenames"));
+  EXPECT_EQ(file.at("test_filenames").at(0), file.at("frames").at(1).at("file_path"));
+}
+
+TEST_F(WritePhotoSetTest, NamesACameraModelThatAllShare) {
+  const PhotoSet mixed = set();
+  EXPECT_TRUE(has_two_kinds_of_lenses(mixed));
+  EXPECT_FALSE(transforms(mixed).contains("camera_model"));
+  fs::remove_all(out_);
+  RecordedCamera& fisheye = recording_.cameras[0];
+  fisheye.calibration.model = "opencv_fisheye";
+  fisheye.calibration.parameters.resize(8, 0);
+  RecordedCamera& other = recording_.cameras[1];
+  other.calibration.model = "opencv_fisheye";
+  other.calibration.parameters = {22, 20, 11.5, 7.5, 0, 0, 0, 0};
+  const PhotoSet same = set();
+  EXPECT_FALSE(has_two_kinds_of_lenses(same));
+  const nlohmann::json file = transforms(same);
+  EXPECT_EQ(file.at("camera_model"), "OPENCV_FISHEYE");
+  EXPECT_NE(file.at("frames").at(0).at("w"), file.at("frames").at(3).at("w"));
+}
+
+TEST_F(WritePhotoSetTest, NamesPhotosOnceAndWithoutBlanks) {
+  std::vector<ImageFile>& images = recording_.cameras[1].images;  // FRONT, copied
+  for (std::size_t i = 0; i < images.size(); ++i) {
+    const fs::path file = folder_.path / std::to_string(i) / "a photo\t1.png";
+    fs::create_directories(file.parent_path());
+    fs::copy_file(images[i].path, file);
+    images[i].path = file;
+  }
+  std::vector<std::string> names;
+  for (const Photo& photo : set().photos)
+    if (photo.name.parent_path() == "FRONT") names.push_back(photo.name.filename().string());
+  EXPECT_THAT(names, ElementsAre("a_photo_1.png", "1_a_photo_1.png"));
 }
 
 }  // namespace
