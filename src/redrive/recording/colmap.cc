@@ -19,9 +19,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// Points further from the origin, which few images triangulate badly, are left out.
-constexpr double kMaxDistance = 1e7;
-
 /// The folder of the model's files; empty if there is none.
 fs::path find_model(const fs::path& root) {
   for (const char* folder : {"sparse/0", "sparse", ""})
@@ -60,7 +57,8 @@ class Reader final : public RecordingReader {
   std::vector<StaticPoint> read_points(const Recording& recording) const override {
     std::vector<StaticPoint> points;
     for (const PointRecord& record : read_point_records(recording.points_file)) {
-      if (!(record.in_world.norm() <= kMaxDistance)) continue;
+      // Too few images saw a point so far away.
+      if (!(record.in_world.norm() <= photographs::kMaxDistance)) continue;
       StaticPoint point{record.in_world, {}, !record.images.empty()};
       for (const std::int64_t image : record.images)
         if (const auto frame = frame_of_image_.find(image); frame != frame_of_image_.end())
@@ -113,7 +111,9 @@ std::optional<BoundingCube> bounds_of(const std::vector<FramePose>& frames,
   box.extend(low);
   box.extend(high);
   const double side = box.sizes().maxCoeff();
-  if (!(side > 1e-6 && box.center().norm() <= kMaxDistance)) return std::nullopt;
+  if (!(side > 1e-6 && side <= photographs::kMaxDistance &&
+        box.center().norm() <= photographs::kMaxDistance))
+    return std::nullopt;
   return BoundingCube{box.center(), 0.5 * side};
 }
 

@@ -10,6 +10,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/recording/little_endian.h"
+#include "redrive/recording/photographs.h"
 #include "redrive/recording/text_lines.h"
 
 namespace redrive::colmap {
@@ -18,7 +19,6 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr double kAny = std::numeric_limits<double>::max();
-constexpr double kMaxPosition = 1e7;  // as of other formats
 constexpr std::int64_t kMaxId = std::numeric_limits<std::uint32_t>::max();
 
 std::string record_name(std::string_view kind, std::int64_t id) {
@@ -49,7 +49,7 @@ Rigid3d pose_from(const std::array<double, 7>& numbers, const std::string& recor
                      "must have the length 1");
   Rigid3d camera_from_world(q.normalized().toRotationMatrix());
   camera_from_world.translation() = Eigen::Vector3d(numbers[4], numbers[5], numbers[6]);
-  if (!(camera_from_world.translation().norm() <= kMaxPosition))
+  if (!(camera_from_world.translation().norm() <= photographs::kMaxDistance))
     throw InputError(file, record + " translation",
                      std::to_string(camera_from_world.translation().norm()),
                      "must be a position within 1e7 of the origin");
@@ -67,10 +67,18 @@ std::string checked_name(std::string_view name, const std::string& record, const
   return path.string();
 }
 
-/// Keeps each image of a track once.
-void add_observation(std::int64_t image, std::vector<std::int64_t>* images) {
-  if (std::ranges::find(*images, image) == images->end()) images->push_back(image);
-}
+/// Keeps each image of a track once, in the order of the file.
+class Track {
+ public:
+  explicit Track(std::vector<std::int64_t>* images) : images_(images) {}
+  void add(std::int64_t image) {
+    if (known_.insert(image).second) images_->push_back(image);
+  }
+
+ private:
+  std::vector<std::int64_t>* images_;
+  std::set<std::int64_t> known_;
+};
 
 [[noreturn]] void refuse_model(const fs::path& file, const std::string& field,
                                const std::string& value) {
@@ -252,8 +260,9 @@ std::vector<PointRecord> parse_points_text(std::string_view text, const fs::path
       point.rgb[k] =
           static_cast<std::uint8_t>(line.integer(4 + k, std::string_view(&"RGB"[k], 1), 0, 255));
     }
+    Track track(&point.images);
     for (std::size_t i = 8; i < line.size(); i += 2)
-      add_observation(line.integer(i, "IMAGE_ID", 0, kMaxId), &point.images);
+      track.add(line.integer(i, "IMAGE_ID", 0, kMaxId));
     points.push_back(std::move(point));
   });
   return points;
@@ -268,8 +277,9 @@ std::vector<PointRecord> parse_points_binary(std::string_view bytes, const fs::p
     for (int k = 0; k < 3; ++k) point.in_world[k] = in.take_number(record + " " + "XYZ"[k]);
     for (std::uint8_t& value : point.rgb) value = in.take<std::uint8_t>(record + " colour");
     in.take<double>(record + " error");
+    Track track(&point.images);
     for (std::uint64_t left = in.take_count(record + " length of its track", 8); left > 0; --left) {
-      add_observation(in.take<std::uint32_t>(record + " track"), &point.images);
+      track.add(in.take<std::uint32_t>(record + " track"));
       in.skip(sizeof(std::uint32_t));
     }
   }

@@ -54,7 +54,7 @@ std::vector<PointRecord> parse_points_binary(std::string_view bytes,
 struct ModelFiles {
   std::string cameras, images, points;
 };
-// Return the files that the parsers above read back, bit for bit. Images have no features, so
+// Return the files that the parsers above read back, poses to rounding. Images have no features, so
 // tracks name feature 0, and errors of points are -1, COLMAP's word for unknown.
 ModelFiles make_text(const std::vector<CameraRecord>& cameras,
                      const std::vector<ImageRecord>& images,

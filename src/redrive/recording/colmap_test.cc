@@ -125,6 +125,23 @@ TEST_F(ColmapTest, ReadsBinaryModelsAndOtherFolders) {
                               HasSubstr("gone.png")));
 }
 
+TEST_F(ColmapTest, HasNoBoundsAroundPointsTooFarAway) {
+  write_model();
+  folder_.write("sparse/0/points3D.txt",
+                "1 -3e7 0 0 1 2 3 0\n2 3e7 0 0 1 2 3 0\n3 4e7 0 0 1 2 3 0\n");
+  EXPECT_FALSE(opened().bounds);
+}
+
+// A track may be as long as the file.
+TEST_F(ColmapTest, ReadsALongTrackOnceInItsOrder) {
+  constexpr int kImagesOfTrack = 200000;
+  std::string line = "1 0 0 5 1 2 3 0.5";
+  for (int i = kImagesOfTrack; i > 0; --i) line += " " + std::to_string(i) + " 0";
+  const auto points = colmap::parse_points_text(line + " 7 1 8 0\n", "f");
+  ASSERT_EQ(points.at(0).images.size(), static_cast<std::size_t>(kImagesOfTrack));
+  EXPECT_EQ(points[0].images[0], kImagesOfTrack);
+}
+
 TEST_F(ColmapTest, RejectsModelsThatDoNotFitTogether) {
   write_model();
   folder_.write("sparse/0/images.txt", "3 1 0 0 0 0 0 0 2 a/2.png\n\n");

@@ -9,6 +9,8 @@
 namespace redrive::photographs {
 
 constexpr std::int64_t kFrameTime_ns = 1'000'000'000;  ///< Recording::metric
+/// Most a camera or a point may be away from the origin, in any unit; as for ECEF in metres.
+constexpr double kMaxDistance = 1e7;
 
 /// Columns: the camera's x (right), y (down) and z (forward) in body axes x forward, y left, z up.
 inline Rigid3d body_from_camera() {

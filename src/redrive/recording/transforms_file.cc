@@ -19,7 +19,6 @@
 namespace redrive::transforms {
 namespace {
 
-constexpr double kMaxPosition = 1e7;  // as for ECEF
 constexpr double kMaxScale = 1e6;
 
 /// Fields of a frame, which take precedence over those of the file.
@@ -143,7 +142,7 @@ CameraCalibration camera_from_json(const Intrinsics& intrinsics, const ImageSize
 
 Rigid3d global_from_body_from_matrix(const JsonField& field) {
   Rigid3d global_from_body = rigid_from_json(field);
-  if (global_from_body.translation().norm() > kMaxPosition)
+  if (global_from_body.translation().norm() > photographs::kMaxDistance)
     field.fail("expected a position within 1e7 of the origin");
   // Columns: the body's x (forward), y (left) and z (up) in OpenGL's camera axes x right, y up, z
   // backward.
@@ -168,7 +167,8 @@ std::optional<BoundingCube> bounds_from_json(const JsonField& root) {
                               high = aabb.at(std::size_t{1}).numbers(3);
     const Eigen::Vector3d a(low[0], low[1], low[2]), b(high[0], high[1], high[2]);
     const double side = (b - a).cwiseAbs().maxCoeff();
-    if (!(side > 1 / kMaxScale && a.norm() <= kMaxPosition && b.norm() <= kMaxPosition))
+    if (!(side > 1 / kMaxScale && a.norm() <= photographs::kMaxDistance &&
+          b.norm() <= photographs::kMaxDistance))
       aabb.fail("expected two corners of a box, within 1e7 of the origin");
     return BoundingCube{0.5 * (a + b), 0.5 * aabb_scale * side};
   }
