@@ -25,6 +25,13 @@ export function findBrowser(modules) {
     args: ["--no-sandbox", "--disable-dev-shm-usage", ...flags]});
 }
 
+/** Opens a page whose waits are long: how fast this machine is at the moment is no test. */
+export async function openPage(browser) {
+  const page = await browser.newPage();
+  page.setDefaultTimeout(120000);
+  return page;
+}
+
 /** PSNR of two PNGs, in dB. */
 export function psnr(page, pngs) {
   return page.evaluate(async (texts) => {

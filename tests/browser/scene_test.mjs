@@ -8,7 +8,7 @@ import {execFileSync} from "node:child_process";
 import fs from "node:fs";
 import os from "node:os";
 import path from "node:path";
-import {findBrowser, psnr, skip} from "./browser.mjs";
+import {findBrowser, openPage, psnr, skip} from "./browser.mjs";
 
 const [redrive, samples, modules, shots] = process.argv.slice(2);
 const launch = findBrowser(modules);
@@ -39,7 +39,7 @@ try {
   execFileSync(redrive, ["export", `${run}/`, "--to", "html", file], {stdio: "pipe"});
   browser = await launch(["--use-gl=angle", "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]);
-  const page = await browser.newPage();
+  const page = await openPage(browser);
   const [errors, requests] = [[], []];
   page.on("pageerror", (error) => errors.push(String(error)));
   page.on("console", (message) => message.type() === "error" && errors.push(message.text()));
@@ -53,7 +53,7 @@ try {
     fs.rmSync(folder, {recursive: true, force: true});
     skip("this chromium has no WebGL");
   }
-  await page.waitForFunction(() => window.redriveScene?.ready, {timeout: 60000});
+  await page.waitForFunction(() => window.redriveScene?.ready);
   await page.keyboard.press("h");
 
   // The Gaussians are sorted beside the page: it takes some images until they are in order.
@@ -90,7 +90,7 @@ try {
   fs.writeFileSync(file, html.replace(/(id="scene">).*?(<\/script>)/s,
     (_, before, after) => before + JSON.stringify({...data, up}) + after));
   await page.reload();
-  await page.waitForFunction(() => window.redriveScene?.ready, {timeout: 60000});
+  await page.waitForFunction(() => window.redriveScene?.ready);
   const start = await at();
   await page.keyboard.down("r");
   await page.waitForFunction(

@@ -7,7 +7,7 @@ import {execFileSync} from "node:child_process";
 import fs from "node:fs";
 import os from "node:os";
 import path from "node:path";
-import {findBrowser, psnr, serve, status} from "./browser.mjs";
+import {findBrowser, openPage, psnr, serve, status} from "./browser.mjs";
 
 import {dragTests} from "./viewer_drags.mjs";
 
@@ -31,7 +31,7 @@ async function settled(page) {
     const header = stage.image?.header;
     return !asks && header?.id === id && header.factor === 1 &&
       (state.compare === "off" || stage.reference);
-  }, {timeout: 20000});
+  });
 }
 
 /** Sets a field as a user does. */
@@ -453,7 +453,7 @@ function parkedCar() {
 async function shoot(browser, address) {
   for (const [width, height] of [[1280, 900], [360, 740]])
     for (const scheme of ["light", "dark"]) {
-      const page = await browser.newPage();
+      const page = await openPage(browser);
       await page.setViewport({width, height});
       await page.emulateMediaFeatures([{name: "prefers-color-scheme", value: scheme}]);
       await page.goto(`${address}#camera=${camera}&frame=1032&left=1&compare=beside`);
@@ -470,7 +470,7 @@ try {
   const served = await serve(redrive, ["view", run]);
   program = served.program;
   browser = await launch(["--disable-gpu"]);
-  const page = await browser.newPage();
+  const page = await openPage(browser);
   const errors = [];
   page.on("pageerror", (error) => errors.push(String(error)));
   page.on("console", (message) => message.type() === "error" && errors.push(message.text()));
