@@ -34,7 +34,7 @@ void write_output_folder(const fs::path& folder, const std::function<void(const 
   const fs::path temporary = beside(".redrive-tmp"), before = beside(".redrive-old");
   std::error_code error, ignored;
   if (final.has_parent_path()) fs::create_directories(final.parent_path(), error);
-  fs::remove_all(temporary, ignored);  // of a program that was killed
+  fs::remove_all(temporary, ignored);  // left by a program that was killed
   if (error || !fs::create_directory(temporary, error))
     throw IoError(temporary, error ? error.message() : "exists already");
   try {

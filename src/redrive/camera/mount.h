@@ -38,7 +38,7 @@ std::optional<Mount> parse_mount(std::string_view text);
 /// to 4096 pixels. Any other text without "pinhole:" is the name of a camera.
 std::optional<Lens> parse_lens(std::string_view text);
 
-/// What the two must be, for messages.
+/// Rules of the two texts, for error messages.
 inline constexpr const char* kMountRule =
     "must be X,Y,Z,YAW,PITCH,ROLL: metres along the body's axes, at most 1e4, and degrees, at most "
     "360, e.g. 1.5,0,1.6,0,-5,0";

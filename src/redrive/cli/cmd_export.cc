@@ -36,14 +36,14 @@ struct ExportCommandOptions {
   kernels::BackendChoice backend;
 };
 
-/// What is exported: a run, or the recording alone.
+/// A run or a recording to export.
 struct Source {
   bool is_run = false;
   Run run;
 };
 
 Source open_source(const std::string& folder) {
-  constexpr int kDownscale = 2;  // of images that colour points
+  constexpr int kDownscale = 2;  // of the images that points take colours from
   if (is_run_folder(folder)) return {true, open_run(folder)};
   return {false, open_without_model(folder, kDownscale)};
 }
@@ -57,7 +57,7 @@ PointCloud recorded_points(const Run& run, ThreadPool& pool) {
 }
 
 void print_points(const PointCloud& points) {
-  const std::size_t every = (points.n + kMaxExportedPoints - 1) / kMaxExportedPoints;
+  const std::size_t every = exported_every(points);
   if (points.n == 0)
     std::printf("no points: the recording has neither LiDAR nor a point cloud\n");
   else if (every > 1)

@@ -11,6 +11,7 @@
 #include "redrive/base/files.h"
 #include "redrive/image/image_io.h"
 #include "redrive/recording/colmap_files.h"
+#include "redrive/recording/photographs.h"
 #include "redrive/recording/ply.h"
 #include "redrive/scene/resample.h"
 
@@ -131,8 +132,7 @@ void add_missing_masks(const fs::path& folder, const PhotoSet& set, ThreadPool& 
 /// Calls `use` with the index of each point that is written.
 template <class Use>
 void for_each_exported(const PointCloud& points, const Use& use) {
-  const std::size_t every = (points.n + kMaxExportedPoints - 1) / kMaxExportedPoints;
-  for (std::size_t i = 0; i < points.n; i += every) use(i);
+  for (std::size_t i = 0; i < points.n; i += exported_every(points)) use(i);
 }
 
 Eigen::Vector3d position_of(const PointCloud& points, std::size_t i) {
@@ -162,10 +162,7 @@ json intrinsics(const CameraCalibration& camera) {
 }
 
 json matrix_json(const Rigid3d& world_from_camera) {
-  // OpenGL's camera axes are x right, y up, z backward.
-  Eigen::Matrix4d matrix = world_from_camera.matrix();
-  matrix.col(1) *= -1;
-  matrix.col(2) *= -1;
+  const Eigen::Matrix4d matrix = photographs::with_opengl_axes(world_from_camera).matrix();
   json rows = json::array();
   for (int r = 0; r < 4; ++r)
     rows.push_back({matrix(r, 0), matrix(r, 1), matrix(r, 2), matrix(r, 3)});
@@ -173,6 +170,10 @@ json matrix_json(const Rigid3d& world_from_camera) {
 }
 
 }  // namespace
+
+std::size_t exported_every(const PointCloud& points) {
+  return std::max<std::size_t>(1, (points.n + kMaxExportedPoints - 1) / kMaxExportedPoints);
+}
 
 bool is_colmap_camera(const CameraCalibration& calibration) {
   return colmap::to_record(calibration).has_value();

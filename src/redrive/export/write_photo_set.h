@@ -12,6 +12,8 @@ namespace redrive {
 
 /// Most points that are written, thinned evenly.
 constexpr std::size_t kMaxExportedPoints = 1'000'000;
+/// Returns n >= 1: every n-th point is written.
+std::size_t exported_every(const PointCloud& points);
 
 /// Whether COLMAP, or nerfstudio's transforms.json, has exactly this camera.
 bool is_colmap_camera(const CameraCalibration& calibration);

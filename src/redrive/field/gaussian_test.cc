@@ -142,7 +142,7 @@ TEST(GaussianTest, AColourBelowZeroMayRiseButNotFall) {
     EXPECT_EQ(d_rows[kColourRow + k], k == 0 ? -0.5 : 0);
     for (int c = 0; c < 3; ++c)
       EXPECT_EQ(d_rows[kHarmonicsRow + 3 * k + c], c == 0 ? -0.5 * at.direction[k] : 0);
-    EXPECT_EQ(d_rows[kPositionRow + k], 0);  // what moves changes no pixel
+    EXPECT_EQ(d_rows[kPositionRow + k], 0);  // a clamped colour changes no pixel
     EXPECT_EQ(d_pose.translation[k], 0);
   }
 }

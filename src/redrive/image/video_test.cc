@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a video holds is asked of FFmpeg's own programs; skipped, visibly, where they are not.
+// Reads videos back by ffprobe and ffmpeg; skips where they are missing.
 #include "redrive/image/video.h"
 
 #include <cstdio>

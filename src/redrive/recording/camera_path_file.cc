@@ -5,6 +5,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
+#include "redrive/recording/photographs.h"
 #include "redrive/recording/view_requests.h"
 
 namespace redrive {
@@ -20,14 +21,6 @@ double number_within(const JsonField& field, double least, double most, const ch
 
 int side(const JsonField& field) {
   return static_cast<int>(number_within(field, 2, 16384, "expected pixels, 2 to 16384"));
-}
-
-/// Changes between OpenGL's camera axes and x right, y down, z forward.
-Rigid3d with_other_axes(const Rigid3d& pose) {
-  Rigid3d other = pose;
-  other.linear().col(1) *= -1;
-  other.linear().col(2) *= -1;
-  return other;
 }
 
 PathCamera path_camera_from_json(const JsonField& entry) {
@@ -46,7 +39,7 @@ PathCamera path_camera_from_json(const JsonField& entry) {
   pose.translation() = matrix.topRightCorner<3, 1>();
   if (pose.translation().lpNorm<Eigen::Infinity>() > kMaxPosition_m)
     field.fail("expected metres in the run's world, at most 1e6 along each axis");
-  return {with_other_axes(pose),
+  return {photographs::with_opengl_axes(pose),
           number_within(entry.at("fov"), 1, 179, "expected the vertical angle, 1 to 179 degrees")};
 }
 
@@ -110,7 +103,7 @@ nlohmann::json path_keyframe_to_json(const PathKeyframe& keyframe) {
 }
 
 nlohmann::json camera_to_world_json(const Rigid3d& world_from_camera) {
-  const Eigen::Matrix4d matrix = with_other_axes(world_from_camera).matrix();
+  const Eigen::Matrix4d matrix = photographs::with_opengl_axes(world_from_camera).matrix();
   nlohmann::json numbers = nlohmann::json::array();
   for (int i = 0; i < 16; ++i) numbers.push_back(matrix(i / 4, i % 4));
   return numbers;

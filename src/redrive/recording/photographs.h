@@ -19,6 +19,13 @@ inline Rigid3d body_from_camera() {
   return body_from_camera;
 }
 
+/// Changes a pose between OpenGL's camera axes (x right, y up, z backward) and ours (x right, y
+/// down, z forward), either way.
+inline Rigid3d with_opengl_axes(Rigid3d world_from_camera) {
+  world_from_camera.linear().rightCols<2>() *= -1;
+  return world_from_camera;
+}
+
 inline Recording empty_recording(const std::filesystem::path& root) {
   Recording recording;
   recording.root = root;
