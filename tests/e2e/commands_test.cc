@@ -155,6 +155,28 @@ TEST_F(EndToEnd, ViewServesARunUntilCtrlC) {
   EXPECT_EQ(recording.wait().exit_code, kExitOk);
 }
 
+TEST_F(EndToEnd, ResumeShowsTheRunUntilCtrlC) {
+  const fs::path run = trained("run", 2);
+  const std::vector<std::string> resume = {"resume", run.string(), "--max-steps", "4"};
+  const auto with = [&](std::vector<std::string> more) {
+    more.insert(more.begin(), resume.begin(), resume.end());
+    return more;
+  };
+  const ProgramResult alone = redrive(with({"--open"}));
+  EXPECT_EQ(alone.exit_code, kExitUsage);
+  EXPECT_THAT(alone.err, HasSubstr("--view"));
+  const ProgramResult refused = redrive(with({"--view", "--listen", "nowhere"}));
+  if (refused.err.find("this build has no page") != std::string::npos)
+    GTEST_SKIP() << "the build had no node or npm";
+  EXPECT_EQ(refused.exit_code, kExitUsage) << refused.err;
+  EXPECT_THAT(refused.err, HasSubstr("nowhere"));
+  Program program(REDRIVE_BINARY, with({"--view", "--port", "0", "--listen", "127.0.0.2"}));
+  ASSERT_TRUE(program.wait_for_output("Ctrl-C ends"));
+  program.send(SIGINT);
+  const ProgramResult ended = program.wait();
+  EXPECT_THAT(ended.out, HasSubstr("http://127.0.0.2:"));
+}
+
 TEST_F(EndToEnd, TrainLeavesNoRunWhereItsPortIsTaken) {
   const int taken = ::socket(AF_INET, SOCK_STREAM, 0);
   sockaddr_in address = {.sin_family = AF_INET, .sin_addr = {htonl(INADDR_LOOPBACK)}};

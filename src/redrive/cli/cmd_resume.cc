@@ -20,6 +20,7 @@ constexpr const char* kChangeable[] = {"epochs", "max-steps",  "max-seconds",
 struct ResumeArguments {
   std::string run;
   std::map<std::string, std::string> given;
+  LiveViewOptions live;
 };
 
 TrainField field_named(const std::string& name) {
@@ -29,6 +30,7 @@ TrainField field_named(const std::string& name) {
 }
 
 int run_resume(const ResumeArguments& arguments) {
+  check_live_view(arguments.live);
   const RunLock lock(arguments.run);
   Run run = open_run(arguments.run, /*to_resume=*/true);
   for (const auto& [name, value] : arguments.given) field_named(name).parse(run.options, value);
@@ -42,7 +44,7 @@ int run_resume(const ResumeArguments& arguments) {
   }();
   if (!arguments.given.empty()) write_config(run.paths, run.options, run.state.model.get());
   print_summary(run, training, group);
-  return train_to_end(&run, training, group, stop);
+  return train_to_end(&run, training, group, stop, arguments.live);
 }
 
 }  // namespace
@@ -55,6 +57,7 @@ Action configure_resume(CLI::App& command) {
         std::string("--") + name,
         [arguments, name](const std::string& value) { arguments->given[name] = value; },
         field_named(name).help);
+  add_live_view_options(command, &arguments->live);
   return [arguments] { return run_resume(*arguments); };
 }
 

@@ -9,12 +9,10 @@
 #include "redrive/cli/alignment.h"
 #include "redrive/cli/command.h"
 #include "redrive/cli/training.h"
-#include "redrive/cli/view_server.h"
 #include "redrive/recording/pose_files.h"
 #include "redrive/recording/readout_options.h"
 #include "redrive/report/align_page.h"
 #include "redrive/train/run_lock.h"
-#include "redrive/view/live_view.h"
 
 namespace redrive {
 namespace {
@@ -24,8 +22,7 @@ struct TrainArguments {
   /// that repeat have several.
   std::map<std::string, std::vector<std::string>> given;
   std::string out;
-  bool view = false;
-  int port = -1;
+  LiveViewOptions live;
 };
 
 std::vector<std::string> given_names(const TrainArguments& arguments) {
@@ -92,10 +89,7 @@ int run_train(const TrainArguments& arguments) {
   Run run;
   run.options = parse_options(arguments);
   check_run_is_new(arguments.out);
-  if (arguments.view) {
-    check_page("--view", "");
-    check_port(arguments.port);
-  }
+  check_live_view(arguments.live);
   const kernels::BackendGroup group = make_backends(run.options);
   const int threads = group.backends.front()->threads();
   run.recording = open_recording(run.options);
@@ -123,13 +117,7 @@ int run_train(const TrainArguments& arguments) {
       run.state.model.get());
   const RunLock lock(run.paths.root);
   print_summary(run, training, group);
-  if (!arguments.view) return train_to_end(&run, training, group, stop);
-  view::LiveView live(&run, *group.backends.front(), stop);
-  const auto server = start_view_server("127.0.0.1", arguments.port, &live.viewer());
-  live.use(*server);
-  const int code = train_to_end(&run, training, group, stop, &live);
-  live.serve(run);
-  return code;
+  return train_to_end(&run, training, group, stop, arguments.live);
 }
 
 }  // namespace
@@ -159,15 +147,7 @@ Action configure_train(CLI::App& command) {
       command.add_option_function<std::string>("--" + field.name, take, field.help);
   }
   command.add_option("--out", arguments->out, "folder of the run; must not exist")->required();
-  CLI::Option* view = command.add_flag(
-      "--view", arguments->view,
-      "shows the run in a browser while it trains, as `redrive view`, and afterwards until Ctrl-C");
-  command
-      .add_option("--port", arguments->port,
-                  "with --view: port to listen on, 0: any that is free (default: " +
-                      std::to_string(kUsualViewPort) + ", or any if that is taken)")
-      ->check(CLI::Range(0, 65535))
-      ->needs(view);
+  add_live_view_options(command, &arguments->live);
   return [arguments] { return run_train(*arguments); };
 }
 

@@ -10,6 +10,7 @@
 #include "redrive/base/memory_limit.h"
 #include "redrive/train/memory.h"
 #include "redrive/train/pose_changes.h"
+#include "redrive/view/live_view.h"
 
 namespace redrive {
 namespace {
@@ -126,11 +127,33 @@ int report_end(const Run& run, TrainEnd end) {
 
 }  // namespace
 
+void add_live_view_options(CLI::App& command, LiveViewOptions* options) {
+  CLI::Option* const view = command.add_flag(
+      "--view", options->view,
+      "shows the run in a browser while it trains, as `redrive view`, and afterwards until Ctrl-C");
+  add_view_server_options(command, &options->server, view);
+}
+
+void check_live_view(const LiveViewOptions& options) {
+  if (!options.view) return;
+  check_page("--view", "");
+  check_address(options.server);
+}
+
 int train_to_end(Run* run, const TrainingData& training, const kernels::BackendGroup& group,
-                 const std::atomic<bool>& stop, StepObserver* observer) {
+                 const std::atomic<bool>& stop, const LiveViewOptions& options) {
   std::vector<kernels::Backend*> backends;
   for (const auto& backend : group.backends) backends.push_back(backend.get());
-  return report_end(*run, train(run, training, backends, group.reduction.get(), stop, observer));
+  const auto train_with = [&](StepObserver* observer) {
+    return report_end(*run, train(run, training, backends, group.reduction.get(), stop, observer));
+  };
+  if (!options.view) return train_with(nullptr);
+  view::LiveView live(run, *backends.front(), stop);
+  const auto server = start_view_server(options.server, &live.viewer());
+  live.use(*server);
+  const int code = train_with(&live);
+  live.serve(*run);
+  return code;
 }
 
 }  // namespace redrive

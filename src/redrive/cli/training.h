@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Code that train and resume share: Ctrl-C, summaries before and after training.
+// Code that train and resume share: Ctrl-C, summaries before and after training, the page of a run
+// that trains.
 #pragma once
 
 #include <atomic>
 
+#include "redrive/cli/view_server.h"
 #include "redrive/kernels/backend_group.h"
 #include "redrive/train/trainer.h"
 #include "redrive/train/training_data.h"
@@ -25,8 +27,19 @@ void check_run_memory(const Run& run, const kernels::BackendGroup& group);
 void print_summary(const Run& run, const TrainingData& training,
                    const kernels::BackendGroup& group);
 
-/// Trains, prints how it ended and how to resume, and returns the exit code.
+/// --view of train and resume.
+struct LiveViewOptions {
+  bool view = false;
+  ViewServerOptions server;
+};
+void add_live_view_options(CLI::App& command, LiveViewOptions* options);
+
+/// Throws UsageError where the page could not be served. To call before anything is written.
+void check_live_view(const LiveViewOptions& options);
+
+/// Trains, prints how it ended and how to resume, and returns the exit code. With --view the page
+/// stays until `stop`.
 int train_to_end(Run* run, const TrainingData& training, const kernels::BackendGroup& group,
-                 const std::atomic<bool>& stop, StepObserver* observer = nullptr);
+                 const std::atomic<bool>& stop, const LiveViewOptions& options);
 
 }  // namespace redrive

@@ -1,6 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/cli/view_server.h"
 
+#include <fcntl.h>
+#include <spawn.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
 #include <cstdio>
 
 #include "redrive/base/error.h"
@@ -10,6 +16,22 @@
 
 namespace redrive {
 namespace {
+
+constexpr int kUsualViewPort = 7007;
+
+/// Opens the address in the user's browser, if there is xdg-open.
+void open_browser(const std::string& address) {
+  std::string program = "xdg-open", argument = address;
+  const std::array<char*, 3> arguments = {program.data(), argument.data(), nullptr};
+  posix_spawn_file_actions_t quiet;
+  posix_spawn_file_actions_init(&quiet);
+  for (const int output : {STDOUT_FILENO, STDERR_FILENO})
+    posix_spawn_file_actions_addopen(&quiet, output, "/dev/null", O_WRONLY, 0);
+  pid_t child = 0;
+  if (posix_spawnp(&child, program.c_str(), &quiet, nullptr, arguments.data(), environ) != 0)
+    std::fprintf(stderr, "redrive: --open: there is no xdg-open; open the address yourself\n");
+  posix_spawn_file_actions_destroy(&quiet);
+}
 
 std::unique_ptr<view::Server> listen_at(view::ServerOptions server, int port,
                                         view::ServerEvents* events) {
@@ -28,6 +50,24 @@ std::unique_ptr<view::Server> listen_at(view::ServerOptions server, int port,
 
 }  // namespace
 
+void add_view_server_options(CLI::App& command, ViewServerOptions* options, CLI::Option* needed) {
+  const std::string with = needed ? "with " + needed->get_name() + ": " : "";
+  CLI::Option* const own[] = {
+      command
+          .add_option("--port", options->port,
+                      with + "port to listen on, 0: any that is free (default: " +
+                          std::to_string(kUsualViewPort) + ", or any if that is taken)")
+          ->check(CLI::Range(0, 65535)),
+      command
+          .add_option("--listen", options->listen,
+                      with + "IP address to listen on; 0.0.0.0 lets other machines in, without "
+                             "encryption")
+          ->capture_default_str(),
+      command.add_flag("--open", options->open, with + "opens the address in a browser")};
+  if (!needed) return;
+  for (CLI::Option* option : own) option->needs(needed);
+}
+
 void check_page(const std::string& option, const std::string& value) {
   if (view::page_files().empty())
     throw UsageError(option, value,
@@ -35,27 +75,28 @@ void check_page(const std::string& option, const std::string& value) {
                      "scripts/setup and another build bring it");
 }
 
-void check_port(int port) {
-  if (port <= 0) return;
-  view::ServerOptions options;
-  options.port = port;
-  options.token = view::random_token();
-  const view::Server server(options, nullptr);
+void check_address(const ViewServerOptions& options) {
+  view::ServerOptions server;
+  server.listen = options.listen;
+  server.port = std::max(0, options.port);
+  server.token = view::random_token();
+  const view::Server listens(server, nullptr);
 }
 
-std::unique_ptr<view::Server> start_view_server(const std::string& listen, int port,
+std::unique_ptr<view::Server> start_view_server(const ViewServerOptions& options,
                                                 view::ServerEvents* events) {
-  view::ServerOptions options;
-  options.listen = listen;
-  options.token = view::random_token();
-  options.page = view::page_files();
-  options.max_message_bytes = view::kMaxMessageBytes;
-  auto server = listen_at(std::move(options), port, events);
+  view::ServerOptions with_page;
+  with_page.listen = options.listen;
+  with_page.token = view::random_token();
+  with_page.page = view::page_files();
+  with_page.max_message_bytes = view::kMaxMessageBytes;
+  auto server = listen_at(std::move(with_page), options.port, events);
   std::printf(
       "%s\nWhoever has this address sees the run, pauses its training and saves paths in it. "
       "Ctrl-C ends.\n",
       server->address().c_str());
   std::fflush(stdout);
+  if (options.open) open_browser(server->address());
   return server;
 }
 

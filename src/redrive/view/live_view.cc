@@ -39,7 +39,7 @@ LiveView::LiveView(Run* run, kernels::Backend& backend, const std::atomic<bool>&
   shown_->scene = run->scene;
   const Loan loan(run, shown_.get());
   viewer_ = std::make_unique<Viewer>(shown_, backend);
-  viewer_->set_training({true, run->state.step, 0});
+  viewer_->set_training({true, run->state.step, run->state.seconds});
 }
 
 /// Shows what was trained since; the model has been lent.

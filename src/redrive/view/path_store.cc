@@ -14,7 +14,8 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::size_t kMostNames = 1000;
-constexpr int kMostImages = 20'000;  ///< of camera_path, about 400 bytes each
+constexpr std::size_t kMostPaths = 100;  ///< that pages save, 8 MB each at most
+constexpr int kMostImages = 20'000;      ///< of camera_path, about 400 bytes each
 
 }  // namespace
 
@@ -43,8 +44,12 @@ std::vector<PathKey> PathStore::keys(const std::vector<PathKeyframe>& keyframes)
 
 void PathStore::save(const PathMessage& message) const {
   const fs::path to = file(message.save->name);
-  if (fs::exists(to) && !message.save->overwrite)
+  const bool exists = fs::exists(to);
+  if (exists && !message.save->overwrite)
     throw InputError(to, "", "", "exists; overwriting it was not asked for");
+  if (!exists && names().size() >= kMostPaths)
+    throw InputError(folder(), "", "",
+                     "has 100 paths, which is the most; delete one of its files or overwrite one");
   CameraPath path;
   path.keys = keys(message.keyframes);
   path.fps = message.fps;

@@ -26,7 +26,8 @@ class PathStore {
 
   /// Writes RUN/paths/NAME.json, whole or not at all: the keyframes, and beside them what other
   /// programs read of nerfstudio's layout (recording/camera_path_file.h). InputError where it
-  /// exists and is not to be overwritten, or has more than 100000 images; IoError.
+  /// exists and is not to be overwritten, has more than 20000 images, or would be the 101st;
+  /// IoError.
   void save(const PathMessage& path) const;
 
   /// Returns {"fps", "keyframes"} of a saved path. InputError where there is none, or none with

@@ -82,6 +82,27 @@ TEST_F(PathStoreTest, RefusesAPathOfTooManyImages) {
   EXPECT_EQ(store_.load("left")["fps"], 20);
 }
 
+TEST_F(PathStoreTest, SavesAHundredPathsOfARun) {
+  for (int i = 0; i < 100; ++i) {
+    message_.save->name = "path" + std::to_string(i);
+    store_.save(message_);
+  }
+  message_.save->name = "more";
+  try {
+    store_.save(message_);
+    FAIL();
+  } catch (const InputError& error) {
+    EXPECT_THAT(error.what(), testing::HasSubstr("has 100 paths"));
+  }
+  EXPECT_EQ(store_.names().size(), 100u);
+  message_.save = {"path7", true};
+  store_.save(message_);
+  fs::remove(run_.paths.root / "paths/path7.json");
+  message_.save = {"more", false};
+  store_.save(message_);
+  EXPECT_EQ(store_.names().front(), "more");
+}
+
 TEST_F(PathStoreTest, RefusesWhatTheRunDoesNotHave) {
   EXPECT_THROW(store_.load("left"), InputError);
   message_.keyframes[1].frame_id = 99;
