@@ -21,12 +21,18 @@ struct FiguresCommandOptions {
   kernels::BackendChoice backend;
 };
 
+/// A path may name no folder but a scene in one.
+bool same_recording(const std::filesystem::path& a, const std::filesystem::path& b) {
+  std::error_code error;
+  return a == b || std::filesystem::equivalent(a, b, error);
+}
+
 int run_figures(FiguresCommandOptions options) {
   const Run run = open_run(options.run);
   std::optional<Run> compared;
   if (!options.compare.empty()) {
     compared = open_run(options.compare);
-    if (!std::filesystem::equivalent(compared->recording.root, run.recording.root))
+    if (!same_recording(compared->recording.root, run.recording.root))
       throw UsageError("--compare", options.compare,
                        "is of another recording: " + compared->recording.root.string() + ", not " +
                            run.recording.root.string());

@@ -132,7 +132,7 @@ std::string camera_name(std::int64_t id, const std::vector<CameraRecord>& camera
 bool looks_like(const fs::path& root) { return !find_model(root).empty(); }
 
 Recording open(const fs::path& root, PoseSource source) {
-  photographs::reject_ground_truth(root, source);
+  refuse_ground_truth(root, source);
   const fs::path model = find_model(root), cameras_file = find_file(model, "cameras"),
                  images_file = find_file(model, "images");
   const std::vector<CameraRecord> cameras =

@@ -122,4 +122,18 @@ std::vector<ImageFile> images_with_poses(std::vector<FrameFile> images, const st
   return kept;
 }
 
+void require_cameras(const Recording& recording) {
+  if (!recording.cameras.empty()) return;
+  std::string why;
+  for (const Finding& finding : recording.findings)
+    why += "; " + finding.subject + ": " + finding.what;
+  throw InputError(recording.root, "", "",
+                   "empty recording: no image of a frame with a pose" + why);
+}
+
+void refuse_ground_truth(const std::filesystem::path& root, PoseSource source) {
+  if (source == PoseSource::kGroundTruth)
+    throw InputError(root, "", "", "this format ships no other, exact poses");
+}
+
 }  // namespace redrive

@@ -34,4 +34,10 @@ std::vector<ImageFile> images_with_poses(std::vector<FrameFile> images, const st
                                          const std::vector<FramePose>& frames,
                                          std::vector<Finding>* findings);
 
+/// InputError, with the findings, if no camera has an image that can be used.
+void require_cameras(const Recording& recording);
+
+/// InputError if exact poses are asked for, of a format that ships none.
+void refuse_ground_truth(const std::filesystem::path& root, PoseSource source);
+
 }  // namespace redrive

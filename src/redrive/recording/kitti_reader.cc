@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/recording/kitti_reader.h"
 
-#include "redrive/base/error.h"
 #include "redrive/base/files.h"
 
 namespace redrive::kitti {
@@ -29,20 +28,6 @@ CameraCalibration calibration_of(const RectifiedCamera& camera, ImageSize size,
   calibration.body_from_sensor =
       (camera.camera_from_rectified * rectified_from_body).inverse(Eigen::Isometry);
   return calibration;
-}
-
-void refuse_ground_truth(const std::filesystem::path& root, PoseSource source) {
-  if (source == PoseSource::kGroundTruth)
-    throw InputError(root, "", "", "this format ships no other, exact poses");
-}
-
-void require_cameras(const Recording& recording) {
-  if (!recording.cameras.empty()) return;
-  std::string why;
-  for (const Finding& finding : recording.findings)
-    why += "; " + finding.subject + ": " + finding.what;
-  throw InputError(recording.root, "", "",
-                   "empty recording: no image of a frame with a pose" + why);
 }
 
 }  // namespace redrive::kitti

@@ -29,10 +29,4 @@ class Reader : public RecordingReader {
 CameraCalibration calibration_of(const RectifiedCamera& camera, ImageSize size,
                                  const std::string& name, const Rigid3d& rectified_from_body);
 
-/// InputError if exact poses are asked for: KITTI ships none.
-void refuse_ground_truth(const std::filesystem::path& root, PoseSource source);
-
-/// InputError, with the findings, if no camera has an image that can be used.
-void require_cameras(const Recording& recording);
-
 }  // namespace redrive::kitti

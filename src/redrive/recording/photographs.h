@@ -3,7 +3,6 @@
 // and a body that is the camera.
 #pragma once
 
-#include "redrive/base/error.h"
 #include "redrive/recording/recording.h"
 
 namespace redrive::photographs {
@@ -32,11 +31,6 @@ inline Recording empty_recording(const std::filesystem::path& root) {
   recording.global_frame = GlobalFrame::kArbitrary;
   recording.metric = false;
   return recording;
-}
-
-inline void reject_ground_truth(const std::filesystem::path& root, PoseSource source) {
-  if (source == PoseSource::kGroundTruth)
-    throw InputError(root, "", "", "this format ships no other, exact poses");
 }
 
 }  // namespace redrive::photographs

@@ -4,6 +4,7 @@
 #include "redrive/recording/aimotive.h"
 #include "redrive/recording/colmap.h"
 #include "redrive/recording/kitti.h"
+#include "redrive/recording/nuscenes.h"
 #include "redrive/recording/recording.h"
 #include "redrive/recording/transforms.h"
 
@@ -28,6 +29,8 @@ constexpr Format kFormats[] = {
      kitti::open},
     {"kitti-odometry", "calib.txt or times.txt with velodyne or image_0 to image_3",
      kitti::looks_like_odometry, kitti::open_odometry},
+    {"nuscenes", "v1.0-mini, v1.0-trainval or v1.0-test with its tables", nuscenes::looks_like,
+     nuscenes::open},
     {"blender", "transforms_train.json", transforms::looks_like_blender, transforms::open_blender},
     {"transforms", "transforms.json", transforms::looks_like, transforms::open},
     {"colmap", "cameras and images, .bin or .txt, in sparse/0, sparse or the folder itself",
@@ -44,10 +47,6 @@ const RecordedCamera* Recording::find_camera(const std::string& name) const {
 }
 
 Recording open_recording(const std::filesystem::path& root, PoseSource source) {
-  std::error_code error;
-  if (!std::filesystem::exists(root, error)) throw InputError(root, "", "", "no such folder");
-  if (!std::filesystem::is_directory(root, error))
-    throw InputError(root, "", "", "a recording is a folder, this is none");
   std::string sought;
   for (const Format& format : kFormats) {
     if (format.looks_like(root)) {
@@ -57,6 +56,10 @@ Recording open_recording(const std::filesystem::path& root, PoseSource source) {
     }
     sought += (sought.empty() ? "" : "; ") + std::string(format.name) + ": " + format.looks_for;
   }
+  std::error_code error;
+  if (!std::filesystem::exists(root, error)) throw InputError(root, "", "", "no such folder");
+  if (!std::filesystem::is_directory(root, error))
+    throw InputError(root, "", "", "a recording is a folder, this is none");
   throw InputError(root, "", "", "not a recording of a known format; looked for " + sought);
 }
 

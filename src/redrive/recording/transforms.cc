@@ -9,6 +9,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
+#include "redrive/recording/frame_files.h"
 #include "redrive/recording/photographs.h"
 #include "redrive/recording/ply.h"
 #include "redrive/recording/png_size.h"
@@ -156,7 +157,7 @@ bool looks_like(const fs::path& root) { return is_there(root / "transforms.json"
 bool looks_like_blender(const fs::path& root) { return is_there(root / "transforms_train.json"); }
 
 Recording open(const fs::path& root, PoseSource source) {
-  photographs::reject_ground_truth(root, source);
+  refuse_ground_truth(root, source);
   const fs::path file = root / "transforms.json";
   const TransformsFile transforms = read(file);
   const auto set_of = [](const std::optional<std::vector<std::string>>& names) {
@@ -187,7 +188,7 @@ Recording open(const fs::path& root, PoseSource source) {
 }
 
 Recording open_blender(const fs::path& root, PoseSource source) {
-  photographs::reject_ground_truth(root, source);
+  refuse_ground_truth(root, source);
   const fs::path train = root / "transforms_train.json", test = root / "transforms_test.json",
                  val = root / "transforms_val.json";
   Collector collector(root);

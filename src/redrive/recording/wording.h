@@ -11,10 +11,9 @@ namespace redrive {
 
 /// "33643, 33644, 33645, 33646, 33647, ... (12 in all)"
 template <class T>
-std::string first_few(const std::vector<T>& items) {
-  constexpr std::size_t kShown = 5;
+std::string first_few(const std::vector<T>& items, std::size_t shown = 5) {
   std::string list;
-  for (std::size_t i = 0; i < std::min(items.size(), kShown); ++i) {
+  for (std::size_t i = 0; i < std::min(items.size(), shown); ++i) {
     if (i) list += ", ";
     if constexpr (std::is_arithmetic_v<T>) {
       list += std::to_string(items[i]);
@@ -22,8 +21,8 @@ std::string first_few(const std::vector<T>& items) {
       list += items[i];
     }
   }
-  return items.size() <= kShown ? list
-                                : list + ", ... (" + std::to_string(items.size()) + " in all)";
+  return items.size() <= shown ? list
+                               : list + ", ... (" + std::to_string(items.size()) + " in all)";
 }
 
 /// "1 image", "2 images"

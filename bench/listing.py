@@ -1,0 +1,166 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""Times `redrive inspect` on made recordings of 10,000 frames whose images are tiny.
+
+    bench/listing.py build/release/redrive FOLDER [FRAMES]
+
+Writes FOLDER/aimotive, FOLDER/kitti and FOLDER/nuscenes unless they are there. Each has all its
+cameras: four, two and six. Prints the median of five runs.
+"""
+import json
+import math
+import pathlib
+import statistics
+import struct
+import subprocess
+import sys
+import time
+import zlib
+
+WIDTH, HEIGHT = 64, 36
+
+
+def png():
+    def chunk(kind, data):
+        body = kind + data
+        return struct.pack(">I", len(data)) + body + struct.pack(">I", zlib.crc32(body))
+
+    rows = (b"\0" + b"\x40\x60\x80" * WIDTH) * HEIGHT
+    return (b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", WIDTH, HEIGHT, 8, 2, 0, 0, 0))
+            + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b""))
+
+
+def write(path, content):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+
+
+def write_aimotive(root, frames):
+    image = png()
+    camera = {"sensor_type": "camera", "model": "opencv_pinhole",
+              "RT_body_from_sensor": [[0, 0, 1, 2], [-1, 0, 0, 0], [0, -1, 0, 1.5], [0, 0, 0, 1]],
+              "focal_length_px": [50, 50], "principal_point_px": [32, 18],
+              "distortion_coeffs": [0] * 5, "image_resolution_px": [WIDTH, HEIGHT]}
+    names = ["FRONT", "LEFT", "RIGHT", "BACK"]
+    write(root / "sensor/calibration/calibration.json", json.dumps({name: camera for name in names}))
+    write(root / "sensor/gnssins/egomotion2.json", json.dumps({
+        str(f): {"RT_ECEF_body": [[1, 0, 0, 4e6 + f], [0, 1, 0, 1.4e6], [0, 0, 1, 4.6e6], [0, 0, 0, 1]],
+                 "time_host": 50 + 0.1 * f} for f in range(frames)}))
+    for name in names:
+        for f in range(frames):
+            write(root / f"sensor/camera/{name}/{name}_{f:07}.png", image)
+
+
+def write_kitti(drive, frames):
+    image, day = png(), drive.parent
+    write(day / "calib_cam_to_cam.txt", "R_rect_00: 1 0 0 0 1 0 0 0 1\n" + "".join(
+        f"S_rect_0{c}: {WIDTH} {HEIGHT}\nP_rect_0{c}: 50 0 32 {-27 * (c - 2)} 0 50 18 0 0 0 1 0\n"
+        for c in (2, 3)))
+    write(day / "calib_velo_to_cam.txt", "R: 0 -1 0 0 0 -1 1 0 0\nT: 0 -0.08 -0.25\n")
+    write(day / "calib_imu_to_velo.txt", "R: 1 0 0 0 1 0 0 0 1\nT: -0.81 0.32 -0.8\n")
+
+    def times(first_s):
+        stamps = [first_s + 0.1 * f for f in range(frames)]
+        return "".join("2011-09-26 %02d:%02d:%012.9f\n" % (13 + s // 3600, s // 60 % 60, s % 60)
+                       for s in stamps)
+
+    for sensor, first_s in (("oxts", 1.01), ("image_02", 1.0), ("image_03", 1.0)):
+        write(drive / sensor / "timestamps.txt", times(first_s))
+    write(drive / "velodyne_points/timestamps_start.txt", times(0.95))
+    write(drive / "velodyne_points/timestamps_end.txt", times(1.05))
+    for f in range(frames):
+        north = 49 + math.degrees(f / 6.372e6)
+        write(drive / f"oxts/data/{f:010}.txt", f"{north:.15f} 8 110 0 0 1.57" + " 0.5" * 24 + "\n")
+        for camera in ("image_02", "image_03"):
+            write(drive / camera / f"data/{f:010}.png", image)
+        write(drive / f"velodyne_points/data/{f:010}.bin", b"")
+
+
+def write_nuscenes(root, frames):
+    image = png()
+    tables = {name: [] for name in ("scene", "sample", "sample_data", "calibrated_sensor", "sensor",
+                                    "ego_pose", "sample_annotation", "instance", "category")}
+    first_us = 1_532_402_927_000_000
+
+    def token(kind, *numbers):
+        return f"{kind}{'-'.join(map(str, numbers))}".ljust(32, "f")
+
+    cameras = ["CAM_FRONT_LEFT", "CAM_FRONT", "CAM_FRONT_RIGHT", "CAM_BACK_RIGHT", "CAM_BACK",
+               "CAM_BACK_LEFT"]
+    channels = cameras + ["LIDAR_TOP"]
+    for c, channel in enumerate(channels):
+        camera = channel in cameras
+        tables["sensor"].append({"token": token("s", c), "channel": channel,
+                                 "modality": "camera" if camera else "lidar"})
+        tables["calibrated_sensor"].append({
+            "token": token("k", c), "sensor_token": token("s", c), "translation": [1, 0, 1.5],
+            "rotation": [0.5, -0.5, 0.5, -0.5] if camera else [1, 0, 0, 0],
+            "camera_intrinsic": [[50, 0, 32], [0, 50, 18], [0, 0, 1]] if camera else []})
+    tables["scene"].append({"token": token("t"), "name": "scene-0001"})
+    tables["category"].append({"token": token("c"), "name": "vehicle.car"})
+
+    def add_file(channel, sample, t_us, key_frame):
+        name = f"{'samples' if key_frame else 'sweeps'}/{channel}/{channel}__{t_us}"
+        name += ".png" if channel in cameras else ".pcd.bin"
+        number = len(tables["sample_data"])
+        tables["sample_data"].append({
+            "token": token("d", number), "sample_token": token("a", sample),
+            "ego_pose_token": token("p", number),
+            "calibrated_sensor_token": token("k", channels.index(channel)),
+            "timestamp": first_us + t_us, "fileformat": "jpg", "is_key_frame": key_frame,
+            "height": HEIGHT, "width": WIDTH, "filename": name, "prev": "", "next": ""})
+        tables["ego_pose"].append({
+            "token": token("p", number), "timestamp": first_us + t_us,
+            "rotation": [0.5720320396729045, -0.0016977771610471074, 0.011798001930183783,
+                         -0.8201446642457809],
+            "translation": [411.3039349319818 + 1e-5 * t_us, 1180.8903791765097, 0.0]})
+        write(root / name, image if channel in cameras else b"")
+
+    samples = (frames + 5) // 6
+    for s in range(samples):
+        start_us = 500_000 * s
+        tables["sample"].append({"token": token("a", s), "timestamp": first_us + start_us + 43_000,
+                                 "scene_token": token("t"), "prev": "", "next": ""})
+        for i, later_us in enumerate((0, 100_000, 150_000, 250_000, 350_000, 400_000)):
+            for c, channel in enumerate(cameras):
+                add_file(channel, s, start_us + later_us + 8_000 * c, i == 0)
+        for revolution in range(10):
+            add_file("LIDAR_TOP", s, start_us + 50_000 * revolution + 43_000, revolution == 0)
+        for o in range(20):
+            life = s // 40  # an object is seen for 20 s
+            if s % 40 == 0:
+                tables["instance"].append({"token": token("i", life, o), "category_token": token("c")})
+            tables["sample_annotation"].append({
+                "token": token("b", s, o), "sample_token": token("a", s),
+                "instance_token": token("i", life, o),
+                "translation": [420 + 5.0 * s + 3 * o, 1180.0 + o, 1.0], "size": [1.9, 4.5, 1.6],
+                "rotation": [1, 0, 0, 0]})
+    for name, records in tables.items():
+        write(root / f"v1.0-mini/{name}.json", json.dumps(records, indent=0))
+
+
+def main():
+    program, folder = sys.argv[1], pathlib.Path(sys.argv[2])
+    frames = int(sys.argv[3]) if len(sys.argv) > 3 else 10_000
+    recordings = {
+        folder / "aimotive": write_aimotive,
+        folder / "kitti/2011_09_26_drive_0001_sync": write_kitti,
+        folder / "nuscenes": write_nuscenes,
+    }
+    for recording, make in recordings.items():
+        if not recording.exists():
+            make(recording, frames)
+        seconds = []
+        for _ in range(5):
+            start = time.perf_counter()
+            done = subprocess.run([program, "inspect", recording, "--json"], capture_output=True)
+            seconds.append(time.perf_counter() - start)
+        if done.returncode != 0:
+            sys.exit(done.stderr.decode() + done.stdout.decode()[-2000:])
+        found = json.loads(done.stdout)
+        images = sum(camera["images"] for camera in found["cameras"])
+        print(f"{found['format']:10} {found['frames']['count']} frames, {images} images, "
+              f"{found['lidar_files']} revolutions: {statistics.median(seconds):.2f} s")
+
+
+main()

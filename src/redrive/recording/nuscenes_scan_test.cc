@@ -1,0 +1,83 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/recording/nuscenes_scan.h"
+
+#include <limits>
+
+#include "redrive/recording/nuscenes_testing.h"
+
+namespace redrive {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+using testing::input_error;
+
+constexpr std::int64_t kEnd_ns = 1'000'000'000, kColumn_ns = 46'080;
+
+/// A body at 10 m/s along x, at 10 m at the end of the revolution.
+std::vector<FramePose> driving() {
+  return {{0, 0, Rigid3d(Eigen::Translation3d(0, 0, 0))},
+          {1, kEnd_ns, Rigid3d(Eigen::Translation3d(10, 0, 0))}};
+}
+
+std::string nuscenes_scan(const std::vector<std::array<float, 5>>& points) {
+  return {reinterpret_cast<const char*>(points.data()), points.size() * sizeof points[0]};
+}
+
+std::vector<LidarPoint> parsed(const std::string& bytes) {
+  return nuscenes::parse_scan(bytes, "LIDAR_TOP/7.pcd.bin",
+                              {Rigid3d(Eigen::Translation3d(1, 0, 2)), kEnd_ns}, driving());
+}
+
+// All columns have the same point of the world. The body was behind its position at the end by 10
+// m/s for the time that a column is earlier, so the point was further ahead of it.
+TEST(NuScenesScan, PointsAreInTheBodyAtTheirOwnTime) {
+  std::vector<std::array<float, 5>> points;
+  for (int column = 0; column < 1085; ++column)
+    for (int ring = 0; ring < 32; ++ring)
+      points.push_back({20, 3, -1, 17.4f, static_cast<float>(ring)});
+  const std::vector<LidarPoint> scan = parsed(nuscenes_scan(points));
+  ASSERT_EQ(scan.size(), points.size());
+  for (std::size_t i = 0; i < scan.size(); ++i) {
+    const std::int64_t before_ns = kColumn_ns * static_cast<std::int64_t>(1084 - i / 32);
+    ASSERT_EQ(scan[i].t_ns, kEnd_ns - before_ns);
+    // Floats step by 2e-6 at 21.
+    ASSERT_NEAR(scan[i].in_body_m.x(), 21 + 1e-8 * static_cast<double>(before_ns), 4e-6);
+    ASSERT_FLOAT_EQ(scan[i].in_body_m.y(), 3);
+    ASSERT_FLOAT_EQ(scan[i].in_body_m.z(), 1);
+  }
+  EXPECT_EQ(scan[0].intensity, 17);
+}
+
+// A file without its points near the car still has the beginnings of its columns.
+TEST(NuScenesScan, AColumnBeginsWhereTheRingDoesNotIncrease) {
+  const std::vector<LidarPoint> scan = parsed(nuscenes_scan(
+      {{9, 0, 0, -95, 4}, {9, 0, 0, 300, 9}, {9, 0, 0, 0, 9}, {9, 0, 0, 0, 2}, {9, 0, 0, 0, 31}}));
+  const int column[] = {0, 0, 1, 2, 2};
+  for (std::size_t i = 0; i < 5; ++i)
+    EXPECT_EQ(scan[i].t_ns, kEnd_ns - kColumn_ns * (2 - column[i])) << i;
+  EXPECT_EQ(scan[0].intensity, 0);
+  EXPECT_EQ(scan[1].intensity, 255);
+  EXPECT_TRUE(parsed("").empty());
+}
+
+TEST(NuScenesScan, RejectsInvalidValues) {
+  const auto message = [](std::size_t field, float value) {
+    std::array<float, 5> point = {1, 2, 3, 4, 5};
+    point[field] = value;
+    return input_error([&] { parsed(nuscenes_scan({{0, 0, 0, 0, 0}, point})); });
+  };
+  EXPECT_THAT(input_error([] { parsed(std::string(41, '\0')); }),
+              AllOf(HasSubstr("7.pcd.bin: size = 41 bytes"), HasSubstr("multiple of 20")));
+  EXPECT_THAT(message(0, std::numeric_limits<float>::quiet_NaN()), HasSubstr("point 1 x = nan"));
+  EXPECT_THAT(message(2, -1001), HasSubstr("point 1 z = -1001"));
+  EXPECT_THAT(message(3, std::numeric_limits<float>::infinity()), HasSubstr("point 1 intensity"));
+  for (const float ring : {-1.0f, 32.0f, 0.5f, std::numeric_limits<float>::quiet_NaN()})
+    EXPECT_THAT(message(4, ring), HasSubstr("point 1 ring")) << ring;
+  EXPECT_THAT(input_error([] { parsed(std::string(1303 * 20, '\0')); }),
+              HasSubstr("number of columns = 1303"));
+  EXPECT_EQ(parsed(std::string(1302 * 20, '\0')).size(), 1302u);
+}
+
+}  // namespace
+}  // namespace redrive
