@@ -35,6 +35,8 @@ struct GaussianCase {
   RasterSize size;
   std::vector<float> log_range, d_rgb, d_transmittance, error, d_range;
   std::vector<std::uint8_t> tiles;
+  std::vector<std::vector<PlainPose>> poses_of_part;
+  std::vector<GaussianPart> parts;
 
   explicit GaussianCase(bool mei, bool rolling, bool ranges, bool masked = false) {
     camera.fx = 60;
@@ -89,7 +91,22 @@ struct GaussianCase {
       tiles[1] = tiles[4] = 0;
     }
   }
-  GaussianCamera view() const { return {camera, poses, 0, float(camera.height)}; }
+  /// Makes three parts of the last blocks: one that moves, one that is not drawn, one that turns.
+  void cut_into_parts() {
+    poses_of_part.resize(3);
+    for (std::size_t key = 0; key < poses.size(); ++key) {
+      const Rigid3d world_from_camera = rigid(poses[key]);
+      Rigid3d moved = Rigid3d::Identity(), turned = Rigid3d::Identity();
+      moved.translation() = Eigen::Vector3d(0.3 + 0.05 * double(key), -0.2, 0.1);
+      turned.linear() = so3_exp(Eigen::Vector3d(0.05, -0.1 - 0.02 * double(key), 0.2));
+      poses_of_part[0].push_back(plain(moved * world_from_camera));
+      poses_of_part[2].push_back(plain(turned * world_from_camera));
+    }
+    const std::size_t blocks = gaussian_blocks(n);
+    for (std::size_t part = 0; part < 3; ++part)
+      parts.push_back({blocks - 8 + 3 * part, poses_of_part[part]});
+  }
+  GaussianCamera view() const { return {camera, poses, 0, float(camera.height), parts}; }
   Gaussians gaussians() const { return {n, numbers}; }
   RasterOptions options() const {
     return {
@@ -101,7 +118,7 @@ struct Result {
   RasterCounts counts;
   RasterImage image;
   std::vector<float> gradients;
-  GaussianPoseGradient<NumberMath<double>> pose;
+  std::vector<GaussianPoseGradient<NumberMath<double>>> poses;  ///< of the world and of each part
 };
 
 Result run(Backend& backend, const GaussianCase& c) {
@@ -109,9 +126,10 @@ Result run(Backend& backend, const GaussianCase& c) {
   Result out;
   out.counts = stages.rasterise(c.view(), c.gaussians(), c.options(), &out.image);
   out.gradients.assign(c.numbers.size(), 0);
+  out.poses.resize(1 + c.parts.size());
   stages.rasterise_backward(c.view(), c.gaussians(), c.options(), out.image,
                             {c.d_rgb, c.d_transmittance, c.error, c.d_range}, out.gradients,
-                            &out.pose);
+                            out.poses);
   return out;
 }
 
@@ -144,11 +162,14 @@ void expect_same(const GaussianCase& c, const Result& a, const Result& b) {
                   6e-3 * most)
           << "row " << row << " of " << i;
   }
-  for (int k = 0; k < 3; ++k) {
-    EXPECT_NEAR(a.pose.translation[k], b.pose.translation[k],
-                5e-3 * std::fabs(b.pose.translation[k]) + 0.3);
-    EXPECT_NEAR(a.pose.rotation[k], b.pose.rotation[k], 5e-3 * std::fabs(b.pose.rotation[k]) + 0.3);
-  }
+  for (std::size_t p = 0; p < b.poses.size(); ++p)
+    for (int k = 0; k < 3; ++k) {
+      const auto &found = a.poses[p], &expected = b.poses[p];
+      EXPECT_NEAR(found.translation[k], expected.translation[k],
+                  5e-3 * std::fabs(expected.translation[k]) + 0.3);
+      EXPECT_NEAR(found.rotation[k], expected.rotation[k],
+                  5e-3 * std::fabs(expected.rotation[k]) + 0.3);
+    }
 }
 
 TEST_P(GaussianStagesTest, ImagesAndGradientsAgreeWithTheOracle) {
@@ -159,6 +180,68 @@ TEST_P(GaussianStagesTest, ImagesAndGradientsAgreeWithTheOracle) {
       SCOPED_TRACE(rolling ? "rolling" : "global");
       const GaussianCase c(mei, rolling, /*ranges=*/mei != rolling, /*masked=*/mei);
       expect_same(c, run(*backend, c), run(*ref, c));
+    }
+}
+
+TEST_P(GaussianStagesTest, PartsThatMoveAgreeWithTheOracle) {
+  const auto backend = make(), ref = make_ref_backend();
+  for (const bool rolling : {false, true}) {
+    SCOPED_TRACE(rolling ? "rolling" : "global");
+    GaussianCase c(false, rolling, /*ranges=*/true);
+    const Result whole = run(*backend, c);
+    c.cut_into_parts();
+    const Result found = run(*backend, c), expected = run(*ref, c);
+    expect_same(c, found, expected);
+    EXPECT_LT(found.counts.visible, whole.counts.visible);  // one part is not drawn
+    for (int k = 0; k < 3; ++k) {
+      EXPECT_NE(expected.poses[1].translation[k], 0);
+      EXPECT_EQ(found.poses[2].translation[k], 0);
+      EXPECT_NE(expected.poses[3].rotation[k], 0);
+    }
+  }
+}
+
+/// A part is drawn as the same Gaussians moved in the world.
+TEST_P(GaussianStagesTest, APartIsSeenWhereItsPoseIs) {
+  const auto backend = make();
+  GaussianCase moved(true, false, false);
+  for (std::size_t i = 0; i < moved.n; ++i)
+    for (int row = kHarmonicsRow; row < kDistanceRow; ++row)
+      moved.numbers[gaussian_slot(i, row)] = 0;  // they turn with the part
+  GaussianCase parts = moved;
+  parts.cut_into_parts();
+  const std::size_t first = parts.parts[0].first_block * kGaussianBlock;
+  Rigid3d world_from_part[3];
+  for (const int part : {0, 2})
+    world_from_part[part] = rigid(moved.poses[0]) * rigid(parts.poses_of_part[part][0]).inverse();
+  for (std::size_t i = first; i < moved.n; ++i) {
+    const std::size_t part = (i - first) / (3 * kGaussianBlock);
+    if (part == 1) {
+      moved.numbers[gaussian_slot(i, kOpacityRow)] = -20;  // not drawn
+      continue;
+    }
+    Eigen::Vector3d position;
+    double q[4];
+    for (int k = 0; k < 3; ++k) position[k] = moved.numbers[gaussian_slot(i, kPositionRow + k)];
+    for (int k = 0; k < 4; ++k) q[k] = moved.numbers[gaussian_slot(i, kQuaternionRow + k)];
+    position = world_from_part[part] * position;
+    const Eigen::Quaterniond turned = Eigen::Quaterniond(world_from_part[part].linear()) *
+                                      Eigen::Quaterniond(q[0], q[1], q[2], q[3]);
+    const double to[4] = {turned.w(), turned.x(), turned.y(), turned.z()};
+    for (int k = 0; k < 3; ++k)
+      moved.numbers[gaussian_slot(i, kPositionRow + k)] = static_cast<float>(position[k]);
+    for (int k = 0; k < 4; ++k)
+      moved.numbers[gaussian_slot(i, kQuaternionRow + k)] = static_cast<float>(to[k]);
+  }
+  const Result found = run(*backend, parts), expected = run(*backend, moved);
+  EXPECT_EQ(found.counts.visible, expected.counts.visible);
+  for (int y = 0; y < moved.camera.height; ++y)
+    for (int x = 0; x < moved.camera.width; ++x) {
+      const std::size_t i = static_cast<std::size_t>(y) * moved.size.stride + x;
+      for (int k = 0; k < 3; ++k)
+        ASSERT_NEAR(found.image.rgb[k * moved.size.plane() + i],
+                    expected.image.rgb[k * moved.size.plane() + i], 2e-3)
+            << x << " " << y;
     }
 }
 
@@ -327,7 +410,7 @@ TEST_P(GaussianStagesTest, ThreadsChangeNoBit) {
   const auto one = make_cpu_backend(isa, 1), four = make_cpu_backend(isa, 4);
   const Result a = run(*one, c), b = run(*four, c);
   EXPECT_EQ(a.gradients, b.gradients);
-  for (int k = 0; k < 3; ++k) EXPECT_EQ(a.pose.rotation[k], b.pose.rotation[k]);
+  for (int k = 0; k < 3; ++k) EXPECT_EQ(a.poses[0].rotation[k], b.poses[0].rotation[k]);
 }
 
 // Sigmoid is 1 in floats: nothing may stop an opaque Gaussian from being trained.

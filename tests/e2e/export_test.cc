@@ -38,7 +38,7 @@ TEST_F(Export, WritesTheGaussiansOfARun) {
   EXPECT_THAT(ended.out, HasSubstr(file_.string()));
 
   const TrainState state = load_checkpoint(run / "checkpoint.safetensors");
-  const kernels::Gaussians gaussians = dynamic_cast<const SplatModel&>(*state.model).view();
+  const kernels::Gaussians gaussians = dynamic_cast<const SplatModel&>(*state.model).world();
   const std::vector<Eigen::Vector3d> points = read_ply(file_);
   ASSERT_GT(gaussians.n, 100u);
   ASSERT_EQ(points.size(), gaussians.n);

@@ -50,6 +50,7 @@ enum RandomStream : std::uint64_t {
   kStreamErrorRays =
       9,  ///< pixels drawn by the error map; counter = pixels drawn in epoch order before
   kStreamDensify = 10,  ///< which Gaussians are split; counter = step
+  kStreamActors = 11,   ///< first Gaussians of moving objects
   kStreamTest = 99
 };
 

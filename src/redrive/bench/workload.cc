@@ -151,7 +151,7 @@ TrainState make_splat_state(const SyntheticDrive& drive, int n) {
     rows[kOpacityRow] = static_cast<float>(3 * unit(6));
     rows[kDistanceRow] = static_cast<float>(at.norm());
   }
-  model.set_gaussians(list);
+  model.set_gaussians({&list, 1}, {});
   state.adam.first_moment = Buffer<float>(model.size());
   state.adam.second_moment = Buffer<float>(model.size());
   return state;

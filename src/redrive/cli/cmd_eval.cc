@@ -42,6 +42,13 @@ void print_evaluation(const Evaluation& evaluation) {
               "px masked");
   for (const auto& [name, score] : evaluation.cameras) print_row(name, score);
   print_row("all", evaluation.overall);
+  if (const auto& moving = evaluation.moving) {
+    print_row("moving objects", moving->inside);
+    print_row("beside moving objects", moving->outside);
+    for (const auto& [id, object] : moving->objects)
+      std::printf("%-28s %6d %8.2f\n", ("  " + object.type + " " + std::to_string(id)).c_str(),
+                  object.images, object.psnr_db);
+  }
   if (const auto& changes = evaluation.pose_changes)
     if (const std::string which = at_bound(*changes); !which.empty())
       std::printf("WARNING: pose corrections at their bounds: %s; see redrive align\n",

@@ -20,6 +20,7 @@
 #include "redrive/render/normals.h"
 #include "redrive/render/renderer.h"
 #include "redrive/render/view_pose.h"
+#include "redrive/scene/edit_actors.h"
 #include "redrive/train/memory.h"
 #include "redrive/train/run.h"
 
@@ -86,6 +87,17 @@ RigCamera chosen_camera(const RenderOptions& options, const Scene& scene) {
 
 }  // namespace
 
+Run open_edited_run(const RenderOptions& options) {
+  std::optional<TrafficEdit> edit;
+  if (!options.edit.empty()) edit = read_traffic_edit(options.edit);
+  Run run = open_run(options.run);
+  if (edit)
+    for (const std::string& remark : edit_actors(*edit, &run.scene))
+      std::printf("%s: %s\n", options.edit.c_str(), remark.c_str());
+  select_actors(options.actors, &run.scene);
+  return run;
+}
+
 std::optional<Exposure> chosen_exposure(const RenderOptions& options, const Run& run) {
   if (options.exposure == "own") return std::nullopt;
   if (options.exposure == "none") return Exposure{};
@@ -126,7 +138,7 @@ int render_one(const RenderOptions& options) {
     outputs.push_back(path);
   }
 
-  const Run run = open_run(options.run);
+  const Run run = open_edited_run(options);
   const RigCamera camera = chosen_camera(options, run.scene);
   const auto pose = world_from_body(run.recording, run.scene, frame, camera);
   if (!pose)
@@ -147,8 +159,10 @@ int render_one(const RenderOptions& options) {
   std::printf("%s\n", kernels::describe(*backend).c_str());
   check_device_memory(run, *backend, run.state.model->rendering_work());
   const RayTable rays = make_ray_table(camera.camera, backend->threads());
-  const RenderedImage image = render_image(*backend, *run.state.model, rays, world_from_camera,
-                                           exposure_of(options, run, camera.name, frame));
+  const RenderedImage image =
+      render_image(*backend, *run.state.model, rays,
+                   posed_at_frame(run.recording, run.scene, camera, world_from_camera, frame),
+                   exposure_of(options, run, camera.name, frame));
   write_image(options.out, to_image8(image));
   std::printf("%s: %d x %d\n", options.out.c_str(), image.width, image.height);
   if (!options.depth.empty()) {
@@ -177,18 +191,20 @@ int render_poses(const RenderOptions& options) {
     if (fs::exists(out / view.file) && !options.force)
       throw UsageError("--out", (out / view.file).string(), "exists; --force overwrites it");
 
-  const Run run = open_run(options.run);
+  const Run run = open_edited_run(options);
   // Cameras that the file defines are rendered at full size, the run's at the size of training.
   const std::vector<RigCamera> rig = poses_rig(poses, run.scene, /*like_run=*/false);
-  std::vector<Rigid3d> world_from_camera;
+  std::vector<ShutterPoses> poses_of;
   std::vector<const RigCamera*> cameras;
   std::vector<Exposure> exposures;
   for (std::size_t i = 0; i < poses.views.size(); ++i) {  // check all before the first is rendered
     const RigCamera& camera = requested_camera(poses, i, rig);
     cameras.push_back(&camera);
-    world_from_camera.push_back(
+    poses_of.push_back(posed_at_frame(
+        run.recording, run.scene, camera,
         requested_world_from_body(poses, i, camera, run.recording, run.scene, options.relative) *
-        camera.body_from_sensor);
+            camera.body_from_sensor,
+        poses.views[i].frame_id));
     exposures.push_back(exposure_of(options, run, camera.name, poses.views[i].frame_id));
   }
 
@@ -197,8 +213,8 @@ int render_poses(const RenderOptions& options) {
   check_device_memory(run, *backend, run.state.model->rendering_work());
   for (std::size_t i = 0; i < poses.views.size(); ++i) {
     const fs::path file = out / poses.views[i].file;
-    const RenderedImage image = render_image(*backend, *run.state.model, cameras[i]->camera,
-                                             world_from_camera[i], exposures[i]);
+    const RenderedImage image =
+        render_image(*backend, *run.state.model, cameras[i]->camera, poses_of[i], exposures[i]);
     std::error_code error;
     fs::create_directories(file.parent_path(), error);
     if (error) throw IoError(file.parent_path(), error.message());
@@ -247,6 +263,10 @@ Action configure_render(CLI::App& command) {
   command.add_option("--seconds", options->seconds, "duration of --path (default: the path's own)")
       ->check(CLI::Range(0.001, kMaxPath_s))
       ->needs(path);
+  command.add_option("--actors", options->actors,
+                     "moving objects to draw: all, none, or the ids of some, such as 3,17");
+  command.add_option("--edit", options->edit,
+                     "EDIT.json: moves, removes, hides, copies and recolours moving objects");
   CLI::Option* camera =
       command
           .add_option("--camera", options->camera,

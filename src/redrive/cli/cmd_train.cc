@@ -98,6 +98,7 @@ int run_train(const TrainArguments& arguments) {
   resolve_bounds(&run.options, given_names(arguments), run.recording);
   run.scene = make_scene(run.recording, scene_options(run.options));
   run.state = make_initial_state(run.options, run.scene);
+  load_actors(&run);
   record_hyperparameters(*run.state.model, &run.options);
   const std::atomic<bool>& stop = stop_on_signal();
   check_run_memory(run, group);

@@ -83,7 +83,7 @@ CameraPath make_path(const RenderOptions& options, const Run& run) {
 int render_path(const RenderOptions& options) {
   const fs::path out = checked_output(options);
   left_of_drive(options.path);  // checks it before the run is opened
-  const Run run = open_run(options.run);
+  const Run run = open_edited_run(options);
   const CameraPath path = make_path(options, run);
   const bool own_lens = path.camera.empty();
   const int camera = std::max(0, run.scene.camera_index(path.camera));
@@ -106,8 +106,10 @@ int render_path(const RenderOptions& options) {
     if (!rays || (own_lens && key.fov_deg != fov_deg))
       rays = make_ray_table(lens, backend->threads());
     fov_deg = key.fov_deg;
-    const Image8 image =
-        to_image8(render_image(*backend, *run.state.model, *rays, key.world_from_camera, exposure));
+    const ShutterPoses pose =
+        run.scene.with_actors(key.world_from_camera, run.scene.rig[camera],
+                              run.scene.frames.front().t_ns + std::llround(1e9 * key.drive_s));
+    const Image8 image = to_image8(render_image(*backend, *run.state.model, *rays, pose, exposure));
     if (progress) progress(i + 1, images);
     return image;
   };

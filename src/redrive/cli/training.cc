@@ -87,7 +87,7 @@ void print_summary(const Run& run, const TrainingData& training,
                                           static_cast<double>(mask.used.size()));
     std::printf("\n");
   }
-  if (const std::size_t moving = training.left_out.moving.objects(); moving > 0)
+  if (const std::size_t moving = training.left_out.moving.objects().size(); moving > 0)
     std::printf("moving objects masked: %zu\n", moving);
   if (const LidarReturns& lidar = training.lidar; lidar.n > 0 && run.recording.lidar_files.empty())
     std::printf("%zu points of %s; dropped: %zu that may be occluded\n", lidar.n,

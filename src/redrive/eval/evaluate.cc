@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include "redrive/base/error.h"
+#include "redrive/eval/moving_scores.h"
 #include "redrive/eval/score_mean.h"
 #include "redrive/math/angles.h"
 #include "redrive/scene/load_views.h"
@@ -150,6 +151,7 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
   };
 
   ScoreMean overall;
+  MovingScores moving(run, backend);
   for (std::size_t c = 0; c < by_camera.size(); ++c) {
     if (by_camera[c].empty()) continue;
     const RayTable table = make_ray_table(scene.rig[c].camera, backend.threads());
@@ -157,11 +159,11 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
     for (const std::size_t v : by_camera[c]) {
       const View& view = views[v];
       Image8 ground_truth = load_view(scene, view);  // fails before rendering
+      const RenderedImage rendered = render_image(backend, *run.state.model, table,
+                                                  scene.shutter_poses(view), scene.exposure(view));
+      moving.add(scene, view, left_out.masks[c], rendered, ground_truth);
       apply_mask(view_mask(scene, view, left_out.masks[c], left_out.moving), &ground_truth);
-      const Score score = score_image(backend,
-                                      render_image(backend, *run.state.model, table,
-                                                   scene.shutter_poses(view), scene.exposure(view)),
-                                      ground_truth);
+      const Score score = score_image(backend, rendered, ground_truth);
       mean.add(score);
       overall.add(score);
       tell();
@@ -169,15 +171,15 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
     evaluation.cameras[run.scene.rig[c].name] = mean.mean();
   }
   evaluation.overall = overall.mean();
+  moving.finish(&evaluation);
 
   for (const NovelGroundTruth& ground_truth : ground_truths) {
     ScoreMean mean;
     for (const std::size_t i : chosen_of(ground_truth)) {
       const GroundTruthView view = ground_truth.load(i);
-      mean.add(score_image(backend,
-                           render_image(backend, *run.state.model, view.camera,
-                                        view.world_from_camera, view.exposure),
-                           view.image, view.depth_m));
+      mean.add(score_image(
+          backend, render_image(backend, *run.state.model, view.camera, view.poses, view.exposure),
+          view.image, view.depth_m));
       tell();
     }
     evaluation.novel[ground_truth.name()] = mean.mean();
@@ -190,12 +192,21 @@ nlohmann::json evaluation_to_json(const Evaluation& evaluation) {
                          {"cameras", nlohmann::json::object()},
                          {"novel", nlohmann::json::object()},
                          {"held_out", evaluation.held_out},
+                         {"moving", nullptr},
                          {"alignment", nullptr},
                          {"view_alignment", nullptr},
                          {"pose_changes", nullptr}};
   if (evaluation.pose_changes) json["pose_changes"] = changes_to_json(*evaluation.pose_changes);
   if (const auto& aligned = evaluation.view_alignment)
     json["view_alignment"] = view_alignment_to_json(*aligned);
+  if (const auto& moving = evaluation.moving) {
+    json["moving"] = {{"inside", score_to_json(moving->inside)},
+                      {"outside", score_to_json(moving->outside)},
+                      {"objects", nlohmann::json::object()}};
+    for (const auto& [id, object] : moving->objects)
+      json["moving"]["objects"][std::to_string(id)] = {
+          {"type", object.type}, {"psnr_db", object.psnr_db}, {"images", object.images}};
+  }
   if (const auto& alignment = evaluation.alignment)
     json["alignment"] = {{"moved_m", alignment->translation_m},
                          {"turned_deg", alignment->rotation_deg},

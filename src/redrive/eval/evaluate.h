@@ -47,11 +47,24 @@ struct Score {
                               ///< masks exclude from scores
 };
 
+/// Scores of annotated moving objects (eval/moving_scores.h).
+struct MovingEvaluation {
+  struct Object {
+    std::string type;    ///< MovingObject::type
+    double psnr_db = 0;  ///< mean over images
+    int images = 0;
+  };
+  Score inside;                            ///< of their pixels, in the images that show any
+  Score outside;                           ///< of all other pixels, in all images
+  std::map<std::int64_t, Object> objects;  ///< by MovingObject::id
+};
+
 struct Evaluation {
   bool held_out = true;  ///< false: no frame was held out, training frames were scored
   Score overall;
   std::map<std::string, Score> cameras;
-  std::map<std::string, Score> novel;  ///< by novel/<name>; empty without ground truth
+  std::optional<MovingEvaluation> moving;  ///< empty where no image shows a moving object
+  std::map<std::string, Score> novel;      ///< by novel/<name>; empty without ground truth
   std::optional<ViewAlignment>
       view_alignment;  ///< of the held-out images, where training refined poses
   std::optional<TrajectoryRegistration>
@@ -75,6 +88,8 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
 DeviceWork work_of_evaluation(const Run& run, bool other_cameras = false);
 
 /// Returns {"overall": SCORE, "cameras": {CAM: SCORE}, "novel": {NAME: SCORE}, "held_out": bool,
+/// "moving": {"inside": SCORE, "outside": SCORE, "objects": {ID: {"type", "psnr_db", "images"}}} or
+/// null,
 /// "alignment": {"moved_m", "turned_deg", "rest_m", "rest_deg", "frames"} or null,
 /// "view_alignment": {"moved_m", "turned_deg", "views"} or null, "pose_changes": {"frames":
 /// {"moved_m", "turned_deg", "at_bound"}, "cameras": {CAM: {"moved_m": [3],

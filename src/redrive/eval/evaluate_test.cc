@@ -298,12 +298,21 @@ TEST(EvaluationJson, HasTheDocumentedKeys) {
   const PoseChange change{{0.5, -0.25, 2}, {0, std::numbers::pi / 2, 0}, true};
   evaluation.pose_changes =
       PoseChanges{{change, {}}, {{"F_CAM", change, 0.125}}, 0.75, std::numbers::pi};
+  EXPECT_TRUE(nlohmann::json::parse(evaluation_to_json(evaluation).dump()).at("moving").is_null());
+  evaluation.moving = MovingEvaluation{
+      {24, 0.75, 0.125, std::nan(""), 2}, {22, 0.5, 0.25, std::nan(""), 3}, {{-7, {"CAR", 25, 2}}}};
   const auto json = nlohmann::json::parse(evaluation_to_json(evaluation).dump());
   EXPECT_EQ(json, nlohmann::json::parse(R"({
     "overall": {"psnr_db": 20.5, "ssim": 0.5, "flip": 0.25, "depth_error": null, "images": 3,
       "left_out_pixels": 0},
     "cameras": {"F_CAM": {"psnr_db": 20.5, "ssim": null, "flip": 0.25, "depth_error": 0.125,
       "images": 3, "left_out_pixels": 7}},
+    "moving": {
+      "inside": {"psnr_db": 24, "ssim": 0.75, "flip": 0.125, "depth_error": null, "images": 2,
+        "left_out_pixels": 0},
+      "outside": {"psnr_db": 22, "ssim": 0.5, "flip": 0.25, "depth_error": null, "images": 3,
+        "left_out_pixels": 0},
+      "objects": {"-7": {"type": "CAR", "psnr_db": 25, "images": 2}}},
     "novel": {}, "held_out": false,
     "alignment": {"moved_m": 0.5, "turned_deg": 0.25, "rest_m": 0.125, "rest_deg": 1, "frames": 5},
     "view_alignment": {"moved_m": 0.25, "turned_deg": 0.5, "views": 8},

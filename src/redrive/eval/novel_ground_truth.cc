@@ -40,12 +40,15 @@ GroundTruthView NovelGroundTruth::load(std::size_t index) const {
            ? ground_truth_global_from_world_.inverse(Eigen::Isometry) * *view.global_from_body
            : requested_world_from_body(poses_, views_[index], camera, run_.recording, run_.scene,
                                        false)}};
-  GroundTruthView ground_truth{view.file,
-                               camera.camera,
-                               scene.world_from_camera(scene.views[0]),
-                               exposure_at(run_.recording, run_.scene, camera.name, view.frame_id),
-                               load_view(scene, scene.views[0]),
-                               {}};
+  const Rigid3d world_from_camera = scene.world_from_camera(scene.views[0]);
+  GroundTruthView ground_truth{
+      view.file,
+      camera.camera,
+      world_from_camera,
+      posed_at_frame(run_.recording, run_.scene, camera, world_from_camera, view.frame_id),
+      exposure_at(run_.recording, run_.scene, camera.name, view.frame_id),
+      load_view(scene, scene.views[0]),
+      {}};
   const std::filesystem::path depth = image.parent_path() / (image.stem().string() + "_depth.png");
   if (std::filesystem::exists(depth)) ground_truth.depth_m = load_depth(depth, camera);
   return ground_truth;

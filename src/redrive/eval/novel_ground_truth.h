@@ -20,6 +20,7 @@ struct GroundTruthView {
   std::string name;  ///< file of the novel set
   Camera camera;
   Rigid3d world_from_camera;
+  ShutterPoses poses;  ///< world_from_camera with the moving objects of its frame
   Exposure exposure;
   Image8 image;
   std::vector<float>

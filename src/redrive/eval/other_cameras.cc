@@ -76,7 +76,7 @@ Exclusions exclusions_of(const Run& run, const OtherScene& other, int threads) {
   masks[static_cast<std::size_t>(other.camera)] =
       static_masks(alone, images, run.options.masks == "auto" ? "" : run.options.masks, pool,
                    run.recording.metric)[0];
-  return {masks, read_moving_objects(run.recording, run.scene)};
+  return {masks, read_moving_objects(run.recording, run.scene).without(run.scene.actors)};
 }
 
 struct Comparison {

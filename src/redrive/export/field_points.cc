@@ -36,7 +36,8 @@ std::vector<PlyPoint> field_points(const Run& run, kernels::Backend& backend, st
       table = make_ray_table(scene.rig[view->camera].camera, backend.threads());
       table_camera = view->camera;
     }
-    const ShutterPoses poses = scene.shutter_poses(*view);
+    ShutterPoses poses = scene.shutter_poses(*view);
+    poses.set_actors({});  // they are at other places in other images
     const RenderedImage image =
         render_image(backend, *run.state.model, table, poses, scene.exposure(*view));
     const std::vector<float> normals = surface_normals(image, table);

@@ -13,6 +13,14 @@ inline void check_rasterise(const GaussianCamera& camera, const Gaussians& gauss
   REDRIVE_CHECK(size.width > 0 && size.height > 0);
   REDRIVE_CHECK(!camera.world_from_camera.empty());
   REDRIVE_CHECK_OP(gaussians.numbers.size(), ==, gaussian_blocks(gaussians.n) * kBlockSize);
+  std::size_t last_block = 0;
+  for (const GaussianPart& part : camera.parts) {
+    REDRIVE_CHECK(part.part_from_camera.empty() ||
+                  part.part_from_camera.size() == camera.world_from_camera.size());
+    REDRIVE_CHECK(last_block <= part.first_block &&
+                  part.first_block <= gaussian_blocks(gaussians.n));
+    last_block = part.first_block;
+  }
   REDRIVE_CHECK(options.tiles.empty() ||
                 options.tiles.size() == size.plane() / (kTileSide * kTileSide));
   REDRIVE_CHECK(options.log_range.empty() || options.log_range.size() == size.plane());
@@ -20,7 +28,8 @@ inline void check_rasterise(const GaussianCamera& camera, const Gaussians& gauss
 
 inline void check_rasterise_backward(const GaussianCamera& camera, const Gaussians& gaussians,
                                      const RasterOptions& options, const RasterImage& image,
-                                     const RasterGradient& gradient, std::size_t gradients) {
+                                     const RasterGradient& gradient, std::size_t gradients,
+                                     std::size_t d_poses) {
   check_rasterise(camera, gaussians, options);
   const std::size_t plane = image.size.plane();
   REDRIVE_CHECK_OP(gradient.d_rgb.size(), ==, 3 * plane);
@@ -28,6 +37,7 @@ inline void check_rasterise_backward(const GaussianCamera& camera, const Gaussia
   REDRIVE_CHECK_OP(gradient.error.size(), ==, plane);
   REDRIVE_CHECK_OP(gradient.d_range.size(), ==, options.log_range.empty() ? 0 : plane);
   REDRIVE_CHECK_OP(gradients, ==, gaussians.numbers.size());
+  REDRIVE_CHECK(d_poses == 0 || d_poses == 1 + camera.parts.size());
 }
 
 inline void check_image_loss(const ImageLossInput& input, std::size_t d_rgb, std::size_t error) {

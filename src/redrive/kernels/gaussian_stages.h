@@ -24,6 +24,14 @@ struct Gaussians {
   std::span<const float> numbers;
 };
 
+/// Gaussians that move as one, in axes of their own.
+struct GaussianPart {
+  std::size_t first_block = 0;  ///< its blocks end where those of the next part begin
+  /// part_from_camera at the times of GaussianCamera::world_from_camera, as many; empty: the part
+  /// is not drawn.
+  std::span<const PlainPose> part_from_camera;
+};
+
 /// The camera of an image, or of a window of it: `camera` then has the window's size and principal
 /// point.
 struct GaussianCamera {
@@ -33,6 +41,8 @@ struct GaussianCamera {
   std::span<const PlainPose> world_from_camera;
   float first_row = 0;   ///< of the window in the whole image
   float image_rows = 1;  ///< height of the whole image
+  /// Parts that move, ascending by block. The blocks before the first one are in the world.
+  std::span<const GaussianPart> parts;
 };
 
 /// Planes of an image: pixel (x, y) of plane k is planes[(k * rows + y) * stride + x]. Width and
@@ -135,11 +145,12 @@ class GaussianStages {
   virtual RasterCounts rasterise(const GaussianCamera& camera, const Gaussians& gaussians,
                                  const RasterOptions& options, RasterImage* image) = 0;
   /// Adds the derivatives to `gradients`, laid out as the Gaussians. The last rasterise() of these
-  /// stages must have had the same arguments. d_pose: by the pose of the whole image, or null.
+  /// stages must have had the same arguments. d_poses: derivatives by the camera's pose, in the
+  /// world by the Gaussians before the parts, then in each part by its own; empty: not wanted.
   virtual void rasterise_backward(const GaussianCamera& camera, const Gaussians& gaussians,
                                   const RasterOptions& options, const RasterImage& image,
                                   const RasterGradient& gradient, std::span<float> gradients,
-                                  GaussianPoseGradient<NumberMath<double>>* d_pose) = 0;
+                                  std::span<GaussianPoseGradient<NumberMath<double>>> d_poses) = 0;
   /// Writes d_rgb, 3 planes, and the mean absolute error of the channels of each pixel, 1 plane.
   virtual ImageLossOutput image_loss(const ImageLossInput& input, std::span<float> d_rgb,
                                      std::span<float> error) = 0;

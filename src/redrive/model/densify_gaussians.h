@@ -5,6 +5,8 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
+#include <vector>
 
 #include "redrive/model/initial_gaussians.h"
 #include "redrive/model/model.h"
@@ -15,17 +17,36 @@ struct DensifyOptions {
   std::size_t target = 0;     ///< number of Gaussians afterwards, at most
   float min_opacity = 0.01f;  ///< less is removed
   float min_scale = 6e-4f;    ///< of the largest axis, of the distance: smaller ones are not split
+  /// By actor: half sides of the box around its origin in which its Gaussians stay, metres; those
+  /// outside are removed. Empty: no bounds.
+  std::span<const Eigen::Vector3f> actor_bounds;
 };
 
+/// Where the Gaussians of the world and of each actor are: in blocks of their own.
+struct GaussianLayout {
+  std::size_t world = 0;                 ///< number of Gaussians of the world, from the first block
+  std::vector<std::int64_t> actor_ends;  ///< by actor: the end of its blocks, which follow
+
+  std::size_t world_blocks() const { return gaussian_blocks(world); }
+  std::size_t first_block(std::size_t actor) const {
+    return actor == 0 ? world_blocks() : static_cast<std::size_t>(actor_ends[actor - 1]);
+  }
+  std::size_t blocks() const { return first_block(actor_ends.size()); }
+};
+
+/// Returns the layout of lists of Gaussians, of the world first. An actor has at least one block.
+GaussianLayout layout_of(std::span<const GaussianList> lists);
+
 /// Writes Gaussians in Morton order into blocks; unused lanes are transparent.
-void write_blocks(const GaussianList& list, Buffer<float>* numbers);
+void write_blocks(std::span<const GaussianList> lists, const GaussianLayout& layout,
+                  Buffer<float>* numbers);
 
 /// Splits Gaussians along their longest axis into two, drawn without replacement with probabilities
 /// proportional to their summed error (the row kDistanceRow of the first moment), and removes
 /// transparent ones. Sets the summed errors to 0. Parents keep their second moments, children start
 /// without first moments. `tail`: numbers behind the Gaussians' blocks in each buffer, which stay.
-/// Deterministic in key. Returns the number of Gaussians.
-std::size_t densify(const DensifyOptions& options, std::uint64_t key, std::size_t n,
-                    std::size_t tail, Buffer<float>* numbers, AdamState* adam);
+/// Deterministic in key. Gaussians stay in the world or with their actor.
+void densify(const DensifyOptions& options, std::uint64_t key, std::size_t tail,
+             GaussianLayout* layout, Buffer<float>* numbers, AdamState* adam);
 
 }  // namespace redrive

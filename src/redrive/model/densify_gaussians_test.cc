@@ -50,7 +50,7 @@ struct State {
       *buffer = Buffer<float>(size + kTail);
       for (std::size_t i = 0; i < kTail; ++i) (*buffer)[size + i] = static_cast<float>(100 + i);
     }
-    write_blocks(list, &numbers);
+    write_blocks({&list, 1}, {.world = n, .actor_ends = {}}, &numbers);
     for (std::size_t i = 0; i < n; ++i)
       for (int row = 0; row < kGaussianRows; ++row) {
         adam.first_moment[gaussian_slot(i, row)] = row == kDistanceRow ? 1.0f : 1.0f + row;
@@ -64,7 +64,9 @@ struct State {
   float id(std::size_t i) const { return row(i, kColourRow); }
   float& error(std::size_t i) { return adam.first_moment[gaussian_slot(i, kDistanceRow)]; }
   void densify(std::size_t target, std::uint64_t key = 7) {
-    n = redrive::densify({.target = target}, key, n, kTail, &numbers, &adam);
+    GaussianLayout layout{.world = n, .actor_ends = {}};
+    redrive::densify({.target = target}, key, kTail, &layout, &numbers, &adam);
+    n = layout.world;
   }
   /// Gaussians by their number.
   std::map<float, std::vector<std::size_t>> by_id() const {

@@ -11,8 +11,6 @@
 namespace redrive {
 namespace {
 
-constexpr const char* kStepsRule = "must be steps of 1 or more, ascending";
-
 template <class T>
 std::string text_of(T value) {
   char buffer[64];
@@ -26,9 +24,13 @@ bool parse(std::string_view text, T* value) {
   return error == std::errc() && end == text.data() + text.size();
 }
 
-bool ascending(const std::vector<std::int64_t>& steps) {
-  return std::ranges::adjacent_find(steps, std::greater_equal<>()) == steps.end() &&
-         (steps.empty() || steps.front() >= 1);
+bool valid_list(const Hyperparameter& what, const std::vector<std::int64_t>& values) {
+  return std::ranges::adjacent_find(values, std::greater_equal<>()) == values.end() &&
+         std::ranges::all_of(
+             values, [&](std::int64_t value) { return what.contains(static_cast<double>(value)); });
+}
+std::string list_rule(const Hyperparameter& what) {
+  return "must be ascending, each " + what.rule();
 }
 
 class Lister final : public HyperparameterVisitor {
@@ -58,8 +60,8 @@ class Setter final : public HyperparameterVisitor {
   void operator()(const Hyperparameter& what, std::vector<std::int64_t>& steps) override {
     if (what.name != name_) return;
     found = true;
-    if (!steps_from_text(text_, &steps) || !ascending(steps))
-      throw UsageError(what.flag(), text_, kStepsRule);
+    if (!steps_from_text(text_, &steps) || !valid_list(what, steps))
+      throw UsageError(what.flag(), text_, list_rule(what));
   }
 
   bool found = false;
@@ -91,7 +93,7 @@ class RangeChecker final : public HyperparameterVisitor {
   void operator()(const Hyperparameter& what, float& value) override { check(what, value); }
   void operator()(const Hyperparameter& what, double& value) override { check(what, value); }
   void operator()(const Hyperparameter& what, std::vector<std::int64_t>& steps) override {
-    if (!ascending(steps)) fail_(what, text_from_steps(steps), kStepsRule);
+    if (!valid_list(what, steps)) fail_(what, text_from_steps(steps), list_rule(what));
   }
 
  private:

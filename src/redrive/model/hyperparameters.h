@@ -40,7 +40,7 @@ class HyperparameterVisitor {
   virtual void operator()(const Hyperparameter& what, int& value) = 0;
   virtual void operator()(const Hyperparameter& what, float& value) = 0;
   virtual void operator()(const Hyperparameter& what, double& value) = 0;
-  /// Steps of 1 or more, ascending; may be empty.
+  /// In range and strictly ascending; may be empty.
   virtual void operator()(const Hyperparameter& what, std::vector<std::int64_t>& values) = 0;
 };
 

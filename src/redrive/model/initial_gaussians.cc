@@ -4,13 +4,11 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <numeric>
 
-#include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
-#include <nanoflann.hpp>
 
 #include "redrive/base/rng.h"
+#include "redrive/model/gaussian_points.h"
 #include "redrive/scene/lidar_points.h"
 #include "redrive/scene/track_points.h"
 
@@ -18,28 +16,12 @@ namespace redrive {
 namespace {
 
 constexpr std::size_t kPointsPerRange = 4096;
-constexpr std::size_t kNeighbours = 9;
-/// Least scale of a disc along its normal, of its smaller axis.
-constexpr float kFlattest = 0.15f;
 /// Extruded are returns this high above the lowest camera, by up to kExtrusion_m.
 constexpr float kExtrudedFrom_m = 0.5f, kExtrusion_m = 9;
 constexpr float kFar = 6;             ///< radius of the sky, in distances of the scene's points
 constexpr float kSkyBelow = 0.03f;    ///< the sky of a drive ends this far below the horizon (sine)
 constexpr double kShareOfMost = 0.6;  ///< one kind of points has at most this of max_gaussians
-constexpr float kPointOpacity = 0.5f, kExtrudedOpacity = 0.1f, kRandomOpacity = 0.1f;
-
-/// Returns the colour of pixel `index`, in [0, 1].
-Eigen::Vector3f colour_in(const Image8& image, std::size_t index) {
-  const auto rgb = colour_at(image, index);
-  return Eigen::Vector3f(rgb[0], rgb[1], rgb[2]) / 255;
-}
-
-struct Point {
-  Eigen::Vector3f position, rgb, seen_from;
-};
-using Points = std::vector<Point>;
-
-float logit(float p) { return std::log(p / (1 - p)); }
+constexpr float kExtrudedOpacity = 0.1f;
 
 Points points_of(const PointCloud& cloud) {
   Points points(cloud.n);
@@ -52,71 +34,6 @@ Points points_of(const PointCloud& cloud) {
   return points;
 }
 
-/// Returns the mean point of each voxel. The side follows the distance to the nearest camera in
-/// steps of sqrt(2).
-Points one_per_voxel(const Points& points, const NearestCamera& cameras, float voxel,
-                     ThreadPool& pool) {
-  std::vector<std::pair<std::uint64_t, std::uint32_t>> keys(points.size());
-  pool.run_ranges(points.size(), kPointsPerRange, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) {
-      const float side = std::max(voxel * cameras.distance(points[i].position.data()), 1e-6f);
-      const int level = static_cast<int>(std::floor(2 * std::log2(side)));
-      const float step = std::exp2(0.5f * static_cast<float>(level));
-      std::uint64_t key = mix64(static_cast<std::uint64_t>(level + 1000));
-      for (int k = 0; k < 3; ++k)
-        key = mix64(key ^ static_cast<std::uint64_t>(
-                              static_cast<std::int64_t>(std::floor(points[i].position[k] / step))));
-      keys[i] = {key, static_cast<std::uint32_t>(i)};
-    }
-  });
-  std::ranges::sort(keys);
-  Points out;
-  for (std::size_t i = 0; i < keys.size();) {
-    Point sum{Eigen::Vector3f::Zero(), Eigen::Vector3f::Zero(), Eigen::Vector3f::Zero()};
-    std::size_t end = i;
-    for (; end < keys.size() && keys[end].first == keys[i].first; ++end) {
-      sum.position += points[keys[end].second].position;
-      sum.rgb += points[keys[end].second].rgb;
-    }
-    const auto n = static_cast<float>(end - i);
-    out.push_back({sum.position / n, sum.rgb / n, points[keys[i].second].seen_from});
-    i = end;
-  }
-  return out;
-}
-
-/// Points for nanoflann.
-struct PointSet {
-  const Points& points;
-  std::size_t kdtree_get_point_count() const { return points.size(); }
-  float kdtree_get_pt(std::size_t i, std::size_t k) const {
-    return points[i].position[static_cast<Eigen::Index>(k)];
-  }
-  template <class Box>
-  bool kdtree_get_bbox(Box&) const {
-    return false;
-  }
-};
-
-using Tree = nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<float, PointSet>,
-                                                 PointSet, 3, std::uint32_t>;
-
-/// Mean of some points and the principal axes about it, of the smallest variance first.
-struct Neighbourhood {
-  Eigen::Vector3f mean = Eigen::Vector3f::Zero();
-  Eigen::SelfAdjointEigenSolver<Eigen::Matrix3f> axes;
-};
-template <std::size_t n>
-Neighbourhood neighbourhood_of(const Points& points, const std::array<std::uint32_t, n>& near) {
-  Neighbourhood out;
-  for (const std::uint32_t j : near) out.mean += points[j].position / n;
-  Eigen::Matrix3f covariance = Eigen::Matrix3f::Zero();
-  for (const std::uint32_t j : near)
-    covariance += (points[j].position - out.mean) * (points[j].position - out.mean).transpose();
-  out.axes.compute(covariance);
-  return out;
-}
-
 /// Moves points of tracks along their rays onto the planes of LiDAR returns around them: returns
 /// are more exact, tracks more dense. Points without returns nearby, or far from their plane, stay.
 void move_onto_planes(const Points& returns, const NearestCamera& cameras, ThreadPool& pool,
@@ -127,7 +44,7 @@ void move_onto_planes(const Points& returns, const NearestCamera& cameras, Threa
   constexpr float kThickness = 0.1f;  // of a plane, of its smaller extent
   if (returns.size() < kPlaneReturns) return;
   const PointSet set{returns};
-  Tree tree(3, set, nanoflann::KDTreeSingleIndexAdaptorParams(16));
+  PointTree tree(3, set, nanoflann::KDTreeSingleIndexAdaptorParams(16));
   tree.buildIndex();
   pool.run_ranges(points->size(), kPointsPerRange, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
@@ -145,56 +62,6 @@ void move_onto_planes(const Points& returns, const NearestCamera& cameras, Threa
       if (std::fabs(along) < 1e-3f * ray.norm()) continue;
       const float change = normal.dot(mean - point.position) / along;  // of the ray's length
       if (std::fabs(change) < kMoved) point.position += change * ray;
-    }
-  });
-}
-
-/// Writes a Gaussian without harmonics.
-void put(const Point& point, const Eigen::Vector3f& scale, const Eigen::Quaternionf& rotation,
-         float opacity, float distance, float* rows) {
-  std::fill_n(rows, kGaussianRows, 0.0f);
-  for (int k = 0; k < 3; ++k) {
-    rows[kPositionRow + k] = point.position[k];
-    rows[kLogScaleRow + k] = std::log(scale[k]);
-    rows[kColourRow + k] = point.rgb[k];
-  }
-  rows[kQuaternionRow] = rotation.w();
-  rows[kQuaternionRow + 1] = rotation.x();
-  rows[kQuaternionRow + 2] = rotation.y();
-  rows[kQuaternionRow + 3] = rotation.z();
-  rows[kOpacityRow] = logit(opacity);
-  rows[kDistanceRow] = distance;
-}
-
-/// Appends a Gaussian for each point, as large as `size` times the distance of its neighbours, and
-/// flat where these lie in a plane.
-void append_discs(const Points& points, const NearestCamera& cameras, float size, float opacity,
-                  ThreadPool& pool, GaussianList* list) {
-  if (points.size() <= kNeighbours) return;
-  const PointSet set{points};
-  Tree tree(3, set, nanoflann::KDTreeSingleIndexAdaptorParams(16));
-  tree.buildIndex();
-  const std::size_t first = list->size();
-  list->rows.resize((first + points.size()) * kGaussianRows);
-  pool.run_ranges(points.size(), kPointsPerRange, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) {
-      std::array<std::uint32_t, kNeighbours> near;
-      std::array<float, kNeighbours> squares;
-      tree.knnSearch(points[i].position.data(), kNeighbours, near.data(), squares.data());
-      const auto axes = neighbourhood_of(points, near).axes;
-      Eigen::Matrix3f rotation;
-      rotation.col(0) = axes.eigenvectors().col(2);
-      rotation.col(1) = axes.eigenvectors().col(1);
-      rotation.col(2) = rotation.col(0).cross(rotation.col(1));
-      const float distance = cameras.distance(points[i].position.data());
-      const float side =
-          (std::sqrt(squares[1]) + std::sqrt(squares[2]) + std::sqrt(squares[3])) / 3;
-      const float scale = std::clamp(size * side, 5e-4f * distance, 0.02f * distance);
-      const float flat = std::clamp(2 * std::sqrt(std::max(axes.eigenvalues()[0], 0.0f) /
-                                                  std::max(axes.eigenvalues()[1], 1e-20f)),
-                                    kFlattest, 1.0f);
-      put(points[i], {scale, scale, flat * scale}, Eigen::Quaternionf(rotation), opacity, distance,
-          &list->rows[(first + i) * kGaussianRows]);
     }
   });
 }
@@ -308,8 +175,8 @@ void append_sky(const TrainingSet& data, const Eigen::Vector3f& centre, float ra
   for (const std::optional<Point>& point : points) {
     if (!point) continue;  // nobody sees it
     list->rows.resize(list->rows.size() + kGaussianRows);
-    put(*point, Eigen::Vector3f::Constant(0.6f * side), Eigen::Quaternionf::Identity(),
-        kPointOpacity, radius / 4, &*(list->rows.end() - kGaussianRows));
+    put_gaussian(*point, Eigen::Vector3f::Constant(0.6f * side), Eigen::Quaternionf::Identity(),
+                 kPointOpacity, radius / 4, &*(list->rows.end() - kGaussianRows));
   }
 }
 
@@ -324,9 +191,9 @@ void append_random(const NearestCamera& cameras, float half_side, int n, std::ui
       point.rgb[k] = random_unit(key, 6 * i + 3 + k);
     }
     list->rows.resize(list->rows.size() + kGaussianRows);
-    put(point, Eigen::Vector3f::Constant(0.5f * side), Eigen::Quaternionf::Identity(),
-        kRandomOpacity, cameras.distance(point.position.data()),
-        &*(list->rows.end() - kGaussianRows));
+    put_gaussian(point, Eigen::Vector3f::Constant(0.5f * side), Eigen::Quaternionf::Identity(),
+                 kRandomOpacity, cameras.distance(point.position.data()),
+                 &*(list->rows.end() - kGaussianRows));
   }
 }
 
@@ -346,26 +213,6 @@ void shuffle(std::size_t n, std::uint64_t key, GaussianList* list) {
 }
 
 }  // namespace
-
-NearestCamera::NearestCamera(const Scene& scene) {
-  // Neighbouring frames are centimetres to metres apart: so many cameras stand for all.
-  constexpr std::size_t kMost = 64;
-  const std::size_t n = scene.views.size(), every = (n + kMost - 1) / kMost;
-  for (std::size_t i = 0; i < n; i += every) {
-    const Eigen::Vector3d centre = scene.world_from_camera(scene.views[i]).translation();
-    for (int k = 0; k < 3; ++k) centres_.push_back(static_cast<float>(centre[k]));
-  }
-}
-
-float NearestCamera::distance(const float* position) const {
-  float least = std::numeric_limits<float>::max();
-  for (std::size_t i = 0; i < centres_.size(); i += 3) {
-    const float x = position[0] - centres_[i], y = position[1] - centres_[i + 1],
-                z = position[2] - centres_[i + 2];
-    least = std::min(least, x * x + y * y + z * z);
-  }
-  return std::sqrt(least);
-}
 
 GaussianList initial_gaussians(const TrainingSet& data, const InitialGaussianOptions& options,
                                std::uint64_t seed, ThreadPool& pool) {

@@ -3,12 +3,9 @@
 // reconstructions, coloured by the images, and points triangulated from image tracks.
 #pragma once
 
-#include <vector>
-
 #include "redrive/base/parallel.h"
-#include "redrive/field/gaussian.h"
+#include "redrive/model/gaussian_list.h"
 #include "redrive/model/model.h"
-#include "redrive/scene/point_cloud.h"
 
 namespace redrive {
 
@@ -21,25 +18,9 @@ struct InitialGaussianOptions {
   bool tracks = true;          ///< uses points of image tracks
 };
 
-/// Gaussians one after the other: [n][kGaussianRows].
-struct GaussianList {
-  std::vector<float> rows;
-  std::size_t size() const { return rows.size() / kGaussianRows; }
-};
-
 /// Returns the first Gaussians, in random order. Deterministic in seed; the number of threads
 /// changes nothing.
 GaussianList initial_gaussians(const TrainingSet& data, const InitialGaussianOptions& options,
                                std::uint64_t seed, ThreadPool& pool);
-
-/// Measures distances to the nearest of the views' cameras, metres.
-class NearestCamera {
- public:
-  explicit NearestCamera(const Scene& scene);
-  float distance(const float* position) const;
-
- private:
-  std::vector<float> centres_;  ///< [n][3]
-};
 
 }  // namespace redrive

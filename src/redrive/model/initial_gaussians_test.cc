@@ -8,6 +8,7 @@
 #include <gtest/gtest.h>
 #include <Eigen/Geometry>
 
+#include "redrive/model/gaussian_points.h"
 #include "redrive/model/splat_scene_testing.h"
 
 namespace redrive {

@@ -59,7 +59,7 @@ inline GaussianList disturbed(GaussianList list, float off) {
 inline void set_gaussians(const GaussianList& list, SplatModel* model) {
   model->gaussians = model->first_gaussians = static_cast<int>(list.size());
   model->parameters = Buffer<float>(model->size());
-  write_blocks(list, &model->parameters);
+  write_blocks({&list, 1}, model->layout(), &model->parameters);
 }
 
 /// A model, its moments and what a trainer keeps.

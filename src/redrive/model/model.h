@@ -155,6 +155,8 @@ class Model : public Configurable {
   // ---- Training
   virtual bool uses_lidar() const { return false; }
   virtual bool uses_error_map() const { return false; }
+  /// Whether Scene::actors are drawn; otherwise annotated moving objects are masked.
+  virtual bool draws_actors() const { return false; }
   virtual std::string describe_batch() const = 0;  ///< the largest batch: "2048 rays"
   virtual std::int64_t steps_per_epoch(const TrainingSet& data, int world_size) const = 0;
   /// Writes losses to buffers->workspace.sums() and adds their derivatives to gradients [size()].

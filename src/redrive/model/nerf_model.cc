@@ -76,7 +76,7 @@ void NerfModel::visit_hyperparameters(HyperparameterVisitor& visit) {
   visit(
       Hyperparameter{
           "lr_milestones",
-          "A,B,C: steps at which the learning rate falls; none: 1/2, 3/4 and 7/8 of all steps"}
+          "A,B,C: steps at which the learning rate falls; none: 1/2, 3/4 and 7/8 of all steps", 1}
           .as_option("lr-milestones"),
       milestones);
   visit(Hyperparameter{"near_m", "first sample of a ray, m", 0}.exclusive().from_recording(),

@@ -7,7 +7,7 @@
 
 #include "redrive/base/rng.h"
 #include "redrive/camera/plain_camera.h"
-#include "redrive/model/densify_gaussians.h"
+#include "redrive/model/actor_gaussians.h"
 #include "redrive/model/gaussian_ply.h"
 #include "redrive/model/gaussian_spz.h"
 
@@ -16,6 +16,7 @@ namespace {
 
 enum SplatLossSlot { kL1Loss, kSsimLoss, kOpacityLoss, kRangeLoss };  // in StepSums::terms
 constexpr float kGainsFrom = 0.05f;                                   // progress
+constexpr float kBeyondBox_m = 0.2f;  // an actor's Gaussians may be so far out of its box
 
 /// A part of a view's image.
 struct Window {
@@ -135,12 +136,7 @@ std::vector<RangePixel> find_ranges(const TrainingSet& data, const View& view) {
   const Rigid3d middle = poses.at(0.5), camera_from_world = middle.inverse(Eigen::Isometry);
   const LidarReturns& lidar = data.lidar;
   std::vector<RangePixel> all;
-  for (std::size_t i = 0; i < lidar.n; ++i) {
-    if (data.scene.metric && std::abs(lidar.t_ns[i] - t_ns) > kApart_ns) continue;
-    Eigen::Vector3d at;
-    for (int k = 0; k < 3; ++k)
-      at[k] = double(lidar.origin[k * lidar.n + i]) +
-              double(lidar.range_m[i]) * double(lidar.direction[k * lidar.n + i]);
+  const auto add = [&](const Eigen::Vector3d& at) {
     Eigen::Vector3d in_camera = camera_from_world * at;
     auto pixel = rig.camera.project(in_camera);
     if (pixel && poses.is_rolling()) {
@@ -148,11 +144,35 @@ std::vector<RangePixel> find_ranges(const TrainingSet& data, const View& view) {
       in_camera = poses.at(row).inverse(Eigen::Isometry) * at;
       pixel = rig.camera.project(in_camera);
     }
-    if (!pixel) continue;
+    if (!pixel) return;
     const int x = static_cast<int>(std::floor(pixel->x() + 0.5)),
               y = static_cast<int>(std::floor(pixel->y() + 0.5));
-    if (x < 0 || y < 0 || x >= rig.camera.width || y >= rig.camera.height) continue;
+    if (x < 0 || y < 0 || x >= rig.camera.width || y >= rig.camera.height) return;
     all.push_back({x, y, static_cast<float>(std::log(in_camera.norm()))});
+  };
+  std::vector<MovingBox> boxes;
+  std::vector<std::pair<std::int64_t, Rigid3d>> actors;  // by id: world_from_actor
+  for (const MovingObject& actor : data.scene.actors)
+    if (const auto world_from_actor = actor.world_from_box(t_ns)) {
+      boxes.push_back({actor.id, world_from_actor->inverse(Eigen::Isometry), actor.size_m / 2});
+      actors.emplace_back(actor.id, *world_from_actor);
+    }
+  const Eigen::Vector3d eye = middle.translation();
+  for (std::size_t i = 0; i < lidar.n; ++i) {
+    if (data.scene.metric && std::abs(lidar.t_ns[i] - t_ns) > kApart_ns) continue;
+    Eigen::Vector3d at;
+    for (int k = 0; k < 3; ++k)
+      at[k] = double(lidar.origin[k * lidar.n + i]) +
+              double(lidar.range_m[i]) * double(lidar.direction[k * lidar.n + i]);
+    // An actor may hide by now what the sensor saw then.
+    if (std::ranges::none_of(boxes,
+                             [&](const MovingBox& box) { return box.intersects(eye, at - eye); }))
+      add(at);
+  }
+  for (const LidarReturns::OnObject& at : lidar.on_objects) {
+    if (std::abs(at.t_ns - t_ns) > kApart_ns) continue;
+    const auto actor = std::ranges::find(actors, at.id, &std::pair<std::int64_t, Rigid3d>::first);
+    if (actor != actors.end()) add(actor->second * at.in_box.cast<double>());
   }
   const int across = rig.camera.width / kCell + 1, down = rig.camera.height / kCell + 1;
   std::vector<float> nearest(static_cast<std::size_t>(across) * down, 1e9f);
@@ -195,22 +215,33 @@ double mean_transmittance(const kernels::RasterImage& drawn, const Image8& image
 }
 
 kernels::GaussianCamera camera_of(const PlainCamera& whole, const Window& window,
-                                  const ShutterPoses& poses) {
+                                  const ShutterPoses& poses,
+                                  std::span<const kernels::GaussianPart> parts) {
   return {window_of(whole, window.x, window.y, window.width, window.height), poses.keys(),
-          static_cast<float>(window.y), static_cast<float>(whole.height)};
+          static_cast<float>(window.y), static_cast<float>(whole.height), parts};
 }
 
 }  // namespace
 
 void SplatModel::initialize(std::uint64_t) {
   gaussians = first_gaussians = 0;
+  actor_ids.clear();
+  actor_ends.clear();
   parameters = Buffer<float>(size());
 }
 
 void SplatModel::initialize_from(const TrainingSet& data, std::uint64_t seed, ThreadPool& pool) {
   InitialGaussianOptions options = initial;
   options.max_gaussians = most_gaussians();
-  set_gaussians(initial_gaussians(data, options, seed, pool));
+  std::vector<GaussianList> lists(1);
+  for (const MovingObject& actor : data.scene.actors) {
+    lists.push_back(
+        actor_gaussians(data, actor, options.voxel, random_key(seed, kStreamActors), pool));
+    options.max_gaussians =
+        std::max(options.max_gaussians - static_cast<int>(lists.back().size()), 0);
+  }
+  lists[0] = initial_gaussians(data, options, seed, pool);
+  set_gaussians(lists, data.scene.actors);
   if (data.scene.background == Background::kNone) set_background(data);
 }
 
@@ -226,10 +257,62 @@ void SplatModel::set_background(const TrainingSet& data) {
   for (int c = 0; c < 3; ++c) background[c] = static_cast<float>(sum[c] / std::max(n, 1.0));
 }
 
-void SplatModel::set_gaussians(const GaussianList& list) {
-  gaussians = first_gaussians = static_cast<int>(list.size());
+void SplatModel::set_gaussians(std::span<const GaussianList> lists,
+                               std::span<const MovingObject> actors) {
+  const GaussianLayout layout = layout_of(lists);
+  gaussians = static_cast<int>(layout.world);
+  actor_ids.clear();
+  for (const MovingObject& actor : actors) actor_ids.push_back(actor.id);
+  actor_ends = layout.actor_ends;
+  first_gaussians = 0;
+  for (const GaussianList& list : lists) first_gaussians += static_cast<int>(list.size());
   parameters = Buffer<float>(size());
-  write_blocks(list, &parameters);
+  write_blocks(lists, layout, &parameters);
+  float* bound = parameters.data() + (size() - bounds_size());
+  for (const MovingObject& actor : actors)
+    for (int k = 0; k < 3; ++k) *bound++ = static_cast<float>(actor.size_m[k] / 2) + kBeyondBox_m;
+}
+
+SplatModel::DrawnActors SplatModel::drawn_actors(const ShutterPoses& poses) const {
+  DrawnActors out{all(), {}, {}};
+  const GaussianLayout layout = this->layout();
+  std::vector<bool> shown(actor_ids.size());
+  bool as_trained = true;
+  for (const ShutterPoses::Actor& actor : poses.actors()) {
+    const auto body = std::ranges::find(actor_ids, actor.body) - actor_ids.begin();
+    if (body == std::ssize(actor_ids)) continue;
+    as_trained &= !shown[body] && actor.gain == std::array<float, 3>{1, 1, 1};
+    shown[body] = true;
+  }
+  if (as_trained) {
+    for (std::size_t a = 0; a < actor_ids.size(); ++a) {
+      const auto seen = std::ranges::find(poses.actors(), actor_ids[a], &ShutterPoses::Actor::body);
+      out.parts.push_back({layout.first_block(a), {}});
+      if (seen != poses.actors().end()) out.parts.back().part_from_camera = seen->actor_from_camera;
+    }
+    return out;
+  }
+  std::vector<float> numbers(parameters.data(),
+                             parameters.data() + layout.world_blocks() * kBlockSize);
+  for (const ShutterPoses::Actor& actor : poses.actors()) {
+    const auto a =
+        static_cast<std::size_t>(std::ranges::find(actor_ids, actor.body) - actor_ids.begin());
+    if (a == actor_ids.size()) continue;
+    out.parts.push_back({numbers.size() / kBlockSize, actor.actor_from_camera});
+    const float* const first = parameters.data() + layout.first_block(a) * kBlockSize;
+    for (const float* block = first;
+         block < parameters.data() + layout.first_block(a + 1) * kBlockSize; block += kBlockSize) {
+      numbers.insert(numbers.end(), block, block + kBlockSize);
+      float* const copied = &*(numbers.end() - kBlockSize);
+      for (int row = kColourRow; row < kDistanceRow; ++row)
+        for (int lane = 0; lane < kGaussianBlock; ++lane)
+          copied[row * kGaussianBlock + lane] *= actor.gain[(row - kColourRow) % 3];
+    }
+  }
+  out.copied = Buffer<float>(numbers.size());
+  std::ranges::copy(numbers, out.copied.data());
+  out.gaussians = {numbers.size() / kBlockSize * kGaussianBlock, out.copied.span()};
+  return out;
 }
 
 std::int64_t SplatModel::steps_per_epoch(const TrainingSet& data, int world_size) const {
@@ -326,14 +409,15 @@ void SplatModel::step_window(kernels::Backend& backend, const TrainingSet& data,
   const View& view = data.scene.views[window.view];
   const Image8& image = step.image;
   const ShutterPoses poses = data.scene.shutter_poses(view);
-  const kernels::GaussianCamera camera = camera_of(step.whole, window, poses);
+  const DrawnActors actors = drawn_actors(poses);  // as trained
+  const kernels::GaussianCamera camera = camera_of(step.whole, window, poses, actors.parts);
   find_tiles(image, window, &own.tiles);
   kernels::RasterOptions options;
   options.tiles = own.tiles;
   std::ranges::copy(step.colour, options.background);
   const int returns = set_ranges(data, step, &own);
   if (returns > 0) options.log_range = own.log_range;
-  stages.rasterise(camera, this->view(), options, &own.image);
+  stages.rasterise(camera, all(), options, &own.image);
 
   const kernels::RasterSize size = own.image.size;
   own.d_rgb.resize(3 * size.plane());
@@ -362,19 +446,20 @@ void SplatModel::step_window(kernels::Backend& backend, const TrainingSet& data,
   const float opaque = data.scene.background == Background::kNone ? opacity_weight : 0.0f;
   const double transmittance =
       mean_transmittance(own.image, image, window, loss.pixels, opaque, &own.d_transmittance);
-  GaussianPoseGradient<NumberMath<double>> d_pose;
+  std::vector<GaussianPoseGradient<NumberMath<double>>> d_poses(
+      request.pose_gradients ? 1 + actors.parts.size() : 0);
   double range_loss = 0;
   for (std::size_t i = 0; returns > 0 && i < size.plane(); ++i)
     if (own.d_range[i] > 0) range_loss += double(own.d_range[i]) * double(own.image.range_error[i]);
   stages.rasterise_backward(
-      camera, this->view(), options, own.image,
+      camera, all(), options, own.image,
       {own.d_rgb, own.d_transmittance, own.error,
        returns > 0 ? std::span<const float>(own.d_range) : std::span<const float>()},
-      gradients.first(blocks_size()), request.pose_gradients ? &d_pose : nullptr);
+      gradients.first(blocks_size()), d_poses);
   if (request.progress > double(kGainsFrom))
     gains.add_changes(gain_parameters(), exposure, size, part, loss.patches,
                       static_cast<float>(std::pow(last_rate, std::min(request.progress, 1.0))),
-                      gradients.subspan(blocks_size()));
+                      gradients.subspan(blocks_size(), gains.size()));
 
   sums->opacity += weight * (1 - transmittance);
   sums->rgb_mse += weight * loss.mse;
@@ -387,8 +472,8 @@ void SplatModel::step_window(kernels::Backend& backend, const TrainingSet& data,
   out->colour_variance += weight * loss.colour_variance;
   if (!request.pose_gradients) return;
   for (int k = 0; k < 3; ++k) {
-    out->views[window.view].d_translation[k] += d_pose.translation[k];
-    out->views[window.view].d_rotation[k] += d_pose.rotation[k];
+    out->views[window.view].d_translation[k] += d_poses[0].translation[k];
+    out->views[window.view].d_rotation[k] += d_poses[0].rotation[k];
   }
 }
 
@@ -412,10 +497,9 @@ void SplatModel::update(kernels::Backend& backend, double learning_rate, std::in
   set(kHarmonicsRow, kDistanceRow, harmonics_rate);
   update.min_log_scale = std::log(min_scale);
   update.max_log_scale = std::log(max_scale);
-  backend.gaussians().update_gaussians(update, static_cast<std::size_t>(gaussians),
-                                       gradients.first(blocks), parameters.span().first(blocks),
-                                       adam->first_moment.span().first(blocks),
-                                       adam->second_moment.span().first(blocks));
+  backend.gaussians().update_gaussians(
+      update, all().n, gradients.first(blocks), parameters.span().first(blocks),
+      adam->first_moment.span().first(blocks), adam->second_moment.span().first(blocks));
   for (std::size_t i = blocks; i < gradients.size(); ++i) {
     parameters[i] += gradients[i];
     gradients[i] = 0;
@@ -430,9 +514,15 @@ void SplatModel::finish_step(kernels::Backend&, const StepRequest& request, cons
   options.target = static_cast<std::size_t>(
       first_gaussians + grown * std::max(0, most_gaussians() - first_gaussians));
   options.min_opacity = min_opacity;
-  gaussians = static_cast<int>(
-      densify(options, random_key(request.seed, kStreamDensify, static_cast<std::uint64_t>(step)),
-              static_cast<std::size_t>(gaussians), gains.size(), &parameters, adam));
+  std::vector<Eigen::Vector3f> bounds;
+  for (std::size_t i = size() - bounds_size(); i < size(); i += 3)
+    bounds.emplace_back(parameters[i], parameters[i + 1], parameters[i + 2]);
+  options.actor_bounds = bounds;
+  GaussianLayout layout = this->layout();
+  densify(options, random_key(request.seed, kStreamDensify, static_cast<std::uint64_t>(step)),
+          gains.size() + bounds_size(), &layout, &parameters, adam);
+  gaussians = static_cast<int>(layout.world);
+  actor_ends = std::move(layout.actor_ends);
 }
 
 RenderedImage SplatModel::render(kernels::Backend& backend, const RayTable& rays,
@@ -442,9 +532,10 @@ RenderedImage SplatModel::render(kernels::Backend& backend, const RayTable& rays
   kernels::RasterOptions options;
   options.depth = true;
   std::ranges::copy(background, options.background);
+  const DrawnActors actors = drawn_actors(world_from_camera);
   backend.gaussians().rasterise(
-      camera_of(camera, {0, 0, 0, rays.width, rays.height}, world_from_camera), view(), options,
-      &rendered_);
+      camera_of(camera, {0, 0, 0, rays.width, rays.height}, world_from_camera, actors.parts),
+      actors.gaussians, options, &rendered_);
   RenderedImage image;
   image.width = rays.width;
   image.height = rays.height;
@@ -478,9 +569,9 @@ RenderedImage SplatModel::render(kernels::Backend& backend, const RayTable& rays
 std::vector<ExportFormat> SplatModel::export_formats() const {
   return {
       {"splat-ply", "PLY of 3D Gaussians, as viewers of 3D Gaussian Splatting read it",
-       [this](const ExportOptions& options) { return gaussian_ply(view(), options.sh_degree); }},
+       [this](const ExportOptions& options) { return gaussian_ply(world(), options.sh_degree); }},
       {"splat-spz", "SPZ, a fifth of the size; positions, colours and angles are rounded",
-       [this](const ExportOptions& options) { return gaussian_spz(view(), options.sh_degree); }}};
+       [this](const ExportOptions& options) { return gaussian_spz(world(), options.sh_degree); }}};
 }
 
 }  // namespace redrive

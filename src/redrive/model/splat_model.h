@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // --method splat: 3D Gaussians, rasterised (Kerbl et al. 2023), through the exact camera of every
 // image (field/gaussian.h). A step takes one image, or a window of a large one.
-// Hyperparameters: splat_model_config.cc; first Gaussians: initial_gaussians.h; their number:
-// densify_gaussians.h.
+// Each moving object that the recording annotates (Scene::actors) has Gaussians in axes of its own,
+// those of its box. Hyperparameters: splat_model_config.cc; first Gaussians: initial_gaussians.h,
+// actor_gaussians.h; their number: densify_gaussians.h.
 #pragma once
 
 #include <algorithm>
@@ -10,6 +11,7 @@
 #include <vector>
 
 #include "redrive/kernels/gaussian_stages.h"
+#include "redrive/model/densify_gaussians.h"
 #include "redrive/model/image_gains.h"
 #include "redrive/model/initial_gaussians.h"
 #include "redrive/model/method.h"
@@ -30,6 +32,7 @@ struct SplatModel final : Model {
   float range_weight = 0.1f;               ///< of LiDAR returns
   float opacity_weight = 0.02f;            ///< of transmittance, unless a background is given
   int lidar_rays = 1;                      ///< 0: LiDAR is not used
+  int actors = 1;                          ///< 0: moving objects are not drawn
   float min_scale = 2e-4f, max_scale = 1;  ///< of the two larger axes, of the distance
   float min_opacity = 0.01f;               ///< of Gaussians that are kept
   int densify_every = 100;                 ///< steps
@@ -38,7 +41,10 @@ struct SplatModel final : Model {
   float beta2 = 0.99f, epsilon = 1e-15f;  ///< of Adam
   ImageGains gains;
   // State:
-  int gaussians = 0, first_gaussians = 0;
+  int gaussians = 0;        ///< of the world
+  int first_gaussians = 0;  ///< at the start, with those of actors
+  /// By actor: MovingObject::id, and the end of its blocks (GaussianLayout).
+  std::vector<std::int64_t> actor_ids, actor_ends;
   float background[3] = {0.5f, 0.5f, 0.5f};  ///< where no Gaussian is: the images' mean colour
 
   const char* method() const override { return "splat"; }
@@ -48,12 +54,13 @@ struct SplatModel final : Model {
   void visit_state(HyperparameterVisitor& visit) override;
   void check(const HyperparameterFailure& fail) const override;
   void configure(const Scene& scene) override;
-  std::size_t size() const override { return blocks_size() + gains.size(); }
+  std::size_t size() const override { return blocks_size() + gains.size() + bounds_size(); }
   std::size_t max_size() const override;
   std::vector<ModelTensor> tensors() const override;
   void initialize(std::uint64_t seed) override;
   void initialize_from(const TrainingSet& data, std::uint64_t seed, ThreadPool& pool) override;
   bool uses_lidar() const override { return lidar_rays > 0; }
+  bool draws_actors() const override { return actors > 0; }
   std::string describe_batch() const override { return "1 image"; }
   std::int64_t steps_per_epoch(const TrainingSet& data, int world_size) const override;
   StepOutput step(kernels::Backend& backend, const TrainingSet& data, const StepRequest& request,
@@ -82,13 +89,30 @@ struct SplatModel final : Model {
   void rehearse(kernels::Backend&, const DeviceWork&, std::span<float>, Workspace*) const override {
   }
 
-  /// Replaces the Gaussians.
-  void set_gaussians(const GaussianList& list);
-  kernels::Gaussians view() const {
-    return {static_cast<std::size_t>(gaussians), parameters.span().first(blocks_size())};
+  /// Replaces the Gaussians by those of the world and of each actor.
+  void set_gaussians(std::span<const GaussianList> lists, std::span<const MovingObject> actors);
+  GaussianLayout layout() const { return {static_cast<std::size_t>(gaussians), actor_ends}; }
+  /// Gaussians of the world, for exports.
+  kernels::Gaussians world() const {
+    const auto n = static_cast<std::size_t>(gaussians);
+    return {n, parameters.span().first(gaussian_blocks(n) * kBlockSize)};
   }
 
  private:
+  /// All Gaussians, with the unused lanes between those of the world and of actors.
+  kernels::Gaussians all() const {
+    return {actor_ends.empty() ? static_cast<std::size_t>(gaussians)
+                               : layout().blocks() * kGaussianBlock,
+            parameters.span().first(blocks_size())};
+  }
+  /// Gaussians to draw and their parts.
+  struct DrawnActors {
+    kernels::Gaussians gaussians;
+    std::vector<kernels::GaussianPart> parts;
+    Buffer<float> copied;  ///< the numbers, where a body is shown twice or recoloured
+  };
+  /// `poses` must outlive the result.
+  DrawnActors drawn_actors(const ShutterPoses& poses) const;
   /// Sets the background to the mean colour of the images.
   void set_background(const TrainingSet& data);
   struct WindowStep;
@@ -98,10 +122,11 @@ struct SplatModel final : Model {
   void step_window(kernels::Backend& backend, const TrainingSet& data, const StepRequest& request,
                    const WindowStep& step, std::span<float> gradients, MethodBuffers* buffers,
                    double weight, StepSums* sums, StepOutput* out) const;
-  std::size_t blocks_size() const { return gaussian_blocks(gaussians) * kBlockSize; }
+  std::size_t blocks_size() const { return layout().blocks() * kBlockSize; }
   std::span<const float> gain_parameters() const {
-    return parameters.span().subspan(blocks_size());
+    return parameters.span().subspan(blocks_size(), gains.size());
   }
+  std::size_t bounds_size() const { return 3 * actor_ids.size(); }
 
   mutable kernels::RasterImage rendered_;  ///< kept from image to image
   mutable std::vector<float> rendered_gains_;

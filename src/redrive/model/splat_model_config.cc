@@ -93,6 +93,7 @@ void SplatModel::visit_hyperparameters(HyperparameterVisitor& visit) {
         opacity_weight);
   visit(Hyperparameter{"lidar_rays", "0: LiDAR is not used", 0, 65536}.as_option("lidar-rays"),
         lidar_rays);
+  visit({"actors", "1: annotated moving objects are drawn; 0: they are masked", 0, 1}, actors);
   visit(Hyperparameter{"min_scale", "of the two larger axes, of the distance", 0, 1}.exclusive(),
         min_scale);
   visit(Hyperparameter{"max_scale", "of an axis, of the distance", 0, 1000}.exclusive(), max_scale);
@@ -134,7 +135,9 @@ void SplatModel::visit_hyperparameters(HyperparameterVisitor& visit) {
 }
 
 void SplatModel::visit_state(HyperparameterVisitor& visit) {
-  visit({"gaussians", "number of Gaussians", 0, kMostGaussians}, gaussians);
+  visit({"gaussians", "number of Gaussians of the world", 0, kMostGaussians}, gaussians);
+  visit({"actor_ids", "annotated ids of the moving objects that are drawn"}, actor_ids);
+  visit({"actor_ends", "ends of their blocks of Gaussians", 1, kMostGaussians}, actor_ends);
   visit({"first_gaussians", "number of Gaussians at the start", 0, kMostGaussians},
         first_gaussians);
   visit({"background.r", "colour where no Gaussian is", 0, 1}, background[0]);
@@ -145,6 +148,12 @@ void SplatModel::visit_state(HyperparameterVisitor& visit) {
 void SplatModel::check(const HyperparameterFailure& fail) const {
   if (!(max_scale > min_scale))
     fail({"max_scale", ""}, std::to_string(max_scale), "must be above min_scale");
+  if (actor_ids.size() != actor_ends.size())
+    fail({"actor_ends", ""}, text_from_steps(actor_ends), "must be one for each of actor_ids");
+  if (!actor_ends.empty() &&
+      actor_ends.front() <= static_cast<std::int64_t>(gaussian_blocks(gaussians)))
+    fail({"actor_ends", ""}, text_from_steps(actor_ends),
+         "must be beyond the blocks of the world's Gaussians");
 }
 
 void SplatModel::configure(const Scene& scene) {
@@ -177,13 +186,13 @@ void SplatModel::configure(const Scene& scene) {
 }
 
 std::size_t SplatModel::max_size() const {
-  return gaussian_blocks(static_cast<std::size_t>(std::max(most_gaussians(), gaussians))) *
-             kBlockSize +
-         gains.size();
+  const std::size_t blocks = gaussian_blocks(static_cast<std::size_t>(most_gaussians()));
+  return std::max(blocks + actor_ids.size(), layout().blocks()) * kBlockSize + gains.size() +
+         bounds_size();
 }
 
 std::vector<ModelTensor> SplatModel::tensors() const {
-  const auto blocks = static_cast<std::int64_t>(gaussian_blocks(gaussians));
+  const auto blocks = static_cast<std::int64_t>(layout().blocks());
   std::vector<ModelTensor> out;
   if (blocks > 0) out.push_back({"gaussians", {blocks, kGaussianRows, kGaussianBlock}, 0});
   const AppearanceConfig& appearance = gains.appearance;
@@ -194,6 +203,10 @@ std::vector<ModelTensor> SplatModel::tensors() const {
     out.push_back({"shading",
                    {shading.cameras, 3, shading.rows, shading.columns},
                    blocks_size() + appearance.size()});
+  if (!actor_ids.empty())
+    out.push_back({"actor_bounds",
+                   {static_cast<std::int64_t>(actor_ids.size()), 3},
+                   blocks_size() + gains.size()});
   return out;
 }
 

@@ -5,6 +5,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
+#include "redrive/recording/json_numbers.h"
 #include "redrive/recording/photographs.h"
 #include "redrive/recording/view_requests.h"
 
@@ -12,12 +13,6 @@ namespace redrive {
 namespace {
 
 constexpr double kMaxPosition_m = 1e6;
-
-double number_within(const JsonField& field, double least, double most, const char* rule) {
-  const double value = field.number();
-  if (!(value >= least && value <= most)) field.fail(rule);
-  return value;
-}
 
 int side(const JsonField& field) {
   return static_cast<int>(number_within(field, 2, 16384, "expected pixels, 2 to 16384"));
@@ -75,11 +70,9 @@ std::vector<PathKeyframe> path_keyframes_from_json(const JsonField& list) {
     key.frame_id = entry.at("frame_id").integer();
     if (key.frame_id < 0) entry.at("frame_id").fail("expected a frame id, >= 0");
     if (entry.has("shift_body_m")) {
-      const JsonField shift = entry.at("shift_body_m");
-      if (!shift.json().is_array() || shift.size() != 3) shift.fail("expected three numbers");
-      for (std::size_t k = 0; k < 3; ++k)
-        key.shift_body_m[k] = number_within(shift.at(k), -kMaxShift_m, kMaxShift_m,
-                                            "expected metres, at most 1e4 along each axis");
+      key.shift_body_m =
+          numbers_within<3>(entry.at("shift_body_m"), -kMaxShift_m, kMaxShift_m,
+                            "expected three numbers: metres, at most 1e4 along each axis");
     }
     const auto angle = [&](const char* name) {
       return entry.has(name)

@@ -50,7 +50,7 @@ TEST(CheckTrajectory, NamesFileFrameAndField) {
   std::vector<FramePose> frames = {turning(0, 0), turning(1'000'000'000, 1)};
   frames[1].id = 7;
   const auto message = [&] {
-    return input_error([&] { check_trajectory(frames, "poses.csv", {"t", "T_wb"}); });
+    return testing::input_error([&] { check_trajectory(frames, "poses.csv", {"t", "T_wb"}); });
   };
   EXPECT_NO_THROW(check_trajectory(frames, "poses.csv", {"t", "T_wb"}));
   frames[1].global_from_body.translation().y() += 151;

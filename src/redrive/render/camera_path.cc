@@ -62,6 +62,7 @@ PathKey interpolate_path(const std::vector<PathKey>& keys, double t_s) {
   PathKey key;
   key.t_s = t_s;
   key.fov_deg = a.fov_deg + s * (b.fov_deg - a.fov_deg);
+  key.drive_s = a.drive_s + s * (b.drive_s - a.drive_s);
   key.world_from_camera.translation() = a.world_from_camera.translation() + first * from.head<3>() +
                                         second * (whole.head<3>() - from.head<3>() - to.head<3>()) +
                                         third * to.head<3>();
@@ -97,9 +98,11 @@ CameraPath drive_path(const Recording& recording, const Scene& scene, const RigC
   for (const Frame& frame : scene.frames) {
     const auto body = world_from_body(recording, scene, frame.id, camera);
     REDRIVE_CHECK(body.has_value());
-    path.keys.push_back({1e-9 * static_cast<double>(frame.t_ns - scene.frames.front().t_ns),
+    const double t_s = 1e-9 * static_cast<double>(frame.t_ns - scene.frames.front().t_ns);
+    path.keys.push_back({t_s,
                          shifted_camera(scene.global_from_world, *body, camera.body_from_sensor,
-                                        ShiftAxes::kBody, Eigen::Vector3d(0, left_m, 0))});
+                                        ShiftAxes::kBody, Eigen::Vector3d(0, left_m, 0)),
+                         0, t_s});
   }
   path.seconds = path.keys.back().t_s;
   return path;
@@ -118,9 +121,12 @@ PathKey path_key(const PathKeyframe& keyframe, const Recording& recording, const
   const Rigid3d body_from_sensor =
       turned_sensor(of_rig.body_from_sensor, kRadiansPerDegree * keyframe.yaw_deg,
                     kRadiansPerDegree * keyframe.pitch_deg);
-  return {keyframe.time_s,
-          shifted_camera(scene.global_from_world, *body, body_from_sensor, ShiftAxes::kBody,
-                         Eigen::Vector3d(keyframe.shift_body_m.data()))};
+  return {
+      keyframe.time_s,
+      shifted_camera(scene.global_from_world, *body, body_from_sensor, ShiftAxes::kBody,
+                     Eigen::Vector3d(keyframe.shift_body_m.data())),
+      0,
+      static_cast<double>(exposure_at(recording, scene, keyframe.camera, keyframe.frame_id).t_s)};
 }
 
 CameraPath path_of_file(const CameraPathFile& file, const Recording& recording,
@@ -136,7 +142,7 @@ CameraPath path_of_file(const CameraPathFile& file, const Recording& recording,
   }
   for (std::size_t i = 0; i < file.cameras.size(); ++i)
     path.keys.push_back({static_cast<double>(i) / file.fps, file.cameras[i].world_from_camera,
-                         file.cameras[i].fov_deg});
+                         file.cameras[i].fov_deg, 0});
   Camera lens;
   if (file.fisheye)
     lens.model = OpenCvFisheye{};

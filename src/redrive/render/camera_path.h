@@ -16,6 +16,7 @@ struct PathKey {
   double t_s = 0;
   Rigid3d world_from_camera = Rigid3d::Identity();
   double fov_deg = 0;  ///< vertical; 0: the lens is given
+  double drive_s = 0;  ///< time of the drive, after its first frame: of what moves
 };
 
 struct CameraPath {

@@ -41,6 +41,13 @@ Exposure exposure_at(const Recording& recording, const Scene& scene, const std::
   return index >= 0 && frame ? scene.exposure(index, frame->t_ns) : Exposure{};
 }
 
+ShutterPoses posed_at_frame(const Recording& recording, const Scene& scene, const RigCamera& camera,
+                            const Rigid3d& world_from_camera, std::int64_t frame_id) {
+  const FramePose* const frame = find_frame(recording, frame_id);
+  return frame ? scene.with_actors(world_from_camera, camera, frame->t_ns)
+               : ShutterPoses(world_from_camera);
+}
+
 std::optional<Rigid3d> world_from_body(const Recording& recording, const Scene& scene,
                                        std::int64_t frame_id, const RigCamera& camera) {
   const FramePose* const frame = find_frame(recording, frame_id);

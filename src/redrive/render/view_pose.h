@@ -30,6 +30,11 @@ std::optional<ShiftAxes> shift_axes_from_name(
 std::optional<Rigid3d> world_from_body(const Recording& recording, const Scene& scene,
                                        std::int64_t frame_id, const RigCamera& camera);
 
+/// Returns a camera's pose with the moving objects of its exposure of a frame; without them where
+/// the recording has no such frame.
+ShutterPoses posed_at_frame(const Recording& recording, const Scene& scene, const RigCamera& camera,
+                            const Rigid3d& world_from_camera, std::int64_t frame_id);
+
 /// Returns the exposure of a camera of the run at a frame; none where the run has no such camera or
 /// the recording no such frame.
 Exposure exposure_at(const Recording& recording, const Scene& scene, const std::string& camera,

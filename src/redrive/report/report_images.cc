@@ -82,7 +82,8 @@ ImageRow camera_image_row(const Run& run, kernels::Backend& backend, int camera,
          view.by_row.empty() ? std::vector{view.world_from_body} : view.by_row)
       keys.push_back(shifted_camera(run.scene.global_from_world, world_from_body,
                                     rig.body_from_sensor, axes, Eigen::Vector3d(x_m, 0, 0)));
-    return render_image(backend, *run.state.model, table, ShutterPoses(keys),
+    return render_image(backend, *run.state.model, table,
+                        run.scene.with_actors(ShutterPoses(keys), rig, frame.t_ns),
                         run.scene.exposure(view));
   };
   const RenderedImage reproduced = render_shifted(ShiftAxes::kBody, 0);
@@ -96,7 +97,7 @@ ImageRow camera_image_row(const Run& run, kernels::Backend& backend, int camera,
   if (const View* const same = compared ? same_view(*compared, rig.name, frame.id) : nullptr) {
     const RenderedImage other =
         render_image(backend, *compared->state.model, compared->scene.rig[same->camera].camera,
-                     compared->scene.world_from_camera(*same), compared->scene.exposure(*same));
+                     compared->scene.shutter_poses(*same), compared->scene.exposure(*same));
     if (other.width == original.width && other.height == original.height)
       row.images.push_back({rig.name + "_beside",
                             scored_caption(backend, method_text(*compared), other, original),
@@ -123,7 +124,7 @@ ImageRow novel_image_row(const Run& run, kernels::Backend& backend,
   REDRIVE_CHECK_OP(ground_truth.size(), >, 0u);
   const GroundTruthView view = ground_truth.load(evenly_spaced(ground_truth.size(), 1)[0]);
   const RenderedImage rendered =
-      render_image(backend, *run.state.model, view.camera, view.world_from_camera, view.exposure);
+      render_image(backend, *run.state.model, view.camera, view.poses, view.exposure);
   const Image8 image = to_image8(rendered);
   const std::vector<std::uint8_t> seen =
       coverage.seen(view.camera, view.world_from_camera, rendered);
@@ -144,8 +145,8 @@ ImageRow novel_image_row(const Run& run, kernels::Backend& backend,
     for (const NovelGroundTruth& same : novel_ground_truths(*compared)) {
       if (same.name() != set || same.size() != ground_truth.size()) continue;
       const GroundTruthView there = same.load(evenly_spaced(same.size(), 1)[0]);
-      const RenderedImage other = render_image(backend, *compared->state.model, there.camera,
-                                               there.world_from_camera, there.exposure);
+      const RenderedImage other =
+          render_image(backend, *compared->state.model, there.camera, there.poses, there.exposure);
       row.images.push_back(
           {set + "_beside",
            scored_caption(backend, method_text(*compared), other, there.image, there.depth_m),

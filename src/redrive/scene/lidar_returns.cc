@@ -43,11 +43,19 @@ struct Ray {
   std::uint16_t intensity;
 };
 
-/// Makes rays of one revolution; counts dropped points in `counts`.
+/// The road below a box, and what stands beside it, is not on the object.
+bool is_on_object(const MovingBox& box, const Eigen::Vector3d& in_box) {
+  constexpr double kBeside_m = 0.1, kAboveGround_m = 0.12;
+  const Eigen::Vector3d half = box.half_size_m - Eigen::Vector3d::Constant(kBoxMargin_m);
+  return (in_box.cwiseAbs().array() <= half.array() + kBeside_m).all() &&
+         in_box.z() >= kAboveGround_m - half.z();
+}
+
+/// Makes rays of one revolution; adds returns on moving objects to `out` and counts dropped ones.
 std::vector<Ray> rays_of(const std::vector<LidarPoint>& points,
                          const std::vector<LidarPoint>& before, const Recording& recording,
                          const Rigid3d& world_from_global, const MovingObjects& moving,
-                         LidarReturns* counts) {
+                         LidarReturns* out) {
   const std::vector<std::uint8_t> repeated = mark_repeated(points, before);
   const std::int64_t first_ns = recording.frames.front().t_ns - kMaxBeyond_ns,
                      last_ns = recording.frames.back().t_ns + kMaxBeyond_ns;
@@ -62,15 +70,15 @@ std::vector<Ray> rays_of(const std::vector<LidarPoint>& points,
     const LidarPoint& point = points[i];
     const Eigen::Vector3d in_body = point.in_body_m.cast<double>();
     if (repeated[i]) {
-      ++counts->repeated;
+      ++out->repeated;
       continue;
     }
     if (point.t_ns < first_ns || point.t_ns > last_ns) {
-      ++counts->beyond_trajectory;
+      ++out->beyond_trajectory;
       continue;
     }
     if (kEgo_m.contains(in_body)) {
-      ++counts->on_ego;
+      ++out->on_ego;
       continue;
     }
     if (placed_ns != point.t_ns) {
@@ -80,9 +88,14 @@ std::vector<Ray> rays_of(const std::vector<LidarPoint>& points,
     }
     const Eigen::Vector3d in_world = world_from_body * in_body,
                           origin = world_from_body * sensor_in_body;
-    if (std::any_of(boxes.begin(), boxes.end(),
-                    [&](const MovingBox& box) { return box.contains(in_world); })) {
-      ++counts->on_moving;
+    const auto box = std::ranges::find_if(
+        boxes, [&](const MovingBox& other) { return other.contains(in_world); });
+    if (box != boxes.end()) {
+      ++out->on_moving;
+      const Eigen::Vector3d in_box = box->box_from_world * in_world;
+      if (is_on_object(*box, in_box))
+        out->on_objects.push_back({box->id, point.t_ns, in_box.cast<float>(),
+                                   (box->box_from_world * origin).cast<float>()});
       continue;
     }
     const double range_m = (in_world - origin).norm();
@@ -144,6 +157,8 @@ LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene,
     returns.beyond_trajectory += counts[f].beyond_trajectory;
     returns.on_ego += counts[f].on_ego;
     returns.on_moving += counts[f].on_moving;
+    returns.on_objects.insert(returns.on_objects.end(), counts[f].on_objects.begin(),
+                              counts[f].on_objects.end());
   }
   returns.origin.resize(3 * returns.n);
   returns.direction.resize(3 * returns.n);

@@ -24,11 +24,18 @@ struct LidarReturns {
   std::vector<std::int64_t> t_ns;        ///< [n] host clock
   std::vector<std::uint16_t> intensity;  ///< [n] in the sensor's own scale; 0 for point clouds
 
+  /// Returns on annotated objects that move, in the axes of their boxes.
+  struct OnObject {
+    std::int64_t id = 0, t_ns = 0;      ///< MovingObject::id; host clock
+    Eigen::Vector3f in_box, seen_from;  ///< metres; seen_from: position of the sensor
+  };
+  std::vector<OnObject> on_objects;
+
   // Numbers of dropped points, each counted under the first reason that holds.
   std::size_t repeated = 0;           ///< also in the previous file: revolutions overlap
   std::size_t beyond_trajectory = 0;  ///< more than 60 ms before the first or after the last pose
   std::size_t on_ego = 0;             ///< on the recording vehicle itself
-  std::size_t on_moving = 0;          ///< inside the box of an annotated object that moves
+  std::size_t on_moving = 0;          ///< inside the box of a moving object, grown by its margin
   std::size_t hidden = 0;             ///< occluded points of a cloud (cloud_returns.h)
 };
 

@@ -268,9 +268,30 @@ std::vector<Mask> read_masks(const std::filesystem::path& folder, const Scene& s
 
 Mask view_mask(const Scene& scene, const View& view, const Mask& of_camera,
                const MovingObjects& moving) {
-  if (moving.objects() == 0) return of_camera;
+  if (moving.objects().empty()) return of_camera;
   return without_moving_objects(scene, view, of_camera, moving,
                                 directions_of(scene.rig[view.camera].camera));
+}
+
+std::vector<std::uint32_t> object_map(const Scene& scene, const View& view,
+                                      const MovingObjects& moving) {
+  const RigCamera& rig = scene.rig[view.camera];
+  const Rigid3d world_from_camera = scene.world_from_camera(view);
+  std::vector<std::uint32_t> map(static_cast<std::size_t>(rig.camera.width) * rig.camera.height);
+  std::vector<MovingBox> boxes = moving.at(scene.frames[view.frame].t_ns + rig.time_offset_ns);
+  if (boxes.empty()) return map;
+  const std::vector<Eigen::Vector3f> directions = directions_of(rig.camera);
+  std::ranges::sort(boxes, std::greater<>(), [&](const MovingBox& box) {
+    return (box.box_from_world * world_from_camera.translation()).norm();
+  });
+  for (const MovingBox& box : boxes) {  // nearer ones over farther ones
+    Mask mask = full_mask(rig.camera.width, rig.camera.height);
+    mask_box(box, world_from_camera, directions, &mask);
+    const auto object = std::ranges::find(moving.objects(), box.id, &MovingObject::id);
+    for (std::size_t i = 0; i < map.size(); ++i)
+      if (!mask.used[i]) map[i] = static_cast<std::uint32_t>(object - moving.objects().begin()) + 1;
+  }
+  return map;
 }
 
 void apply_mask(const Mask& mask, Image8* image) {
@@ -287,7 +308,7 @@ void apply_masks(const Scene& scene, const std::vector<Mask>& camera_masks,
   REDRIVE_CHECK_OP(camera_masks.size(), ==, scene.rig.size());
   REDRIVE_CHECK_OP(images->size(), ==, scene.views.size());
   std::vector<std::vector<Eigen::Vector3f>> directions(scene.rig.size());
-  if (moving.objects() > 0)
+  if (!moving.objects().empty())
     pool.run(static_cast<int>(directions.size()),
              [&](int c) { directions[c] = directions_of(scene.rig[c].camera); });
   pool.run(static_cast<int>(images->size()), [&](int i) {

@@ -61,6 +61,11 @@ std::vector<Mask> read_masks(const std::filesystem::path& folder, const Scene& s
 Mask view_mask(const Scene& scene, const View& view, const Mask& of_camera,
                const MovingObjects& moving);
 
+/// Returns which moving object the ray of each pixel meets first when `view` was exposed: its index
+/// in moving.objects() plus 1, 0 where it meets none; [height, width].
+std::vector<std::uint32_t> object_map(const Scene& scene, const View& view,
+                                      const MovingObjects& moving);
+
 /// Adds the mask to the image's own (Image8::used): masked pixels are neither trained on nor
 /// scored.
 void apply_mask(const Mask& mask, Image8* image);

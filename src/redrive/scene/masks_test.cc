@@ -141,7 +141,7 @@ TEST_F(MasksTest, MasksMovingObjectsAtEachImagesTime) {
     boxes.push_back(box);
   }
   const MovingObjects moving(boxes, recording_.frames, scene_.global_from_world);
-  ASSERT_EQ(moving.objects(), 1u);
+  ASSERT_EQ(moving.objects().size(), 1u);
   const std::vector<Mask> whole = {full_mask(20, 14), full_mask(24, 16)};
   scene_.views[5].held_out = true;
   apply_masks(scene_, whole, moving, pool_, &images_);

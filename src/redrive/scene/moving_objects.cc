@@ -3,14 +3,12 @@
 
 #include <algorithm>
 #include <map>
-#include <set>
 
 #include "redrive/recording/trajectory.h"
 
 namespace redrive {
 namespace {
 
-constexpr std::int64_t kMaxExtrapolation_ns = 100'000'000;  // bridges a missing revolution or frame
 constexpr std::int64_t kVelocityOver_ns =
     100'000'000;  // to either side, to average errors of single poses
 
@@ -37,49 +35,49 @@ MovingObjects::MovingObjects(const std::vector<Box>& boxes, const std::vector<Fr
   const auto world_from_body = [&](std::int64_t t_ns) {
     return world_from_global * pose_at(frames, t_ns);
   };
-  std::map<std::int64_t, std::vector<BoxAtTime>> by_id;
-  std::set<std::int64_t> deforming;
+  std::map<std::int64_t, MovingObject> by_id;
   for (const Box& box : boxes) {
     const Rigid3d here = world_from_body(box.t_ns);
     const Eigen::Vector3d ego_m_per_s =
         (world_from_body(box.t_ns + kVelocityOver_ns).translation() -
          world_from_body(box.t_ns - kVelocityOver_ns).translation()) /
         (2e-9 * static_cast<double>(kVelocityOver_ns));
-    if (box.deforms) deforming.insert(box.object_id);
-    by_id[box.object_id].push_back({box.t_ns, here * box.body_from_box, box.size_m,
-                                    here.linear() * box.velocity_in_body_m_per_s + ego_m_per_s});
+    MovingObject& object = by_id[box.object_id];
+    object.id = box.object_id;
+    object.type = box.type;
+    object.deforms |= box.deforms;
+    object.size_m = object.size_m.cwiseMax(box.size_m);
+    object.keys.push_back({box.t_ns, here * box.body_from_box,
+                           here.linear() * box.velocity_in_body_m_per_s + ego_m_per_s});
   }
-  for (auto& [id, boxes_of_object] : by_id) {
-    if (!deforming.contains(id) &&
-        std::none_of(boxes_of_object.begin(), boxes_of_object.end(), [](const BoxAtTime& s) {
-          return s.velocity_in_world_m_per_s.norm() > kMovingSpeed_m_per_s;
-        })) {
+  for (auto& [id, object] : by_id) {
+    const bool fast = std::ranges::any_of(object.keys, [](const MovingObject::Key& key) {
+      return key.velocity_in_world_m_per_s.norm() > kMovingSpeed_m_per_s;
+    });
+    if (!object.deforms && !fast) {
       ++parked_;
       continue;
     }
-    std::sort(boxes_of_object.begin(), boxes_of_object.end(),
-              [](const auto& a, const auto& b) { return a.t_ns < b.t_ns; });
-    objects_.push_back(std::move(boxes_of_object));
+    std::ranges::sort(object.keys, {}, &MovingObject::Key::t_ns);
+    objects_.push_back(std::move(object));
   }
 }
 
 std::vector<MovingBox> MovingObjects::at(std::int64_t t_ns) const {
   std::vector<MovingBox> boxes;
-  for (const std::vector<BoxAtTime>& boxes_of_object : objects_) {
-    auto nearest = std::lower_bound(boxes_of_object.begin(), boxes_of_object.end(), t_ns,
-                                    [](const BoxAtTime& s, std::int64_t t) { return s.t_ns < t; });
-    if (nearest == boxes_of_object.end() ||
-        (nearest != boxes_of_object.begin() && t_ns - (nearest - 1)->t_ns < nearest->t_ns - t_ns))
-      --nearest;
-    const std::int64_t later_ns = t_ns - nearest->t_ns;
-    if (std::abs(later_ns) > kMaxExtrapolation_ns) continue;
-    Rigid3d world_from_box = nearest->world_from_box;
-    world_from_box.translation() +=
-        1e-9 * static_cast<double>(later_ns) * nearest->velocity_in_world_m_per_s;
-    boxes.push_back(
-        {world_from_box.inverse(), nearest->size_m / 2 + Eigen::Vector3d::Constant(kBoxMargin_m)});
-  }
+  for (const MovingObject& object : objects_)
+    if (const auto world_from_box = object.world_from_box(t_ns))
+      boxes.push_back({object.id, world_from_box->inverse(),
+                       object.size_m / 2 + Eigen::Vector3d::Constant(kBoxMargin_m)});
   return boxes;
+}
+
+MovingObjects MovingObjects::without(const std::vector<MovingObject>& others) const {
+  MovingObjects rest = *this;
+  std::erase_if(rest.objects_, [&](const MovingObject& object) {
+    return std::ranges::find(others, object.id, &MovingObject::id) != others.end();
+  });
+  return rest;
 }
 
 MovingObjects read_moving_objects(const Recording& recording, const Scene& scene) {

@@ -1,17 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
-// Annotated moving objects in the world, which are masked in images and dropped from LiDAR returns.
+// Annotated moving objects in the world. Methods that do not draw them mask them in images; static
+// LiDAR returns are those outside of their boxes.
 #pragma once
 
 #include <cstdint>
 #include <vector>
 
 #include "redrive/recording/recording_reader.h"
+#include "redrive/scene/moving_object.h"
 #include "redrive/scene/scene.h"
 
 namespace redrive {
 
 /// The box of a moving object at one time, grown by kBoxMargin_m on every side.
 struct MovingBox {
+  std::int64_t id = 0;  ///< MovingObject::id
   Rigid3d box_from_world;
   Eigen::Vector3d half_size_m;
 
@@ -34,24 +37,20 @@ constexpr double kMovingSpeed_m_per_s = 1;
 
 class MovingObjects {
  public:
-  /// `boxes`: of all frames. Each holds at its own time and is extrapolated by its velocity.
+  /// `boxes`: of all frames. Each holds at its own time.
   MovingObjects(const std::vector<Box>& boxes, const std::vector<FramePose>& frames,
                 const Rigid3d& global_from_world);
 
-  /// Returns the box of each object at t_ns, extrapolated from the one nearest in time; objects
-  /// without a box within 0.1 s are left out.
+  /// Returns the box of each object that has a pose at t_ns.
   std::vector<MovingBox> at(std::int64_t t_ns) const;
 
-  std::size_t objects() const { return objects_.size(); }
+  const std::vector<MovingObject>& objects() const& { return objects_; }  ///< by id
+  /// Returns all but these.
+  MovingObjects without(const std::vector<MovingObject>& others) const;
   std::size_t parked() const { return parked_; }  ///< number of objects that do not move
 
  private:
-  struct BoxAtTime {
-    std::int64_t t_ns;
-    Rigid3d world_from_box;
-    Eigen::Vector3d size_m, velocity_in_world_m_per_s;
-  };
-  std::vector<std::vector<BoxAtTime>> objects_;  ///< moving ones by id, boxes by time
+  std::vector<MovingObject> objects_;
   std::size_t parked_ = 0;
 };
 

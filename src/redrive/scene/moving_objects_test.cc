@@ -43,7 +43,7 @@ std::vector<Box> sightings(const std::vector<FramePose>& frames, std::int64_t id
 }
 
 TEST(MovingBox, IntersectsRaysThatHaveAPointInside) {
-  MovingBox box{Rigid3d::Identity(), Vector3d(2, 1, 0.5)};
+  MovingBox box{0, Rigid3d::Identity(), Vector3d(2, 1, 0.5)};
   box.box_from_world =
       (Eigen::Translation3d(5, 3, 1) * Eigen::AngleAxisd(0.7, Vector3d(1, 2, 3).normalized()))
           .inverse();
@@ -72,7 +72,7 @@ TEST(MovingObjects, AParkedCarBesideATurningEgoVehicleIsParked) {
   const auto frames = turning_drive();
   const MovingObjects objects(sightings(frames, 7, {30, 8, 0.8}, Vector3d::Zero()), frames,
                               Rigid3d::Identity());
-  EXPECT_EQ(objects.objects(), 0u);
+  EXPECT_TRUE(objects.objects().empty());
   EXPECT_EQ(objects.parked(), 1u);
   EXPECT_TRUE(objects.at(frames[5].t_ns).empty());
 }
@@ -82,7 +82,7 @@ TEST(MovingObjects, WhatDeformsMovesAtAnySpeed) {
   std::vector<Box> boxes = sightings(frames, 7, {30, 8, 0.8}, Vector3d::Zero());
   boxes[3].deforms = true;
   const MovingObjects objects(boxes, frames, Rigid3d::Identity());
-  EXPECT_EQ(objects.objects(), 1u);
+  EXPECT_EQ(objects.objects().size(), 1u);
   EXPECT_EQ(objects.parked(), 0u);
   EXPECT_EQ(objects.at(frames[5].t_ns).size(), 1u);
 }
@@ -100,6 +100,31 @@ TEST(MovingObjects, ExtrapolatesBoxesByTheirVelocity) {
     EXPECT_EQ(boxes[0].half_size_m, Vector3d(2.3, 1.3, 1.1));
   }
   EXPECT_TRUE(objects.at(frames.back().t_ns + 50'000'000).empty());  // 0.15 s after its last box
+}
+
+TEST(MovingObjects, InterpolatesBetweenBoxesThatTurn) {
+  const auto frames = turning_drive();
+  std::vector<Box> boxes = sightings(frames, 7, {30, 8, 0.8}, {5, 0, 0});
+  boxes.erase(boxes.begin() + 3);  // a gap of 0.2 s
+  boxes.resize(6);
+  for (Box& box : boxes)  // 0.5 rad/s
+    box.body_from_box.rotate(
+        Eigen::AngleAxisd(0.5e-9 * double(box.t_ns - frames[0].t_ns), Vector3d::UnitZ()));
+  boxes[2].size_m.x() = 4.5;
+  boxes.back().t_ns += 400'000'000;  // of the same motion
+  const MovingObjects objects(boxes, frames, Rigid3d::Identity());
+  ASSERT_EQ(objects.objects().size(), 1u);
+  const MovingObject& object = objects.objects()[0];
+  EXPECT_EQ(object.id, 7);
+  EXPECT_EQ(object.size_m, Vector3d(4.5, 2, 1.6));
+  const auto pose = object.world_from_box(frames[4].t_ns + 30'000'000);
+  ASSERT_TRUE(pose);
+  EXPECT_LT((pose->translation() - Vector3d(30 + 5 * 0.43, 8, 0.8)).norm(), 1e-3);
+  const double yaw = std::atan2(pose->linear()(1, 0), pose->linear()(0, 0));
+  EXPECT_NEAR(yaw, 0.5 * 0.43, 1e-6);
+  EXPECT_TRUE(object.world_from_box(boxes[4].t_ns + 200'000'000));   // half a second apart
+  EXPECT_FALSE(object.world_from_box(boxes[5].t_ns + 101'000'000));  // after the last one
+  EXPECT_FALSE(object.world_from_box(boxes[0].t_ns - 101'000'000));
 }
 
 // It waits, then drives off, and leaves its first position empty.

@@ -24,7 +24,7 @@ class RealNight : public ::testing::Test {
 TEST_F(RealNight, CountsLidarReturns) {
   const Scene scene = make_scene(recording_, {});
   const MovingObjects moving = read_moving_objects(recording_, scene);
-  EXPECT_EQ(moving.objects(), 8u);
+  EXPECT_EQ(moving.objects().size(), 8u);
   EXPECT_EQ(moving.parked(), 0u);
   const LidarReturns returns = load_lidar_returns(recording_, scene, moving, pool_);
   EXPECT_GT(returns.n, 3'500'000u);

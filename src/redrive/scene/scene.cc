@@ -137,11 +137,34 @@ Rigid3d Scene::world_from_camera(const View& view) const {
 }
 
 ShutterPoses Scene::shutter_poses(const View& view) const {
-  if (view.by_row.empty()) return world_from_camera(view);
+  const RigCamera& camera = rig[view.camera];
   std::vector<Rigid3d> keys;
-  for (const Rigid3d& world_from_body : view.by_row)
-    keys.push_back(world_from_body * rig[view.camera].body_from_sensor);
-  return ShutterPoses(keys);
+  for (const Rigid3d& world_from_body :
+       view.by_row.empty() ? std::vector{view.world_from_body} : view.by_row)
+    keys.push_back(world_from_body * camera.body_from_sensor);
+  return with_actors(ShutterPoses(keys), camera, frames[view.frame].t_ns);
+}
+
+ShutterPoses Scene::with_actors(ShutterPoses poses, const RigCamera& camera,
+                                std::int64_t frame_ns) const {
+  const std::size_t keys = poses.keys().size();
+  std::vector<ShutterPoses::Actor> seen;
+  for (const MovingObject& actor : actors) {
+    ShutterPoses::Actor here{actor.body.value_or(actor.id), actor.gain, {}};
+    for (std::size_t key = 0; key < keys; ++key) {
+      const double part =
+          keys == 1 ? 0 : static_cast<double>(key) / static_cast<double>(keys - 1) - 0.5;
+      const auto world_from_actor =
+          actor.world_from_box(frame_ns + camera.time_offset_ns +
+                               std::llround(part * static_cast<double>(camera.readout_ns)));
+      if (!world_from_actor) break;
+      here.actor_from_camera.push_back(
+          plain(world_from_actor->inverse(Eigen::Isometry) * rigid(poses.keys()[key])));
+    }
+    if (here.actor_from_camera.size() == keys) seen.push_back(std::move(here));
+  }
+  poses.set_actors(std::move(seen));
+  return poses;
 }
 
 void update_view_pose(const std::vector<FramePose>& frames, const Scene& scene, View* view) {

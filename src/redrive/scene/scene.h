@@ -14,6 +14,7 @@
 #include "redrive/field/exposure.h"
 #include "redrive/field/unit_from_world.h"
 #include "redrive/recording/recording.h"
+#include "redrive/scene/moving_object.h"
 #include "redrive/scene/shutter_poses.h"
 
 namespace redrive {
@@ -86,12 +87,18 @@ struct Scene {
   Background background = Background::kNone;
   bool random_background = false;  ///< SceneOptions::random_background
   bool metric = true;              ///< Recording::metric: metres and seconds
+  /// Moving objects that the model draws, by id; empty where it draws none.
+  std::vector<MovingObject> actors;
 
   int camera_index(const std::string& name) const;  ///< -1 if there is none
   int frame_index(std::int64_t id) const;           ///< -1 if there is none
   Rigid3d world_from_camera(
       const View& view) const;  ///< E_P,0^-1 E_P,n E_C of the report's equation (2)
-  ShutterPoses shutter_poses(const View& view) const;  ///< world_from_camera of each row
+  /// Returns world_from_camera of each row, with the actors.
+  ShutterPoses shutter_poses(const View& view) const;
+  /// Returns the poses with the actors where `camera` sees them, exposed at a frame of this time.
+  ShutterPoses with_actors(ShutterPoses poses, const RigCamera& camera,
+                           std::int64_t frame_ns) const;
   Exposure exposure(int camera, std::int64_t t_ns) const;
   Exposure exposure(const View& view) const {
     return exposure(view.camera, frames[view.frame].t_ns);

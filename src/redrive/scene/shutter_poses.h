@@ -2,6 +2,9 @@
 // The pose of a camera during an exposure: one, or, with a rolling shutter, one per row.
 #pragma once
 
+#include <array>
+#include <cstdint>
+#include <utility>
 #include <vector>
 
 #include "redrive/math/rigid3.h"
@@ -11,6 +14,13 @@ namespace redrive {
 
 class ShutterPoses {
  public:
+  /// Poses of the camera in the axes of an object that moves, at the times of the keys.
+  struct Actor {
+    std::int64_t body = 0;               ///< MovingObject::id of the Gaussians
+    std::array<float, 3> gain{1, 1, 1};  ///< factors of r, g, b
+    std::vector<PlainPose> actor_from_camera;
+  };
+
   ShutterPoses(const Rigid3d& pose) : keys_{plain(pose)} {}  // NOLINT: most images have one pose
   /// `keys`: at evenly spaced times from the upper edge of the image to the lower one; at least
   /// one.
@@ -18,6 +28,9 @@ class ShutterPoses {
 
   bool is_rolling() const { return keys_.size() > 1; }
   const std::vector<PlainPose>& keys() const { return keys_; }
+  /// The objects that are there during the exposure (Scene::with_actors); none unless set.
+  const std::vector<Actor>& actors() const { return actors_; }
+  void set_actors(std::vector<Actor> actors) { actors_ = std::move(actors); }
   /// `row`: 0 at the upper edge, 1 at the lower one (pose_at_row).
   Rigid3d at(double row) const { return rigid(pose_at_row(keys_.data(), keys_.size(), row)); }
   /// Returns the pose at the middle of row y.
@@ -25,6 +38,7 @@ class ShutterPoses {
 
  private:
   std::vector<PlainPose> keys_;
+  std::vector<Actor> actors_;
 };
 
 }  // namespace redrive

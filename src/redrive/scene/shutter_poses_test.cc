@@ -72,5 +72,41 @@ TEST(ShutterPoses, InterpolatesBetweenKeys) {
   EXPECT_LT(apart(poses.at(1), key(5, 0.2)), 1e-15);
 }
 
+TEST(ShutterPoses, ShowActorsAtTheTimeOfEachRow) {
+  const TemporaryFolder folder;
+  Recording recording = make_test_recording(folder.path);
+  recording.cameras[1].calibration.readout_ns = 40'000'000;
+  recording.cameras[1].calibration.time_offset_ns = 7'000'000;
+  Scene scene = make_scene(recording, {});
+  const std::int64_t begin_ns = scene.frames.front().t_ns - 100'000'000;
+  MovingObject car{.id = 5, .type = "CAR", .deforms = false, .size_m = {4, 2, 1.5}, .keys = {}};
+  for (int i = 0; i < 100; ++i) {
+    Rigid3d pose = Rigid3d::Identity();
+    pose.translation() = Eigen::Vector3d(2.0 * i, 3, 1);  // 20 m/s
+    car.keys.push_back({begin_ns + 100'000'000ll * i, pose, {20, 0, 0}});
+  }
+  scene.actors = {car};
+  for (const View& view : scene.views) {
+    const ShutterPoses poses = scene.shutter_poses(view);
+    ASSERT_EQ(poses.actors().size(), 1u);
+    EXPECT_EQ(poses.actors()[0].body, 5);
+    ASSERT_EQ(poses.actors()[0].actor_from_camera.size(), poses.keys().size());
+    for (std::size_t key = 0; key < poses.keys().size(); ++key) {
+      const double part = poses.is_rolling() ? double(key) / double(poses.keys().size() - 1) : 0.5;
+      const double t_s = 1e-9 * double(scene.frames[view.frame].t_ns - begin_ns +
+                                       (view.camera == 1 ? 7'000'000 : 0)) +
+                         0.04 * (part - 0.5);
+      Rigid3d actor = Rigid3d::Identity();
+      actor.translation() = Eigen::Vector3d(20 * t_s, 3, 1);
+      EXPECT_LT(apart(rigid(poses.actors()[0].actor_from_camera[key]),
+                      actor.inverse() * rigid(poses.keys()[key])),
+                1e-5)
+          << "key " << key;
+    }
+  }
+  scene.actors[0].keys.resize(1);
+  EXPECT_TRUE(scene.shutter_poses(scene.views.back()).actors().empty()) << "it is not there";
+}
+
 }  // namespace
 }  // namespace redrive

@@ -79,11 +79,15 @@ TrainState example_grid_state(int colour_layers = 1) {
   return state;
 }
 
-/// A model with two blocks of Gaussians, the second of which has one.
-TrainState example_splat_state() {
+/// A model with two blocks of Gaussians, the second of which has one, and maybe two actors.
+TrainState example_splat_state(bool with_actors = false) {
   auto model = std::make_unique<SplatModel>();
   model->gaussians = 17;
   model->first_gaussians = 5;
+  if (with_actors) {
+    model->actor_ids = {-4, 9};
+    model->actor_ends = {3, 5};
+  }
   model->max_gaussians = 2000;
   model->gains.appearance = {1, 3};
   model->gains.shading = {1, 4, 2};
@@ -391,7 +395,7 @@ TEST(Checkpoint, RejectsDamageToAGridByName) {
 }
 
 TEST(Checkpoint, SplatRoundTripIsBitExact) {
-  const TrainState state = example_splat_state(),
+  const TrainState state = example_splat_state(/*with_actors=*/true),
                    back = parse_checkpoint(checkpoint_bytes(state), "c");
   ASSERT_STREQ(back.model->method(), "splat");
   expect_equal(back.model->parameters, state.model->parameters);
@@ -400,10 +404,31 @@ TEST(Checkpoint, SplatRoundTripIsBitExact) {
   const auto& model = dynamic_cast<const SplatModel&>(*back.model);
   EXPECT_EQ(model.gaussians, 17);
   EXPECT_EQ(model.first_gaussians, 5);
+  EXPECT_EQ(model.actor_ids, (std::vector<std::int64_t>{-4, 9}));
+  EXPECT_EQ(model.actor_ends, (std::vector<std::int64_t>{3, 5}));
   EXPECT_EQ(model.max_gaussians, 2000);
   EXPECT_EQ(model.gains.appearance.knots, 3);
   EXPECT_EQ(model.gains.shading.columns, 4);
   EXPECT_EQ(checkpoint_bytes(back), checkpoint_bytes(state));
+}
+
+TEST(Checkpoint, RejectsDamageToActorsByName) {
+  const std::string good = checkpoint_bytes(example_splat_state(/*with_actors=*/true));
+  ASSERT_EQ(error_message(good), "");
+  for (const auto& [key, value, field] : std::vector<std::array<std::string, 3>>{
+           {"actor_ends", "2,5", "__metadata__.actor_ends"},  // of the world's blocks
+           {"actor_ends", "5,3", "__metadata__.actor_ends"},
+           {"actor_ends", "5", "__metadata__.actor_ends"},
+           {"actor_ends", "3,4000000000", "__metadata__.actor_ends"},
+           {"actor_ends", "3,x", "__metadata__.actor_ends"},
+           {"actor_ends", "3,6", "adam.first_moment.shape"},
+           {"actor_ids", "-4", "__metadata__.actor_ends"},
+           {"actor_ids", "9,-4", "__metadata__.actor_ids"},
+           {"gaussians", "49", "__metadata__.actor_ends"}}) {
+    Parts parts(good);
+    parts.header["__metadata__"][key] = value;
+    EXPECT_THAT(error_message(parts.bytes()), HasSubstr(field)) << key << " = " << value;
+  }
 }
 
 TEST(Checkpoint, RejectsDamageToGaussiansByName) {

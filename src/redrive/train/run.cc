@@ -154,10 +154,12 @@ Run open_run(const std::filesystem::path& root, bool to_resume) {
   const auto there = std::filesystem::status(run.paths.checkpoint(), error).type();
   if (to_resume && there == std::filesystem::file_type::not_found) {
     run.state = make_initial_state(run.options, run.scene);
+    load_actors(&run);
   } else {
     run.state = load_checkpoint(run.paths.checkpoint());
     check_belongs(run);
     check_shown_hyperparameters(run, config);
+    load_actors(&run);  // in the poses that training began with, as it did
     if (!to_resume && run.state.poses.refines()) {
       const Scene initial = run.scene;
       run.recording.frames =
@@ -165,6 +167,16 @@ Run open_run(const std::filesystem::path& root, bool to_resume) {
     }
   }
   return run;
+}
+
+void load_actors(Run* run) {
+  if (!run->state.model->draws_actors()) return;
+  const MovingObjects moving = read_moving_objects(run->recording, run->scene);
+  for (const MovingObject& object : moving.objects())
+    if (object.keys.size() >= 2 && std::ranges::any_of(run->scene.frames, [&](const Frame& frame) {
+          return object.world_from_box(frame.t_ns).has_value();
+        }))
+      run->scene.actors.push_back(object);
 }
 
 }  // namespace redrive

@@ -49,6 +49,11 @@ struct Run {
 /// poses; a run that was killed before its first checkpoint then opens with the initial state.
 /// Throws InputError if a file is missing or the files do not belong together.
 Run open_run(const std::filesystem::path& root, bool to_resume = false);
+
+/// Sets run->scene.actors, if the model draws them: the annotated objects that move, have boxes of
+/// two times at least and are there at a frame of the scene. open_run() does so. InputError as the
+/// readers of boxes.
+void load_actors(Run* run);
 /// Returns the model of options and scene, without parameters.
 std::unique_ptr<Model> make_run_model(const TrainOptions& options, const Scene& scene);
 /// Returns the state that a run starts from.

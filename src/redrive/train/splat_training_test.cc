@@ -30,8 +30,8 @@ class InterferingRasteriser final : public InterferingBackend, public kernels::G
                           const kernels::Gaussians& gaussians,
                           const kernels::RasterOptions& options, const kernels::RasterImage& image,
                           const kernels::RasterGradient& gradient, std::span<float> gradients,
-                          GaussianPoseGradient<NumberMath<double>>* d_pose) override {
-    inner_.rasterise_backward(camera, gaussians, options, image, gradient, gradients, d_pose);
+                          std::span<GaussianPoseGradient<NumberMath<double>>> d_poses) override {
+    inner_.rasterise_backward(camera, gaussians, options, image, gradient, gradients, d_poses);
     if (step_ == what_.kill_at) throw Killed();
   }
   kernels::ImageLossOutput image_loss(const kernels::ImageLossInput& input, std::span<float> d_rgb,

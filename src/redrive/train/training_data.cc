@@ -11,7 +11,8 @@ namespace {
 
 /// `masks` and the recording's moving objects; nothing with --masks none.
 Exclusions with_moving(const Run& run, const std::function<std::vector<Mask>()>& masks) {
-  if (run.options.masks != "none") return {masks(), read_moving_objects(run.recording, run.scene)};
+  if (run.options.masks != "none")
+    return {masks(), read_moving_objects(run.recording, run.scene).without(run.scene.actors)};
   std::vector<Mask> full;
   for (const RigCamera& rig : run.scene.rig)
     full.push_back(full_mask(rig.camera.width, rig.camera.height));
@@ -37,8 +38,11 @@ TrainingData applied(const Run& run, ThreadPool& pool, Exclusions left_out,
                      std::vector<Image8> images) {
   apply_masks(run.scene, left_out.masks, left_out.moving, pool, &images);
   LidarReturns lidar;
-  if (run.state.model->uses_lidar())
-    lidar = load_lidar_returns(run.recording, run.scene, left_out.moving, pool);
+  if (run.state.model->uses_lidar()) {
+    const MovingObjects moving =
+        run.scene.actors.empty() ? left_out.moving : read_moving_objects(run.recording, run.scene);
+    lidar = load_lidar_returns(run.recording, run.scene, moving, pool);
+  }
   return {std::move(images), std::move(left_out), std::move(lidar)};
 }
 

@@ -11,7 +11,7 @@ namespace redrive {
 /// Pixels that training and scores exclude.
 struct Exclusions {
   std::vector<Mask> masks;  ///< by camera of the rig
-  MovingObjects moving;
+  MovingObjects moving;     ///< those that the model does not draw
 };
 
 /// Reads masks/ of an existing run and the recording's annotated objects; nothing with --masks

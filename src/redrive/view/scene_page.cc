@@ -63,7 +63,7 @@ std::string scene_page(const Run& run, int sh_degree) {
   std::string html = gunzip(files.html_gz);
   // The script and the data have marks of their own kind: the last ones first.
   fill("@SCRIPT@", gunzip(files.script_gz), &html);
-  fill("@SPLATS@", base64(gaussian_spz(splat->view(), sh_degree)), &html);
+  fill("@SPLATS@", base64(gaussian_spz(splat->world(), sh_degree)), &html);
   fill("@SCENE@", scene.dump(), &html);
   fill("@TITLE@", html_escape(name_of(run.paths.root) + " - redrive"), &html);
   return html;

@@ -103,8 +103,9 @@ bool RenderJob::step() {
   }
   const auto start = std::chrono::steady_clock::now();
   const RayTable& table = *strips_[next_];
-  RenderedImage strip =
-      render_image(*backend_, *model_, table, placement_.world_from_camera, placement_.exposure);
+  ShutterPoses poses = placement_.world_from_camera;
+  poses.set_actors(placement_.actors);
+  RenderedImage strip = render_image(*backend_, *model_, table, poses, placement_.exposure);
   if (next_ == 0)
     image_ = std::move(strip);
   else
@@ -204,8 +205,8 @@ Placement ViewRenderer::place(const ViewRequest& request) {
     const auto set = std::ranges::find(novel_, request.novel->set, &NovelGroundTruth::name);
     const RequestedView& named = set->request(request.novel->index);
     const RigCamera& of_run = run_.scene.rig[run_.scene.camera_index(named.camera)];
-    Placement placement{named.camera, named.frame_id, view->camera, view->world_from_camera,
-                        {},           view->exposure};
+    Placement placement{named.camera, named.frame_id, view->camera,        view->world_from_camera,
+                        {},           view->exposure, view->poses.actors()};
     placement.world_from_body =
         view->world_from_camera * of_run.body_from_sensor.inverse(Eigen::Isometry);
     if (request.exposure != "own") placement.exposure = exposure_of(request, named.camera);
@@ -217,13 +218,17 @@ Placement ViewRenderer::place(const ViewRequest& request) {
   const Rigid3d body_from_sensor =
       turned_sensor(camera.body_from_sensor, kRadiansPerDegree * request.yaw_deg,
                     kRadiansPerDegree * request.pitch_deg);
+  const Rigid3d world_from_camera =
+      shifted_camera(run_.scene.global_from_world, *body, body_from_sensor, ShiftAxes::kBody,
+                     Eigen::Vector3d(request.shift_m.data()));
   return {camera.name,
           request.frame,
           camera.camera,
-          shifted_camera(run_.scene.global_from_world, *body, body_from_sensor, ShiftAxes::kBody,
-                         Eigen::Vector3d(request.shift_m.data())),
+          world_from_camera,
           *body,
-          exposure_of(request, camera.name)};
+          exposure_of(request, camera.name),
+          posed_at_frame(run_.recording, run_.scene, camera, world_from_camera, request.frame)
+              .actors()};
 }
 
 Placement ViewRenderer::place_at(const ViewRequest& request, const Rigid3d& world_from_camera) {
@@ -237,6 +242,9 @@ Placement ViewRenderer::place_at(const ViewRequest& request, const Rigid3d& worl
       world_from_camera *
       (placement.world_from_camera.inverse(Eigen::Isometry) * placement.world_from_body);
   placement.world_from_camera = world_from_camera;
+  placement.actors = posed_at_frame(run_.recording, run_.scene, requested_camera(mounted),
+                                    world_from_camera, request.frame)
+                         .actors();
   return placement;
 }
 

@@ -28,6 +28,7 @@ struct Placement {
   Camera camera;  ///< at full size
   Rigid3d world_from_camera, world_from_body;
   Exposure exposure;
+  std::vector<ShutterPoses::Actor> actors;  ///< of the frame's time
 };
 
 /// An image that is rendered strip by strip, so that the viewer can leave it for a newer one.

@@ -43,7 +43,7 @@ cv::Mat averaged(const cv::Mat& image, int factor) {
 }  // namespace
 
 std::vector<MovingBox> RigImages::moving_at(int camera, int frame) const {
-  if (moving.objects() == 0) return {};
+  if (moving.objects().empty()) return {};
   return moving.at(scene.frames[frame].t_ns + scene.rig[camera].time_offset_ns);
 }
 

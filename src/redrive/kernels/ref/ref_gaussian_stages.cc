@@ -22,7 +22,7 @@ using Projected = ProjectedGaussian<Math>;
 
 /// A drawn Gaussian.
 struct Drawn {
-  std::size_t id;
+  std::size_t id, part;  ///< part: 0 in the world, from 1 on those of GaussianCamera
   GaussianPose<Math> pose;
   Projected at;
   std::array<double, kDistanceRow> rows;
@@ -34,11 +34,15 @@ struct RasterMemory {
   std::vector<Splat2d<double>> splats;
 };
 
-GaussianPose<Math> pose_at(const GaussianCamera& camera, double v) {
+std::span<const PlainPose> poses_of(const GaussianCamera& camera, std::size_t part) {
+  return part == 0 ? camera.world_from_camera : camera.parts[part - 1].part_from_camera;
+}
+
+GaussianPose<Math> pose_at(const GaussianCamera& camera, std::span<const PlainPose> poses,
+                           double v) {
   const double row =
       (v + 0.5 + static_cast<double>(camera.first_row)) / static_cast<double>(camera.image_rows);
-  const PlainPose pose =
-      pose_at_row(camera.world_from_camera.data(), camera.world_from_camera.size(), row);
+  const PlainPose pose = pose_at_row(poses.data(), poses.size(), row);
   GaussianPose<Math> out;
   for (int k = 0; k < 9; ++k) out.rotation[k] = pose.rotation[3 * (k % 3) + k / 3];
   for (int k = 0; k < 3; ++k) out.centre[k] = pose.translation[k];
@@ -60,14 +64,19 @@ class RefGaussianStages final : public GaussianStages {
     check_rasterise(camera, gaussians, options);
     RasterMemory& w = memory_;
     w.drawn.clear();
+    std::size_t part = 0;
     for (std::size_t id = 0; id < gaussians.n; ++id) {
-      Drawn d{.id = id};
+      while (part < camera.parts.size() && camera.parts[part].first_block <= id / kGaussianBlock)
+        ++part;
+      const std::span<const PlainPose> poses = poses_of(camera, part);
+      if (poses.empty()) continue;
+      Drawn d{.id = id, .part = part};
       for (int row = 0; row < kDistanceRow; ++row)
         d.rows[row] = static_cast<double>(gaussians.numbers[gaussian_slot(id, row)]);
       d.at.mean[1] = camera.camera.height / 2.0;
-      const int iterations = camera.world_from_camera.size() > 1 ? 3 : 1;
+      const int iterations = poses.size() > 1 ? 3 : 1;
       for (int i = 0; i < iterations; ++i) {
-        d.pose = pose_at(camera, d.at.mean[1]);
+        d.pose = pose_at(camera, poses, d.at.mean[1]);
         project_mean<Math>(camera.camera, d.pose, d.rows.data() + kPositionRow, &d.at);
       }
       if (!d.at.visible) continue;
@@ -107,8 +116,9 @@ class RefGaussianStages final : public GaussianStages {
   void rasterise_backward(const GaussianCamera& camera, const Gaussians& gaussians,
                           const RasterOptions& options, const RasterImage& image,
                           const RasterGradient& gradient, std::span<float> gradients,
-                          GaussianPoseGradient<Math>* d_pose) override {
-    check_rasterise_backward(camera, gaussians, options, image, gradient, gradients.size());
+                          std::span<GaussianPoseGradient<Math>> d_poses) override {
+    check_rasterise_backward(camera, gaussians, options, image, gradient, gradients.size(),
+                             d_poses.size());
     RasterMemory& w = memory_;
     std::vector<Splat2dGradient> sums(w.splats.size());
     const std::size_t plane = image.size.plane();
@@ -121,7 +131,7 @@ class RefGaussianStages final : public GaussianStages {
            static_cast<double>(gradient.d_transmittance[i])},
           static_cast<double>(gradient.error[i]), &sums);
     });
-    if (d_pose) *d_pose = {};
+    std::ranges::fill(d_poses, GaussianPoseGradient<Math>{});
     for (std::size_t i = 0; i < sums.size(); ++i) {
       const Drawn& d = w.drawn[i];
       const Splat2dGradient& sum = sums[i];
@@ -137,9 +147,9 @@ class RefGaussianStages final : public GaussianStages {
       d_rows[kDistanceRow] = sum.error;
       for (int row = 0; row < kGaussianRows; ++row)
         gradients[gaussian_slot(d.id, row)] += static_cast<float>(d_rows[row]);
-      for (int k = 0; d_pose && k < 3; ++k) {
-        d_pose->translation[k] += of_pose.translation[k];
-        d_pose->rotation[k] += of_pose.rotation[k];
+      for (int k = 0; !d_poses.empty() && k < 3; ++k) {
+        d_poses[d.part].translation[k] += of_pose.translation[k];
+        d_poses[d.part].rotation[k] += of_pose.rotation[k];
       }
     }
   }

@@ -36,6 +36,13 @@ float* tile_memory(std::size_t floats) {
   return grown(&memory, floats);
 }
 
+/// Blocks of Gaussians that are seen from the same poses.
+struct Segment {
+  std::size_t begin, end;   ///< blocks
+  ShutterKeys shutter;      ///< n = 0: not drawn
+  std::vector<float> keys;  ///< of the shutter
+};
+
 /// Results of a forward pass that its backward pass reads.
 struct RasterMemory {
   Buffer<RasterRecord> records;        ///< by Gaussian
@@ -45,7 +52,7 @@ struct RasterMemory {
   Buffer<float> sums;                ///< [pairs, kRecordFloats]
   std::vector<std::uint32_t> first;  ///< [tiles + 1]: first pair of each tile
   std::size_t n_visible = 0;
-  std::vector<float> shutter;
+  std::vector<Segment> segments;
 };
 
 /// Sorts keys by their upper half, ascending and stable, by the bits that positive floats up to
@@ -99,8 +106,9 @@ class CpuGaussianStages final : public GaussianStages {
   void rasterise_backward(const GaussianCamera& camera, const Gaussians& gaussians,
                           const RasterOptions& options, const RasterImage& image,
                           const RasterGradient& gradient, std::span<float> gradients,
-                          GaussianPoseGradient<NumberMath<double>>* d_pose) override {
-    check_rasterise_backward(camera, gaussians, options, image, gradient, gradients.size());
+                          std::span<GaussianPoseGradient<NumberMath<double>>> d_poses) override {
+    check_rasterise_backward(camera, gaussians, options, image, gradient, gradients.size(),
+                             d_poses.size());
     RasterMemory& w = memory_;
     float* const sums = grown(&w.sums, w.first.back() * std::size_t{kRecordFloats});
     for_tiles(image.size, options, w, [&](TileJob* job) {
@@ -115,25 +123,33 @@ class CpuGaussianStages final : public GaussianStages {
       kernels_.tile_backward(*job);
     });
     ProjectionBackwardJob job;
-    static_cast<ProjectionJob&>(job) = projection_job(camera, gaussians, &w);
+    job.camera = camera.camera;
+    job.gaussians = gaussians.numbers.data();
     job.records = w.records.data();
     job.visible = w.visible.data();
     job.sums = sums;
     job.gradients = gradients.data();
     const std::size_t blocks = gaussian_blocks(gaussians.n);
-    std::vector<std::array<double, 6>> d_poses(blocks / kBlocksPerRange + 1);
+    using PoseSums = std::array<double, 6>;
+    std::vector<std::vector<PoseSums>> sums_of_range(blocks / kBlocksPerRange + 1);
     pool_.run_ranges(blocks, kBlocksPerRange, [&](std::size_t begin, std::size_t end) {
-      ProjectionBackwardJob range = job;
-      if (d_pose) range.d_pose = d_poses[begin / kBlocksPerRange].data();
-      kernels_.project_backward(range, begin, end);
+      std::vector<PoseSums>& of_segment = sums_of_range[begin / kBlocksPerRange];
+      of_segment.resize(d_poses.size());
+      for_segments(w, begin, end, [&](std::size_t s, std::size_t first, std::size_t last) {
+        if (w.segments[s].shutter.n == 0) return;
+        ProjectionBackwardJob part = job;
+        part.shutter = w.segments[s].shutter;
+        if (!d_poses.empty()) part.d_pose = of_segment[s].data();
+        kernels_.project_backward(part, first, last);
+      });
     });
-    if (!d_pose) return;
-    *d_pose = {};
-    for (const std::array<double, 6>& part : d_poses)
-      for (int k = 0; k < 3; ++k) {
-        d_pose->translation[k] += part[k];
-        d_pose->rotation[k] += part[3 + k];
-      }
+    std::ranges::fill(d_poses, GaussianPoseGradient<NumberMath<double>>{});
+    for (const std::vector<PoseSums>& of_segment : sums_of_range)
+      for (std::size_t s = 0; s < of_segment.size(); ++s)
+        for (int k = 0; k < 3; ++k) {
+          d_poses[s].translation[k] += of_segment[s][k];
+          d_poses[s].rotation[k] += of_segment[s][3 + k];
+        }
   }
 
   ImageLossOutput image_loss(const ImageLossInput& input, std::span<float> d_rgb,
@@ -213,35 +229,56 @@ class CpuGaussianStages final : public GaussianStages {
   }
 
  private:
-  static ProjectionJob projection_job(const GaussianCamera& camera, const Gaussians& gaussians,
-                                      RasterMemory* w) {
-    ProjectionJob job;
-    job.camera = camera.camera;
-    job.gaussians = gaussians.numbers.data();
-    const std::size_t n = camera.world_from_camera.size();
-    w->shutter.clear();
-    for (const PlainPose& pose : camera.world_from_camera) {
+  static Segment make_segment(const GaussianCamera& camera, std::span<const PlainPose> poses,
+                              std::size_t begin, std::size_t end) {
+    Segment segment{.begin = begin, .end = end, .shutter = {}, .keys = {}};
+    std::vector<float>& keys = segment.keys;
+    for (const PlainPose& pose : poses) {
       // The inverse of a rotation is the conjugate of its quaternion x, y, z, w.
       float key[7] = {
           static_cast<float>(pose.quaternion[3]), static_cast<float>(-pose.quaternion[0]),
           static_cast<float>(-pose.quaternion[1]), static_cast<float>(-pose.quaternion[2])};
-      if (!w->shutter.empty()) {
-        const float* const before = &w->shutter[w->shutter.size() - 7];
+      if (!keys.empty()) {
+        const float* const before = &keys[keys.size() - 7];
         float dot = 0;
         for (int k = 0; k < 4; ++k) dot += before[k] * key[k];
         for (int k = 0; dot < 0 && k < 4; ++k) key[k] = -key[k];
       }
       for (int k = 0; k < 3; ++k) key[4 + k] = static_cast<float>(pose.translation[k]);
-      w->shutter.insert(w->shutter.end(), key, key + 7);
+      keys.insert(keys.end(), key, key + 7);
     }
-    job.shutter.n = static_cast<int>(n);
-    job.shutter.keys = w->shutter.data();
-    for (int k = 0; k < 9; ++k)
-      job.shutter.rotation[k] =
-          static_cast<float>(camera.world_from_camera[0].rotation[3 * (k % 3) + k / 3]);
-    job.shutter.row_scale = static_cast<float>(n - 1) / camera.image_rows;
-    job.shutter.row_offset = (camera.first_row + 0.5f) * job.shutter.row_scale;
-    return job;
+    ShutterKeys& shutter = segment.shutter;
+    shutter.n = static_cast<int>(poses.size());
+    shutter.keys = keys.data();
+    for (int k = 0; k < 9 && !poses.empty(); ++k)
+      shutter.rotation[k] = static_cast<float>(poses[0].rotation[3 * (k % 3) + k / 3]);
+    shutter.row_scale = static_cast<float>(shutter.n - 1) / camera.image_rows;
+    shutter.row_offset = (camera.first_row + 0.5f) * shutter.row_scale;
+    return segment;
+  }
+
+  /// Calls body(segment, first block, last block) for the segments that overlap the blocks.
+  template <class Body>
+  static void for_segments(const RasterMemory& w, std::size_t begin, std::size_t end,
+                           const Body& body) {
+    for (std::size_t s = 0; s < w.segments.size(); ++s) {
+      const std::size_t first = std::max(begin, w.segments[s].begin),
+                        last = std::min(end, w.segments[s].end);
+      if (first < last) body(s, first, last);
+    }
+  }
+
+  /// Sets segments: the world, then the parts.
+  static void set_segments(const GaussianCamera& camera, std::size_t blocks, RasterMemory* w) {
+    w->segments.clear();
+    w->segments.reserve(1 + camera.parts.size());
+    const auto begin_of = [&](std::size_t part) {
+      return part < camera.parts.size() ? camera.parts[part].first_block : blocks;
+    };
+    w->segments.push_back(make_segment(camera, camera.world_from_camera, 0, begin_of(0)));
+    for (std::size_t part = 0; part < camera.parts.size(); ++part)
+      w->segments.push_back(make_segment(camera, camera.parts[part].part_from_camera,
+                                         begin_of(part), begin_of(part + 1)));
   }
 
   /// Sets records, visible, keys and n_visible.
@@ -250,12 +287,22 @@ class CpuGaussianStages final : public GaussianStages {
     grown(&w->records, blocks * kGaussianBlock);
     grown(&w->visible, blocks);
     grown(&w->keys, blocks * kGaussianBlock);
-    const ProjectionJob job = projection_job(camera, gaussians, w);
+    set_segments(camera, blocks, w);
+    ProjectionJob job;
+    job.camera = camera.camera;
+    job.gaussians = gaussians.numbers.data();
     std::vector<std::size_t> drawn(blocks / kBlocksPerRange + 1);
     pool_.run_ranges(blocks, kBlocksPerRange, [&](std::size_t begin, std::size_t end) {
-      drawn[begin / kBlocksPerRange] =
-          kernels_.project(job, begin, end, w->records.data(), w->visible.data(),
-                           w->keys.data() + begin * kGaussianBlock);
+      std::size_t& n = drawn[begin / kBlocksPerRange];
+      for_segments(*w, begin, end, [&](std::size_t s, std::size_t first, std::size_t last) {
+        ProjectionJob part = job;
+        part.shutter = w->segments[s].shutter;
+        if (part.shutter.n == 0)
+          std::fill(w->visible.data() + first, w->visible.data() + last, std::uint16_t{0});
+        else
+          n += kernels_.project(part, first, last, w->records.data(), w->visible.data(),
+                                w->keys.data() + begin * kGaussianBlock + n);
+      });
     });
     w->n_visible = 0;
     for (std::size_t range = 0; range < drawn.size(); ++range) {

@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: Apache-2.0
+// Scores of annotated moving objects apart from those of the world behind them.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <string>
+
+#include "redrive/eval/score_mean.h"
+#include "redrive/scene/masks.h"
+
+namespace redrive {
+
+/// Images with fewer pixels of an object, or of all of them, do not count.
+constexpr std::int64_t kLeastObjectPixels = 100;
+
+/// Adds up images that show moving objects. Their pixels are those whose rays meet a box, grown by
+/// kBoxMargin_m, also where the model does not draw them.
+class MovingScores {
+ public:
+  MovingScores(const Run& run, kernels::Backend& backend);
+
+  /// `ground_truth`: not masked yet; of_camera: the camera's mask.
+  void add(const Scene& scene, const View& view, const Mask& of_camera,
+           const RenderedImage& rendered, const Image8& ground_truth);
+  /// Sets Evaluation::moving; leaves it empty where no image shows a moving object.
+  void finish(Evaluation* evaluation) const;
+
+ private:
+  struct OfObject {
+    double psnr_db = 0;  ///< sum
+    int images = 0;
+  };
+
+  kernels::Backend& backend_;
+  MovingObjects objects_;
+  ScoreMean inside_, outside_;
+  int images_ = 0;
+  std::map<std::size_t, OfObject> of_object_;  ///< by index in objects_
+};
+
+}  // namespace redrive

@@ -1,0 +1,141 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/model/actor_gaussians.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdlib>
+#include <optional>
+
+#include "redrive/base/rng.h"
+#include "redrive/model/gaussian_points.h"
+#include "redrive/scene/point_cloud.h"
+
+namespace redrive {
+namespace {
+
+constexpr std::size_t kPointsPerRange = 256;
+constexpr std::size_t kFewReturns = 500;  ///< so many more are put on the box
+constexpr float kMirrorApart_m = 0.15f;   ///< a mirrored point has no return within it
+
+/// A training view of the object and where its camera is then.
+struct Sighting {
+  std::size_t view;
+  std::int64_t t_ns;
+  Rigid3d actor_from_camera;
+};
+
+std::vector<Sighting> sightings_of(const Scene& scene, const MovingObject& actor) {
+  std::vector<Sighting> sightings;
+  for (std::size_t v = 0; v < scene.views.size(); ++v) {
+    const View& view = scene.views[v];
+    if (view.held_out) continue;
+    const std::int64_t t_ns = scene.frames[view.frame].t_ns + scene.rig[view.camera].time_offset_ns;
+    if (const auto world_from_actor = actor.world_from_box(t_ns))
+      sightings.push_back(
+          {v, t_ns, world_from_actor->inverse(Eigen::Isometry) * scene.world_from_camera(view)});
+  }
+  return sightings;
+}
+
+/// Returns the colour of a point in the image nearest to t_ns that shows it.
+std::optional<Eigen::Vector3f> colour_near(const TrainingSet& data,
+                                           const std::vector<Sighting>& sightings,
+                                           const Eigen::Vector3f& point, std::int64_t t_ns) {
+  std::optional<Eigen::Vector3f> colour;
+  std::int64_t best_ns = INT64_MAX;
+  for (const Sighting& s : sightings) {
+    const std::int64_t apart_ns = std::abs(s.t_ns - t_ns);
+    if (apart_ns >= best_ns) continue;
+    const Image8& image = data.images[s.view];
+    const auto pixel = data.scene.rig[data.scene.views[s.view].camera].camera.project(
+        s.actor_from_camera.inverse(Eigen::Isometry) * point.cast<double>());
+    if (!pixel) continue;
+    const auto index = visible_pixel(image, *pixel);
+    if (!index) continue;
+    colour = colour_in(image, *index);
+    best_ns = apart_ns;
+  }
+  return colour;
+}
+
+/// A point and when it was seen.
+struct TimedPoint {
+  Point point;
+  std::int64_t t_ns;
+};
+
+/// Adds the mirror images of points that have none of them nearby.
+void add_mirrored(std::vector<TimedPoint>* points) {
+  Points positions;
+  for (const TimedPoint& p : *points) positions.push_back(p.point);
+  if (positions.empty()) return;
+  const PointSet set{positions};
+  PointTree tree(3, set, nanoflann::KDTreeSingleIndexAdaptorParams(16));
+  tree.buildIndex();
+  const std::size_t n = points->size();
+  for (std::size_t i = 0; i < n; ++i) {
+    TimedPoint mirrored = (*points)[i];
+    mirrored.point.position.y() *= -1;
+    std::uint32_t near;
+    float square;
+    tree.knnSearch(mirrored.point.position.data(), 1, &near, &square);
+    if (square > kMirrorApart_m * kMirrorApart_m) points->push_back(mirrored);
+  }
+}
+
+/// Returns a point at random on the sides and the top of a box.
+Eigen::Vector3f on_box(const Eigen::Vector3f& half, std::uint64_t key, std::uint64_t i) {
+  Eigen::Vector3f at;
+  for (int k = 0; k < 3; ++k) at[k] = half[k] * (2 * random_unit(key, 4 * i + k) - 1);
+  const float areas[3] = {2 * half.y() * half.z(), 2 * half.x() * half.z(), half.x() * half.y()};
+  float chosen = random_unit(key, 4 * i + 3) * (areas[0] + areas[1] + areas[2]);
+  int axis = 0;
+  while (axis < 2 && chosen >= areas[axis]) chosen -= areas[axis++];
+  at[axis] = axis == 2 || at[axis] > 0 ? half[axis] : -half[axis];
+  return at;
+}
+
+}  // namespace
+
+GaussianList actor_gaussians(const TrainingSet& data, const MovingObject& actor, float voxel,
+                             std::uint64_t key, ThreadPool& pool) {
+  GaussianList list;
+  const std::vector<Sighting> sightings = sightings_of(data.scene, actor);
+  if (sightings.empty()) return list;
+  std::vector<float> centres;
+  for (const Sighting& s : sightings)
+    for (int k = 0; k < 3; ++k)
+      centres.push_back(static_cast<float>(s.actor_from_camera.translation()[k]));
+  const NearestCamera cameras(std::move(centres));
+
+  std::vector<TimedPoint> points;
+  for (const LidarReturns::OnObject& at : data.lidar.on_objects)
+    if (at.id == actor.id)
+      points.push_back({{at.in_box, Eigen::Vector3f::Zero(), at.seen_from}, at.t_ns});
+  const std::size_t returns = points.size();
+  add_mirrored(&points);
+  const std::size_t on_returns = points.size();
+  // Times of the random ones go round the views.
+  for (std::size_t i = returns; i < kFewReturns; ++i)
+    points.push_back({{on_box(0.45f * actor.size_m.cast<float>(), key, i), Eigen::Vector3f::Zero(),
+                       Eigen::Vector3f::Zero()},
+                      sightings[i % sightings.size()].t_ns});
+  std::vector<std::uint8_t> seen(points.size());
+  pool.run_ranges(points.size(), kPointsPerRange, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i)
+      if (const auto rgb = colour_near(data, sightings, points[i].point.position, points[i].t_ns)) {
+        points[i].point.rgb = *rgb;
+        seen[i] = 1;
+      }
+  });
+  Points measured, random;
+  for (std::size_t i = 0; i < points.size(); ++i)
+    if (seen[i]) (i < on_returns ? measured : random).push_back(points[i].point);
+  append_discs(one_per_voxel(measured, cameras, voxel, pool), cameras, 0.5f, kPointOpacity, pool,
+               &list);
+  append_discs(random, cameras, 0.5f, kRandomOpacity, pool, &list);
+  return list;
+}
+
+}  // namespace redrive

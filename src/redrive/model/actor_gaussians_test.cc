@@ -1,0 +1,91 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/model/actor_gaussians.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include <gtest/gtest.h>
+
+#include "redrive/model/splat_scene_testing.h"
+
+namespace redrive {
+namespace {
+
+/// A camera that stands still and looks along x; a car 4 m long drives away from it, 10 m ahead.
+/// Images are red in the left half, blue in the right one.
+struct Road : SplatScene {
+  MovingObject car{.id = 3, .type = "CAR", .deforms = false, .size_m = {4, 2, 1.6}, .keys = {}};
+
+  Road() {
+    add_camera("CAMERA", "opencv_pinhole", {100, 100, 49.5, 29.5, 0, 0, 0, 0, 0}, 100, 60);
+    Rigid3d looking = Rigid3d::Identity();  // camera z is x of the world
+    looking.linear() << 0, 0, 1, -1, 0, 0, 0, -1, 0;
+    looking.translation().z() = 1;
+    for (int i = 0; i < 4; ++i) {
+      add_view(0, looking, i == 1);
+      Rigid3d pose = Rigid3d::Identity();
+      pose.translation() = Eigen::Vector3d(10 + i, 0, 0.8);
+      car.keys.push_back({100'000'000ll * i, pose, {10, 0, 0}});
+    }
+    finish();
+    for (Image8& image : images)
+      for (std::size_t i = 0; 3 * i < image.rgb.size(); ++i)
+        image.rgb[3 * i + (i % 100 < 50 ? 0 : 2)] = 255;
+    scene.actors = {car};
+  }
+  /// Returns on the left half of the rear.
+  void add_returns(int n) {
+    for (int i = 0; i < n; ++i)
+      lidar.on_objects.push_back(
+          {3, 100'000'000ll * (i % 4),
+           Eigen::Vector3f(-2, 0.3f + 0.6f * float(i % 30) / 30, -0.6f + 1.2f * float(i / 30) / 30),
+           Eigen::Vector3f(-12, 0, 1)});
+    lidar.on_objects.push_back({4, 0, Eigen::Vector3f(0, 0, 0), Eigen::Vector3f(-12, 0, 1)});
+  }
+  GaussianList gaussians(std::uint64_t key = 1, int threads = 2) {
+    ThreadPool pool(threads);
+    return actor_gaussians(data(), car, 0.005f, key, pool);
+  }
+};
+
+TEST(ActorGaussians, LieOnReturnsAndTheirMirrorImagesInTheColoursOfTheImages) {
+  Road road;
+  road.add_returns(900);
+  const GaussianList list = road.gaussians();
+  int left = 0, right = 0;
+  for (std::size_t i = 0; i < list.size(); ++i) {
+    const float* const rows = &list.rows[i * kGaussianRows];
+    EXPECT_NEAR(rows[kPositionRow], -2, 1e-4) << "no return of another object";
+    EXPECT_GT(std::fabs(rows[kPositionRow + 1]), 0.2f);
+    const bool is_left = rows[kPositionRow + 1] > 0;
+    (is_left ? left : right) += 1;
+    EXPECT_EQ(rows[kColourRow], is_left ? 1 : 0);
+    EXPECT_EQ(rows[kColourRow + 2], is_left ? 0 : 1);
+    EXPECT_NEAR(rows[kDistanceRow], 8, 0.5) << "from the nearest camera, in the car's axes";
+  }
+  EXPECT_GT(left, 100);
+  EXPECT_EQ(left, right);
+}
+
+TEST(ActorGaussians, WithoutReturnsLieOnTheBox) {
+  Road road;
+  const GaussianList list = road.gaussians();
+  EXPECT_EQ(list.size(), 500u);
+  for (std::size_t i = 0; i < list.size(); ++i) {
+    const float* const at = &list.rows[i * kGaussianRows + kPositionRow];
+    const float sides[3] = {std::fabs(at[0]) / 1.8f, std::fabs(at[1]) / 0.9f, at[2] / 0.72f};
+    EXPECT_NEAR(std::max({sides[0], sides[1], sides[2]}), 1, 1e-4);
+  }
+  EXPECT_EQ(road.gaussians(1, 1).rows, list.rows);
+  EXPECT_NE(road.gaussians(2, 1).rows, list.rows);
+}
+
+TEST(ActorGaussians, AnObjectThatNoTrainingImageShowsHasNone) {
+  Road road;
+  road.add_returns(900);
+  for (MovingObject::Key& key : road.car.keys) key.t_ns += 10'000'000'000;
+  EXPECT_EQ(road.gaussians().size(), 0u);
+}
+
+}  // namespace
+}  // namespace redrive

@@ -1,0 +1,139 @@
+// SPDX-License-Identifier: Apache-2.0
+// Steps of method splat with an object that moves.
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+
+#include <gtest/gtest.h>
+
+#include "redrive/model/known_splats_testing.h"
+
+namespace redrive::known_splats {
+namespace {
+
+constexpr std::int64_t kId = 7;
+
+/// An object that crosses the known scene, turning, in 1.2 s.
+MovingObject crossing() {
+  MovingObject object{
+      .id = kId, .type = "CAR", .deforms = false, .size_m = {1.6, 1, 1}, .keys = {}};
+  for (int i = -1; i < 14; ++i)
+    object.keys.push_back(
+        {100'000'000ll * i, pose({-1.2 + 0.2 * i, 0.2, 3.2}, {0, 0.1 * i, 0}), {2, 0, 0}});
+  return object;
+}
+
+/// Gaussians in the object's box, redder than the world.
+GaussianList of_object(int n) {
+  GaussianList list = known_gaussians(n);
+  for (std::size_t i = 0; i < list.size(); ++i) {
+    float* const rows = &list.rows[i * kGaussianRows];
+    rows[kPositionRow] *= 0.3f;
+    rows[kPositionRow + 1] *= 0.3f;
+    rows[kPositionRow + 2] = 0.3f * (rows[kPositionRow + 2] - 4.5f);
+    for (int k = 0; k < 3; ++k) rows[kLogScaleRow + k] -= 0.7f;
+    rows[kColourRow] = 0.9f;
+    rows[kDistanceRow] = 3;
+  }
+  return list;
+}
+
+struct TrafficScene : KnownScene {
+  TrafficScene() {
+    scene.actors = {crossing()};
+    const GaussianList lists[] = {known_gaussians(80), of_object(40)};
+    truth.set_gaussians(lists, scene.actors);
+    const auto backend = fast_backend();
+    held_out.clear();
+    for (std::size_t v = 0; v < scene.views.size(); ++v) {
+      const Image8 image = drawn(*backend, truth, v);
+      if (scene.views[v].held_out)
+        held_out.push_back(image);
+      else
+        images[v].rgb = image.rgb;
+    }
+  }
+};
+
+void begin(Training* training, const TrafficScene& traffic, float off) {
+  const GaussianList lists[] = {disturbed(known_gaussians(80), off), disturbed(of_object(40), off)};
+  training->begin(lists[0]);
+  training->model.set_gaussians(lists, traffic.scene.actors);
+  training->model.max_gaussians = 120;
+  for (Buffer<float>* buffer :
+       {&training->adam.first_moment, &training->adam.second_moment, &training->buffers.gradients})
+    *buffer = Buffer<float>(training->model.size());
+  training->model.opacity_weight = 0;
+}
+
+TEST(SplatActors, FindsAKnownObjectAgainThatMoves) {
+  const TrafficScene traffic;
+  const auto backend = fast_backend();
+  Training training;
+  training.steps = 300;
+  begin(&training, traffic, 0.04f);
+  const double before = traffic.psnr_db(*backend, training.model);
+  training.run(*backend, traffic.data());
+  EXPECT_LT(before, 26);
+  EXPECT_GT(traffic.psnr_db(*backend, training.model), 38) << "from " << before;
+  const GaussianLayout layout = training.model.layout();
+  EXPECT_EQ(layout.world, 80u);
+  EXPECT_EQ(layout.actor_ends, std::vector<std::int64_t>{5 + 3});
+}
+
+TEST(SplatActors, AnImageWithoutTheObjectShowsTheWorldAlone) {
+  TrafficScene traffic;
+  const auto backend = fast_backend();
+  SplatModel world;
+  set_gaussians(known_gaussians(80), &world);
+  const Image8 with = traffic.drawn(*backend, traffic.truth, 5),
+               expected = traffic.drawn(*backend, world, 5);
+  EXPECT_NE(with.rgb, expected.rgb);
+  EXPECT_EQ(traffic.truth.world().n, 80u);
+  traffic.scene.actors.clear();
+  EXPECT_EQ(traffic.drawn(*backend, traffic.truth, 5).rgb, expected.rgb);
+}
+
+TEST(SplatActors, GaussiansStayWithTheirObjectAndInItsBox) {
+  const TrafficScene traffic;
+  const auto backend = fast_backend();
+  Training training;
+  training.steps = 100;
+  begin(&training, traffic, 0.04f);
+  training.model.max_gaussians = 200;
+  training.model.densify_every = 20;
+  // One starts outside of the box.
+  const std::size_t strayed = training.model.layout().first_block(0) * kGaussianBlock;
+  training.model.parameters[gaussian_slot(strayed, kPositionRow)] = 1.5f;
+  training.run(*backend, traffic.data());
+  const GaussianLayout layout = training.model.layout();
+  EXPECT_GT(layout.world, 80u);
+  std::size_t of_actor = 0;
+  for (std::size_t i = layout.first_block(0) * kGaussianBlock; i < layout.blocks() * kGaussianBlock;
+       ++i) {
+    if (training.model.parameters[gaussian_slot(i, kOpacityRow)] < -10) continue;  // unused
+    ++of_actor;
+    EXPECT_LT(std::fabs(training.model.parameters[gaussian_slot(i, kPositionRow)]), 1.1f);
+  }
+  EXPECT_GT(of_actor, 40u);
+  EXPECT_EQ(training.adam.first_moment.size(), training.model.size());
+}
+
+TEST(SplatActors, ThreadsChangeNoBit) {
+  const TrafficScene traffic;
+  Training one, four;
+  for (Training* training : {&one, &four}) {
+    training->steps = 40;
+    begin(training, traffic, 0.04f);
+    training->model.max_gaussians = 150;
+    training->model.densify_every = 10;
+    training->run(*fast_backend(training == &one ? 1 : 4), traffic.data());
+  }
+  ASSERT_EQ(one.model.size(), four.model.size());
+  EXPECT_EQ(std::memcmp(one.model.parameters.data(), four.model.parameters.data(),
+                        one.model.parameters.size() * sizeof(float)),
+            0);
+}
+
+}  // namespace
+}  // namespace redrive::known_splats

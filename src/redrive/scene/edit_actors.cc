@@ -1,0 +1,219 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/scene/edit_actors.h"
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <set>
+#include <utility>
+
+#include "redrive/base/error.h"
+#include "redrive/math/angles.h"
+
+namespace redrive {
+namespace {
+
+constexpr double kKeys_s = 0.1;  // between keys of a track that was changed
+
+std::string known_ids(const std::vector<MovingObject>& actors) {
+  if (actors.empty()) return "the run draws no moving object";
+  std::string ids;
+  for (const MovingObject& actor : actors)
+    ids += (ids.empty() ? "" : ", ") + std::to_string(actor.id);
+  return "the run draws no such object; it draws " + ids;
+}
+
+std::int64_t ns_of(double seconds, const Scene& scene) {
+  return scene.frames.front().t_ns + std::llround(1e9 * seconds);
+}
+
+/// Returns keys at even times, at most kKeys_s apart. pose_at: of a time in seconds after
+/// `first_ns`.
+template <class PoseAt>
+std::vector<MovingObject::Key> keys_of(std::int64_t first_ns, double seconds,
+                                       const PoseAt& pose_at) {
+  const int steps = std::max(1, static_cast<int>(std::ceil(seconds / kKeys_s)));
+  std::vector<MovingObject::Key> keys;
+  for (int i = 0; i <= steps; ++i) {
+    const double t_s = seconds * i / steps;
+    keys.push_back({first_ns + std::llround(1e9 * t_s), pose_at(t_s), Eigen::Vector3d::Zero()});
+  }
+  for (std::size_t i = 0; i + 1 < keys.size(); ++i)
+    keys[i].velocity_in_world_m_per_s =
+        (keys[i + 1].world_from_box.translation() - keys[i].world_from_box.translation()) /
+        (1e-9 * static_cast<double>(keys[i + 1].t_ns - keys[i].t_ns));
+  if (keys.size() > 1)
+    keys.back().velocity_in_world_m_per_s = keys[keys.size() - 2].velocity_in_world_m_per_s;
+  return keys;
+}
+
+Rigid3d pose_of(const TrackPoint& point) {
+  Rigid3d pose = Rigid3d::Identity();
+  pose.linear() =
+      Eigen::AngleAxisd(kRadiansPerDegree * point.yaw_deg, Eigen::Vector3d::UnitZ()).matrix();
+  pose.translation() = Eigen::Vector3d(point.position_m.data());
+  return pose;
+}
+
+void set_track(const std::vector<TrackPoint>& track, const Scene& scene, MovingObject* actor) {
+  actor->keys =
+      keys_of(ns_of(track.front().time_s, scene), track.back().time_s - track.front().time_s,
+              [&](double t_s) {
+                const double at_s = track.front().time_s + t_s;
+                auto next = std::ranges::find_if(
+                    track, [&](const TrackPoint& p) { return p.time_s > at_s; });
+                next = std::clamp(next, track.begin() + 1, track.end() - 1);
+                const TrackPoint &a = *(next - 1), &b = *next;
+                return interpolate(pose_of(a), pose_of(b),
+                                   std::clamp((at_s - a.time_s) / (b.time_s - a.time_s), 0.0, 1.0));
+              });
+}
+
+/// The object goes along its track at another speed until the track or the drive ends.
+void set_speed(double speed, const Scene& scene, MovingObject* actor) {
+  const MovingObject before = *actor;
+  const std::int64_t first_ns = before.keys.front().t_ns, last_ns = before.keys.back().t_ns;
+  const double own_s = 1e-9 * static_cast<double>(last_ns - first_ns),
+               drive_s = 1e-9 * static_cast<double>(scene.frames.back().t_ns - first_ns);
+  double seconds = speed > 0 ? own_s / speed : drive_s;
+  seconds = std::max(std::min(seconds, std::max(drive_s, own_s)), 0.0);
+  actor->keys = keys_of(first_ns, seconds, [&](double t_s) {
+    const std::int64_t t_ns = first_ns + std::llround(1e9 * std::min(t_s * speed, own_s));
+    if (const auto pose = before.world_from_box(t_ns)) return *pose;
+    // In a gap of its track.
+    const auto next = std::ranges::lower_bound(before.keys, t_ns, {}, &MovingObject::Key::t_ns);
+    return (next == before.keys.end() ? before.keys.back() : *next).world_from_box;
+  });
+}
+
+void apply(const ActorChange& change, const Scene& scene, MovingObject* actor) {
+  if (!change.track.empty()) set_track(change.track, scene, actor);
+  if (change.speed != 1) set_speed(change.speed, scene, actor);
+  Rigid3d moved = Rigid3d::Identity();
+  moved.translation() = Eigen::Vector3d(change.shift_m.data());
+  moved.linear() =
+      Eigen::AngleAxisd(kRadiansPerDegree * change.turn_deg, Eigen::Vector3d::UnitZ()).matrix();
+  for (MovingObject::Key& key : actor->keys) key.world_from_box = key.world_from_box * moved;
+  if (change.hide_s)
+    actor->hidden_ns.emplace_back(ns_of((*change.hide_s)[0], scene),
+                                  ns_of((*change.hide_s)[1], scene));
+  if (change.body) actor->body = change.body;
+  for (std::size_t c = 0; c < 3; ++c) actor->gain[c] *= static_cast<float>(change.gain[c]);
+}
+
+/// Whether two boxes overlap, by the separating axis theorem.
+bool overlap(const Rigid3d& a, const Eigen::Vector3d& half_a, const Rigid3d& b,
+             const Eigen::Vector3d& half_b) {
+  const Eigen::Vector3d apart = b.translation() - a.translation();
+  const auto separates = [&](const Eigen::Vector3d& axis) {
+    if (axis.norm() < 1e-9) return false;
+    const double reach = (a.linear().transpose() * axis).cwiseAbs().dot(half_a) +
+                         (b.linear().transpose() * axis).cwiseAbs().dot(half_b);
+    return std::abs(apart.dot(axis)) > reach;
+  };
+  for (int i = 0; i < 3; ++i) {
+    if (separates(a.linear().col(i)) || separates(b.linear().col(i))) return false;
+    for (int j = 0; j < 3; ++j)
+      if (separates(a.linear().col(i).cross(b.linear().col(j)))) return false;
+  }
+  return true;
+}
+
+using Pair = std::pair<std::int64_t, std::int64_t>;
+
+/// Returns the objects that overlap at a frame of the scene.
+std::set<Pair> overlapping(const Scene& scene) {
+  std::set<Pair> pairs;
+  for (const Frame& frame : scene.frames) {
+    std::vector<std::pair<const MovingObject*, Rigid3d>> there;
+    for (const MovingObject& actor : scene.actors)
+      if (const auto pose = actor.world_from_box(frame.t_ns)) there.emplace_back(&actor, *pose);
+    for (std::size_t i = 0; i < there.size(); ++i)
+      for (std::size_t j = 0; j < i; ++j) {
+        const auto& [a, pose_a] = there[j];
+        const auto& [b, pose_b] = there[i];
+        if (overlap(pose_a, a->size_m / 2, pose_b, b->size_m / 2)) pairs.emplace(a->id, b->id);
+      }
+  }
+  return pairs;
+}
+
+}  // namespace
+
+std::vector<std::string> edit_actors(const TrafficEdit& edit, Scene* scene) {
+  const std::set<Pair> before = overlapping(*scene);
+  const std::vector<MovingObject> own = scene->actors;
+  const double drive_s =
+      1e-9 * static_cast<double>(scene->frames.back().t_ns - scene->frames.front().t_ns);
+  const auto find_own = [&](std::int64_t id, const std::string& field) -> const MovingObject& {
+    const auto found = std::ranges::find(own, id, &MovingObject::id);
+    if (found == own.end()) throw InputError(edit.file, field, std::to_string(id), known_ids(own));
+    return *found;
+  };
+  const auto check = [&](const ActorChange& change, const std::string& field) {
+    const auto within = [&](double t_s, const std::string& name) {
+      if (t_s > drive_s)
+        throw InputError(edit.file, field + name, std::to_string(t_s),
+                         "must be within the drive, which takes " + std::to_string(drive_s) + " s");
+    };
+    if (change.hide_s) within((*change.hide_s)[0], ".hide_s[0]");
+    if (!change.track.empty()) within(change.track.front().time_s, ".track[0].time_s");
+    if (change.body) find_own(*change.body, field + ".body");
+  };
+  for (const auto& [id, change] : edit.actors) {
+    const std::string field = "actors." + std::to_string(id);
+    find_own(id, field);
+    check(change, field);
+  }
+  std::set<std::int64_t> ids;
+  for (const MovingObject& actor : own) ids.insert(actor.id);
+  for (std::size_t i = 0; i < edit.copies.size(); ++i) {
+    const std::string field = "copies[" + std::to_string(i) + "]";
+    find_own(edit.copies[i].of, field + ".of");
+    check(edit.copies[i].change, field);
+    if (!ids.insert(edit.copies[i].id).second)
+      throw InputError(edit.file, field + ".id", std::to_string(edit.copies[i].id),
+                       "must be an id that no object has");
+  }
+
+  scene->actors.clear();
+  for (const MovingObject& actor : own) {
+    const auto change = edit.actors.find(actor.id);
+    if (change != edit.actors.end() && change->second.remove) continue;
+    scene->actors.push_back(actor);
+    if (change != edit.actors.end()) apply(change->second, *scene, &scene->actors.back());
+  }
+  for (const ActorCopy& copy : edit.copies) {
+    if (copy.change.remove) continue;
+    MovingObject actor = find_own(copy.of, "");
+    actor.body = copy.of;
+    actor.id = copy.id;
+    apply(copy.change, *scene, &actor);
+    scene->actors.push_back(std::move(actor));
+  }
+  std::vector<std::string> remarks;
+  for (const Pair& pair : overlapping(*scene))
+    if (!before.contains(pair))
+      remarks.push_back("objects " + std::to_string(pair.first) + " and " +
+                        std::to_string(pair.second) + " overlap");
+  return remarks;
+}
+
+void select_actors(std::string_view chosen, Scene* scene) {
+  if (chosen == "all") return;
+  std::set<std::int64_t> ids;
+  for (std::size_t begin = 0; chosen != "none" && begin <= chosen.size();) {
+    const std::size_t end = std::min(chosen.find(',', begin), chosen.size());
+    std::int64_t id = 0;
+    const auto [last, error] = std::from_chars(chosen.data() + begin, chosen.data() + end, id);
+    if (error != std::errc{} || last != chosen.data() + end)
+      throw UsageError("--actors", std::string(chosen), "must be all, none or ids such as 3,17");
+    if (std::ranges::find(scene->actors, id, &MovingObject::id) == scene->actors.end())
+      throw UsageError("--actors", std::to_string(id), known_ids(scene->actors));
+    ids.insert(id);
+    begin = end + 1;
+  }
+  std::erase_if(scene->actors, [&](const MovingObject& actor) { return !ids.contains(actor.id); });
+}
+
+}  // namespace redrive

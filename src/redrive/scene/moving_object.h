@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: Apache-2.0
+// An annotated object that moves: its boxes in the world over time.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "redrive/math/rigid3.h"
+
+namespace redrive {
+
+struct MovingObject {
+  struct Key {
+    std::int64_t t_ns;
+    Rigid3d world_from_box;
+    Eigen::Vector3d velocity_in_world_m_per_s;
+  };
+  std::int64_t id = 0;  ///< Box::object_id
+  std::string type;
+  bool deforms = false;
+  Eigen::Vector3d size_m = Eigen::Vector3d::Zero();  ///< along each axis, the largest of its boxes
+  std::vector<Key> keys;                             ///< by time, at least one
+  // Changes (scene/edit_actors.h):
+  std::optional<std::int64_t> body;    ///< id of the object whose Gaussians it shows; its own
+  std::array<float, 3> gain{1, 1, 1};  ///< factors of r, g, b
+  std::vector<std::pair<std::int64_t, std::int64_t>> hidden_ns;  ///< times at which it is not drawn
+
+  /// Returns the pose of the box at t_ns: between two keys at most 0.5 s apart interpolated as
+  /// trajectories are; otherwise within 0.1 s of a key, extrapolated by its velocity. Nothing at
+  /// other times, and while it is hidden.
+  std::optional<Rigid3d> world_from_box(std::int64_t t_ns) const;
+};
+
+}  // namespace redrive
