@@ -167,6 +167,40 @@ TEST_F(ExportFormats, RunsKeepTheirPosesAndTheirSplit) {
     EXPECT_THAT(points.err, HasSubstr("no opaque surface"));
 }
 
+TEST_F(ExportFormats, WritesTheMeshOfARun) {
+  const fs::path run = folder_ / "run", file = folder_ / "mesh.ply";
+  const ProgramResult trained =
+      redrive({"train", drive_.string(), "--out", run.string(), "--method", "splat", "--max-steps",
+               "200", "--max-gaussians", "4000", "--set", "initial.sky=500", "--threads", "2"});
+  ASSERT_EQ(trained.exit_code, kExitOk) << trained.out << trained.err;
+  const auto before = contents(folder_);
+  const auto mesh = [&](const fs::path& to, const std::vector<std::string>& more = {}) {
+    std::vector<std::string> arguments = {"export", run.string(), "--to", "mesh", to.string()};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    return redrive(arguments);
+  };
+  const ProgramResult other = mesh(folder_ / "mesh.stl");
+  EXPECT_EQ(other.exit_code, kExitUsage);
+  EXPECT_THAT(other.err, HasSubstr(".ply, .obj or .glb"));
+  EXPECT_EQ(mesh(file, {"--voxel", "0"}).exit_code, kExitUsage);
+  EXPECT_EQ(contents(folder_), before);
+
+  const ProgramResult ended = mesh(file, {"--voxel", "0.5"});
+  if (ended.err.find("libopenvdb-dev") != std::string::npos)
+    GTEST_SKIP() << "the build makes no meshes";
+  ASSERT_EQ(ended.exit_code, kExitOk) << ended.out << ended.err;
+  EXPECT_THAT(ended.out, AllOf(HasSubstr("triangles"), HasSubstr("voxels of 0.5 m")));
+  EXPECT_THAT(read_file(file), HasSubstr("element face"));
+  EXPECT_GT(read_ply(file).size(), 100u);
+  EXPECT_EQ(mesh(file).exit_code, kExitUsage) << "exists";
+  EXPECT_EQ(mesh(file, {"--force", "--voxel", "0.5"}).exit_code, kExitOk);
+  EXPECT_EQ(mesh(drive_).exit_code, kExitUsage);
+  EXPECT_EQ(
+      redrive({"export", drive_.string(), "--to", "mesh", (folder_ / "a.obj").string()}).exit_code,
+      kExitBadInput)
+      << "a recording has no field";
+}
+
 TEST_F(ExportFormats, WritesThePointsOfARecording) {
   const fs::path cloud = folder_ / "cloud.ply";
   ASSERT_EQ(redrive({"export", drive_.string(), cloud.string(), "--to", "ply"}).exit_code, kExitOk);
@@ -205,6 +239,25 @@ TEST_F(ExportFormats, ForceReplacesAnEarlierExport) {
   ASSERT_EQ(exported(drive_, "colmap", {"--force"}).exit_code, kExitOk);
   EXPECT_FALSE(fs::exists(out_ / "images/old.txt"));
   EXPECT_EQ(open_recording(out_).frames.size(), 12u);
+}
+
+TEST_F(ExportFormats, ColmapReadsItsModel) {
+  if (std::system("colmap help >/dev/null 2>&1") != 0)
+    GTEST_SKIP() << "there is no colmap (Debian package colmap)";
+  ASSERT_EQ(exported(drive_, "colmap").exit_code, kExitOk);
+  const fs::path model = out_ / "sparse/0", log = folder_ / "colmap.log", even = folder_ / "even";
+  const auto colmap = [&](const std::string& arguments) {
+    return std::system(("colmap " + arguments + " >" + log.string() + " 2>&1").c_str());
+  };
+  ASSERT_EQ(colmap("model_analyzer --path " + model.string()), 0) << read_file(log);
+  EXPECT_THAT(read_file(log), AllOf(HasSubstr("Cameras: 3"), HasSubstr("Images: 12"),
+                                    HasSubstr("Registered images: 12"), HasSubstr("Points: 36")));
+  ASSERT_EQ(colmap("image_undistorter --image_path " + (out_ / "images").string() +
+                   " --input_path " + model.string() + " --output_path " + even.string()),
+            0)
+      << read_file(log);
+  EXPECT_TRUE(fs::exists(even / "images" / kTinyFront /
+                         tiny_image("", kTinyFront, kTinyFirstId).filename()));
 }
 
 // What COLMAP made trains: inspect, train, eval; align says why it cannot.

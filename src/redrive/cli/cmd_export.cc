@@ -8,13 +8,17 @@
 #include "redrive/base/cpu_features.h"
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
+#include "redrive/base/memory_limit.h"
 #include "redrive/base/output_folder.h"
 #include "redrive/cli/backend_options.h"
 #include "redrive/cli/command.h"
+#include "redrive/cli/image_progress.h"
 #include "redrive/cli/output_file.h"
 #include "redrive/cli/training.h"
 #include "redrive/cli/without_model.h"
+#include "redrive/export/field_mesh.h"
 #include "redrive/export/field_points.h"
+#include "redrive/export/surface_mesh.h"
 #include "redrive/export/write_photo_set.h"
 #include "redrive/model/method.h"
 #include "redrive/recording/wording.h"
@@ -33,6 +37,7 @@ struct ExportCommandOptions {
   std::string from, format, out;
   bool force = false;
   ExportOptions encode;
+  double voxel_m = 0;
   kernels::BackendChoice backend;
 };
 
@@ -118,10 +123,45 @@ int export_ply(const ExportCommandOptions& options) {
     const PointCloud points = recorded_points(source.run, pool);
     if (points.n == 0)
       throw InputError(options.from, "", "", "the recording has neither LiDAR nor a point cloud");
-    bytes = point_cloud_ply(points, Rigid3d::Identity());
+    bytes = point_cloud_ply(points, Rigid3d::Identity(), pool);
     print_points(points);
   }
   write_file(options.out, bytes);
+  std::printf("%s: %.1f MB\n", options.out.c_str(), 1e-6 * static_cast<double>(bytes.size()));
+  return kExitOk;
+}
+
+/// Returns the writer of a mesh file with this name. Throws UsageError for another ending.
+std::string (*mesh_writer(const std::string& file))(const TriangleMesh&) {
+  if (has_extension(file, {".obj"})) return make_obj;
+  if (has_extension(file, {".glb"})) return make_glb;
+  if (!has_extension(file, {".ply"}))
+    throw UsageError("OUT", file, "a mesh must end in .ply, .obj or .glb");
+  return [](const TriangleMesh& mesh) {
+    return make_ply(mesh.vertices, /*normals=*/true, mesh.triangles);
+  };
+}
+
+int export_mesh(const ExportCommandOptions& options) {
+  check_output_file("OUT", options.out, options.force);
+  const auto write = mesh_writer(options.out);
+  if (const auto obstacle = mesh_obstacle()) throw UsageError("--to", "mesh", *obstacle);
+  const Run run = open_run(options.from);
+  const auto backend = make_backend_of(run, options.backend);
+  check_device_memory(run, *backend, run.state.model->rendering_work());
+  const FieldMesh field = field_mesh(
+      run, *backend,
+      {options.voxel_m, allowed_memory(run.options, memory_bytes()), image_progress("rendered")});
+  if (field.mesh.triangles.empty())
+    throw InputError(options.from, "", "", "the field has no opaque surface in its images");
+  const std::string bytes = write(field.mesh);
+  write_file(options.out, bytes);
+  const char* const metres = run.scene.metric ? " m" : "";
+  std::printf("%zu triangles, %zu vertices of %s, up to %.3g%s from the camera, voxels of %.3g%s\n",
+              field.mesh.triangles.size(), field.mesh.vertices.size(),
+              counted(static_cast<std::size_t>(field.images), "image").c_str(), field.range_m,
+              metres, field.voxel_m, metres);
+  if (field.filled_m2 > 0) std::printf("gaps of the ground filled: %.1f m^2\n", field.filled_m2);
   std::printf("%s: %.1f MB\n", options.out.c_str(), 1e-6 * static_cast<double>(bytes.size()));
   return kExitOk;
 }
@@ -172,9 +212,11 @@ constexpr Format kFormats[] = {
      "(runs and recordings)",
      export_transforms},
     {"ply",
-     "a point cloud with colours: of a run's rendered depth, with normals, or of a "
-     "recording's LiDAR",
+     "a point cloud with colours and normals: of a run's rendered depth, or of a recording's "
+     "LiDAR",
      export_ply},
+    {"mesh", "triangles with colours, .ply, .obj or .glb, from a run's rendered depth (runs)",
+     export_mesh},
     {"html",
      "a page that shows the scene with the browser's GPU and needs nothing else (runs of --method "
      "splat)",
@@ -211,6 +253,11 @@ Action configure_export(CLI::App& command) {
                   "splat-ply a Gaussian takes 68 bytes with 0, 104 with 1")
       ->check(CLI::Range(0, 1))
       ->capture_default_str();
+  command
+      .add_option("--voxel", options->voxel_m,
+                  "of meshes, the side of a voxel in metres, 0.001..100 (default: 0.1; of "
+                  "photographs a hundredth of the median depth)")
+      ->check(CLI::Range(0.001, 100.0));
   command.add_flag("--force", options->force,
                    "overwrites an existing file, or a folder of an earlier export");
   add_backend_options(command, &options->backend);

@@ -9,17 +9,20 @@
 
 namespace redrive {
 
-std::vector<PlyPoint> field_points(const Run& run, kernels::Backend& backend, std::size_t most,
-                                   int max_views, float least_opacity) {
-  const Scene& scene = run.scene;
+std::vector<const View*> training_views(const Scene& scene, std::size_t most) {
   std::vector<const View*> views;
   for (const View& view : scene.views)
     if (!view.held_out) views.push_back(&view);
-  if (const auto n = static_cast<std::size_t>(max_views); views.size() > n) {
-    std::vector<const View*> chosen;
-    for (std::size_t i = 0; i < n; ++i) chosen.push_back(views[i * views.size() / n]);
-    views = chosen;
-  }
+  if (views.size() <= most) return views;
+  std::vector<const View*> chosen;
+  for (std::size_t i = 0; i < most; ++i) chosen.push_back(views[i * views.size() / most]);
+  return chosen;
+}
+
+std::vector<PlyPoint> field_points(const Run& run, kernels::Backend& backend, std::size_t most,
+                                   std::size_t max_views, float least_opacity) {
+  const Scene& scene = run.scene;
+  const std::vector<const View*> views = training_views(scene, max_views);
   std::size_t pixels = 0;
   for (const View* view : views) {
     const Camera& camera = scene.rig[view->camera].camera;

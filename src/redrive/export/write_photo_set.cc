@@ -9,6 +9,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
+#include "redrive/export/cloud_normals.h"
 #include "redrive/image/image_io.h"
 #include "redrive/recording/colmap_files.h"
 #include "redrive/recording/photographs.h"
@@ -135,8 +136,9 @@ void for_each_exported(const PointCloud& points, const Use& use) {
   for (std::size_t i = 0; i < points.n; i += exported_every(points)) use(i);
 }
 
-Eigen::Vector3d position_of(const PointCloud& points, std::size_t i) {
-  return {points.position[i], points.position[points.n + i], points.position[2 * points.n + i]};
+/// Returns the i-th vector of one of the cloud's arrays.
+Eigen::Vector3d vector_of(const PointCloud& points, const std::vector<float>& all, std::size_t i) {
+  return {all[i], all[points.n + i], all[2 * points.n + i]};
 }
 
 std::array<std::uint8_t, 3> colour_of(const PointCloud& points, std::size_t i) {
@@ -204,7 +206,8 @@ void write_colmap(const fs::path& folder, const PhotoSet& set, const PointCloud&
                       photo.name.generic_string()});
   std::vector<colmap::PointRecord> records;
   for_each_exported(points, [&](std::size_t i) {
-    records.push_back({set.world_from_scene * position_of(points, i), colour_of(points, i), {}});
+    records.push_back(
+        {set.world_from_scene * vector_of(points, points.position, i), colour_of(points, i), {}});
   });
   const fs::path sparse = folder / "sparse/0";
   make_folders(sparse);
@@ -247,18 +250,23 @@ void write_transforms(const fs::path& folder, const PhotoSet& set, const PointCl
   }
   if (points.n > 0) {
     document["ply_file_path"] = "points.ply";
-    write_file(folder / "points.ply", point_cloud_ply(points, set.world_from_scene));
+    write_file(folder / "points.ply", point_cloud_ply(points, set.world_from_scene, pool));
   }
   write_file(folder / "transforms.json", document.dump(1) + "\n");
 }
 
-std::string point_cloud_ply(const PointCloud& points, const Rigid3d& world_from_scene) {
+std::string point_cloud_ply(const PointCloud& points, const Rigid3d& world_from_scene,
+                            ThreadPool& pool) {
   std::vector<PlyPoint> out;
+  std::vector<Eigen::Vector3f> seen_from;
   for_each_exported(points, [&](std::size_t i) {
-    const Eigen::Vector3d position = world_from_scene * position_of(points, i);
+    const Eigen::Vector3d position = world_from_scene * vector_of(points, points.position, i),
+                          camera = world_from_scene * vector_of(points, points.seen_from, i);
     out.push_back({position.cast<float>(), Eigen::Vector3f::Zero(), colour_of(points, i)});
+    seen_from.push_back(camera.cast<float>());
   });
-  return make_ply(out, /*normals=*/false);
+  estimate_normals(seen_from, pool, out);
+  return make_ply(out, /*normals=*/true);
 }
 
 }  // namespace redrive

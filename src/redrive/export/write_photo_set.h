@@ -33,7 +33,8 @@ void write_colmap(const std::filesystem::path& folder, const PhotoSet& set,
 void write_transforms(const std::filesystem::path& folder, const PhotoSet& set,
                       const PointCloud& points, ThreadPool& pool, const std::atomic<bool>& stop);
 
-/// Returns the points as a PLY, thinned, with colours.
-std::string point_cloud_ply(const PointCloud& points, const Rigid3d& world_from_scene);
+/// Returns the points as a PLY, thinned, with colours and normals (export/cloud_normals.h).
+std::string point_cloud_ply(const PointCloud& points, const Rigid3d& world_from_scene,
+                            ThreadPool& pool);
 
 }  // namespace redrive

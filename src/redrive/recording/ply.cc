@@ -182,21 +182,29 @@ std::vector<Eigen::Vector3d> read_ply(const std::filesystem::path& file) {
   return parse_ply(read_file(file), file);
 }
 
-std::string make_ply(std::span<const PlyPoint> points, bool normals) {
+std::string make_ply(std::span<const PlyPoint> points, bool normals,
+                     std::span<const Triangle> triangles) {
   std::string bytes = "ply\nformat binary_little_endian 1.0\nelement vertex " +
                       std::to_string(points.size()) + "\n";
   for (const char* name : {"x", "y", "z", "nx", "ny", "nz"})
     if (name[0] != 'n' || normals) bytes += std::string("property float ") + name + "\n";
   for (const char* name : {"red", "green", "blue"})
     bytes += std::string("property uchar ") + name + "\n";
+  if (!triangles.empty())
+    bytes += "element face " + std::to_string(triangles.size()) +
+             "\nproperty list uchar int vertex_indices\n";
   bytes += "end_header\n";
+  const auto add = [&](const void* data, std::size_t size) {
+    bytes.append(static_cast<const char*>(data), size);
+  };
   for (const PlyPoint& point : points) {
-    const auto add = [&](const void* data, std::size_t size) {
-      bytes.append(static_cast<const char*>(data), size);
-    };
     add(point.position.data(), 3 * sizeof(float));
     if (normals) add(point.normal.data(), 3 * sizeof(float));
     add(point.rgb.data(), point.rgb.size());
+  }
+  for (const Triangle& triangle : triangles) {
+    bytes += static_cast<char>(triangle.size());
+    add(triangle.data(), sizeof triangle);
   }
   return bytes;
 }

@@ -27,7 +27,10 @@ struct PlyPoint {
   Eigen::Vector3f position, normal;
   std::array<std::uint8_t, 3> rgb{};
 };
-/// Returns a binary_little_endian PLY with x y z, nx ny nz if `normals`, and red green blue.
-std::string make_ply(std::span<const PlyPoint> points, bool normals);
+using Triangle = std::array<std::uint32_t, 3>;  ///< indices of vertices
+/// Returns a binary_little_endian PLY with x y z, nx ny nz if `normals`, and red green blue; with
+/// `triangles`, which may be empty, it has faces, too.
+std::string make_ply(std::span<const PlyPoint> points, bool normals,
+                     std::span<const Triangle> triangles = {});
 
 }  // namespace redrive

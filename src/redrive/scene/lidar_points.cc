@@ -6,6 +6,7 @@
 #include <unordered_map>
 
 #include "redrive/base/error.h"
+#include "redrive/scene/project_shutter.h"
 
 namespace redrive {
 namespace {
@@ -27,13 +28,8 @@ struct ColourView {
   std::int64_t t_ns;  ///< of the middle row's exposure
 
   std::optional<std::size_t> pixel_of(const Eigen::Vector3d& in_world) const {
-    auto pixel = camera->project(camera_from_world * in_world);
-    // The row decides on the pose and the pose on the row, which moves by less each time.
-    for (int i = 0; i < 3 && pixel && world_from_camera.is_rolling(); ++i)
-      pixel = camera->project(
-          world_from_camera.at(row_fraction(pixel->y(), camera->height)).inverse(Eigen::Isometry) *
-          in_world);
-    return pixel ? visible_pixel(*image, *pixel) : std::nullopt;
+    const auto seen = project_shutter(*camera, world_from_camera, camera_from_world, in_world);
+    return seen ? visible_pixel(*image, seen->pixel) : std::nullopt;
   }
 };
 
