@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Poses of the odometry benchmark of KITTI: parses any bytes or throws an InputError.
+// Poses of the odometry benchmark of KITTI and of KITTI-360: parses any bytes or throws an
+// InputError.
 #include <cstddef>
 #include <cstdint>
 #include <string_view>
@@ -12,6 +13,12 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   try {
     for (const redrive::Rigid3d& pose : redrive::kitti::parse_poses(text, "00.txt"))
       if (!redrive::rigid_obstacle(pose.matrix()).empty()) __builtin_trap();
+  } catch (const redrive::InputError&) {
+  }
+  try {
+    for (const redrive::FramePose& frame : redrive::kitti::parse_frame_poses(text, "poses.txt"))
+      if (!redrive::rigid_obstacle(frame.global_from_body.matrix()).empty() || frame.id < 0)
+        __builtin_trap();
   } catch (const redrive::InputError&) {
   }
   return 0;

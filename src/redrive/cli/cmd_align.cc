@@ -10,6 +10,7 @@
 #include "redrive/base/error.h"
 #include "redrive/cli/alignment.h"
 #include "redrive/cli/command.h"
+#include "redrive/cli/frames_option.h"
 #include "redrive/recording/readout_options.h"
 #include "redrive/train/run.h"
 
@@ -17,7 +18,7 @@ namespace redrive {
 namespace {
 
 struct AlignArguments {
-  std::string recording, out;
+  std::string recording, frames, out;
   int threads = 0;
   AlignOptions options;
   std::vector<std::string> rolling_shutter;
@@ -29,6 +30,7 @@ int run_align(AlignArguments arguments) {
   arguments.options.images = !arguments.no_images;
   arguments.options.lidar = !arguments.no_lidar;
   Recording recording = open_recording(arguments.recording);
+  keep_frames(parse_frame_range(arguments.frames), &recording);
   arguments.options.bundle.readouts = apply_readout_options(arguments.rolling_shutter, &recording);
   ThreadPool pool(arguments.threads > 0 ? arguments.threads : hardware_threads());
   const AlignResult result = align_verbose(recording, arguments.options, pool);
@@ -45,6 +47,7 @@ int run_align(AlignArguments arguments) {
 Action configure_align(CLI::App& command) {
   auto arguments = std::make_shared<AlignArguments>();
   command.add_option("RECORDING", arguments->recording, "folder of the recording")->required();
+  add_frames_option(command, &arguments->frames);
   command.add_option(
       "--out", arguments->out,
       "folder for poses, calibration and report.html; must not exist (default: prints "

@@ -16,6 +16,7 @@
 #include "redrive/base/error.h"
 #include "redrive/camera/camera.h"
 #include "redrive/cli/command.h"
+#include "redrive/cli/frames_option.h"
 #include "redrive/image/image_io.h"
 #include "redrive/recording/recording.h"
 #include "redrive/recording/summary.h"
@@ -102,9 +103,10 @@ void check_images(const RecordedCamera& camera, CameraReport* report,
   }
 }
 
-Inspection inspect(const std::string& root) {
+Inspection inspect(const std::string& root, const std::string& frames) {
   Inspection result;
   result.recording = open_recording(root);
+  keep_frames(parse_frame_range(frames), &result.recording);
   result.findings = result.recording.findings;
   if (result.recording.metric) {
     result.drive = summarize_drive(result.recording.frames);
@@ -385,10 +387,10 @@ void print_inspection(const Inspection& result) {
     std::printf("nothing missing, nothing odd\n");
 }
 
-int run_inspect(const std::string& root, bool json, const std::string& masks,
-                const std::string& report) {
+int run_inspect(const std::string& root, const std::string& frames, bool json,
+                const std::string& masks, const std::string& report) {
   if (!report.empty()) require_empty_folder(report);
-  Inspection result = inspect(root);
+  Inspection result = inspect(root, frames);
   if (!masks.empty() && result.problems.empty()) write_masks(masks, &result);
   if (!report.empty() && result.problems.empty()) write_report(report, &result);
   if (json) {
@@ -407,11 +409,12 @@ int run_inspect(const std::string& root, bool json, const std::string& masks,
 
 Action configure_inspect(CLI::App& command) {
   struct Options {
-    std::string recording, masks, report;
+    std::string recording, frames, masks, report;
     bool json = false;
   };
   auto options = std::make_shared<Options>();
   command.add_option("RECORDING", options->recording, "folder of the recording")->required();
+  add_frames_option(command, &options->frames);
   command.add_flag("--json", options->json, "JSON on standard output instead of the table");
   command.add_option(
       "--masks", options->masks,
@@ -422,7 +425,8 @@ Action configure_inspect(CLI::App& command) {
       "new folder for a page (index.html) that checks calibration, poses and time offsets "
       "against the images");
   return [options] {
-    return run_inspect(options->recording, options->json, options->masks, options->report);
+    return run_inspect(options->recording, options->frames, options->json, options->masks,
+                       options->report);
   };
 }
 

@@ -9,6 +9,7 @@
 #include "redrive/cli/alignment.h"
 #include "redrive/cli/command.h"
 #include "redrive/cli/training.h"
+#include "redrive/recording/frame_range.h"
 #include "redrive/recording/pose_files.h"
 #include "redrive/recording/readout_options.h"
 #include "redrive/report/align_page.h"
@@ -68,6 +69,9 @@ std::optional<ExternalPoses> load_external_poses(Run* run, int threads) {
   ExternalPoses own;
   if (run->options.align) {
     ThreadPool pool(threads);
+    FrameRange range = parse_frame_range(run->options.frames);
+    range.step = 1;  // frames between help to track
+    keep_frames(range, &run->recording);
     AlignOptions options;
     if (std::filesystem::is_directory(run->options.masks))
       options.tracks.masks = run->options.masks;

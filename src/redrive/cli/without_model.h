@@ -6,6 +6,8 @@
 #include <string>
 
 #include "redrive/base/error.h"
+#include "redrive/recording/frame_range.h"
+#include "redrive/recording/pose_files.h"
 #include "redrive/scene/load_views.h"
 #include "redrive/train/run.h"
 
@@ -16,11 +18,16 @@ inline bool is_run_folder(const std::string& folder) {
   return std::filesystem::exists(RunPaths{folder}.config());
 }
 
-/// Returns a recording as a run without a model, over white where its images are transparent.
-/// Throws InputError as open_recording.
-inline Run open_without_model(const std::string& folder, int downscale = 1) {
+/// Returns a recording, or its `frames` (recording/frame_range.h), with the pose files of the
+/// folder `poses` if it is not empty, as a run without a model, over white where its images are
+/// transparent. Throws InputError as open_recording and apply_pose_files.
+inline Run open_without_model(const std::string& folder, int downscale = 1,
+                              const std::string& frames = "", const std::string& poses = "") {
   Run run;
   run.recording = open_recording(folder);
+  keep_frames(parse_frame_range(frames), &run.recording);
+  if (!poses.empty())
+    apply_pose_files(read_pose_files(run.recording, poses), poses, &run.recording);
   SceneOptions options;
   options.downscale = downscale;
   run.scene = make_scene(run.recording, options);

@@ -16,6 +16,7 @@ constexpr double kMinSize_m = 0.01, kMaxSize_m = 100;  // road trains are 50 m l
 constexpr double kMaxDistance_m = 1e4;
 constexpr double kMaxSpeed_m_per_s = 300;  // two cars in opposite directions
 constexpr double kUnitNorm = 1e-3;
+const std::string kOrientation = "BoundingBox3D Orientation Quat";
 
 /// Reads "<name> X", "<name> Y" and "<name> Z".
 Eigen::Vector3d vector_from_json(const JsonField& object, const std::string& name, double least,
@@ -34,12 +35,11 @@ Eigen::Vector3d vector_from_json(const JsonField& object, const std::string& nam
 }
 
 Eigen::Quaterniond rotation_from_json(const JsonField& object) {
-  const std::string name = "BoundingBox3D Orientation Quat";
-  const Eigen::Vector3d xyz = vector_from_json(object, name, -2, 2);
-  const JsonField w = object.at(name + " W");
+  const Eigen::Vector3d xyz = vector_from_json(object, kOrientation, -2, 2);
+  const JsonField w = object.at(kOrientation + " W");
   const Eigen::Quaterniond rotation(w.number(), xyz.x(), xyz.y(), xyz.z());
   if (!(std::abs(rotation.norm() - 1) <= kUnitNorm))
-    throw InputError(object.file(), object.field() + "." + name,
+    throw InputError(object.file(), object.field() + "." + kOrientation,
                      "norm " + std::to_string(rotation.norm()), "must be 1 to 0.001: a rotation");
   return rotation.normalized();
 }
@@ -86,6 +86,28 @@ std::vector<Box> parse_boxes(std::string_view text, const std::filesystem::path&
 
 std::vector<Box> read_boxes(const std::filesystem::path& file) {
   return parse_boxes(read_file(file), file);
+}
+
+nlohmann::json boxes_to_json(std::int64_t t_ns, const std::vector<Box>& boxes) {
+  nlohmann::json objects = nlohmann::json::array();
+  for (const Box& box : boxes) {
+    nlohmann::json object = {{"ObjectId", box.object_id},
+                             {"ObjectType", box.type},
+                             {"ActorName", box.actor_name},
+                             {"Occluded", 0},
+                             {"Truncated", 0}};
+    const Eigen::Quaterniond rotation(box.body_from_box.linear());
+    object[kOrientation + " W"] = rotation.w();
+    for (int axis = 0; axis < 3; ++axis) {
+      const std::string end = std::string(" ") + "XYZ"[axis];
+      object[kOrientation + end] = rotation.vec()[axis];
+      object["BoundingBox3D Origin" + end] = box.body_from_box.translation()[axis];
+      object["BoundingBox3D Extent" + end] = box.size_m[axis];
+      object["Relative Velocity" + end] = box.velocity_in_body_m_per_s[axis];
+    }
+    objects.push_back(std::move(object));
+  }
+  return {{"Timestamp", std::to_string(t_ns)}, {"CapturedObjects", std::move(objects)}};
 }
 
 }  // namespace redrive::aimotive

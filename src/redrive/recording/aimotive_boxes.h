@@ -11,6 +11,8 @@
 #include <string_view>
 #include <vector>
 
+#include <nlohmann/json.hpp>
+
 #include "redrive/recording/box.h"
 
 namespace redrive::aimotive {
@@ -20,5 +22,8 @@ namespace redrive::aimotive {
 /// centres further than 1e4 m, speeds beyond 300 m/s.
 std::vector<Box> parse_boxes(std::string_view text, const std::filesystem::path& file);
 std::vector<Box> read_boxes(const std::filesystem::path& file);
+
+/// The file of a frame's boxes. Their own times are not written.
+nlohmann::json boxes_to_json(std::int64_t t_ns, const std::vector<Box>& boxes);
 
 }  // namespace redrive::aimotive

@@ -22,44 +22,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr const char* kImageFolders[] = {"image_00", "image_01", "image_02", "image_03"};
-constexpr std::int64_t kSameFrame_ns = 200'000'000;  // sensors of a frame; frames are 0.1 s apart
 constexpr std::int64_t kMaxRevolution_ns = 500'000'000;  // 2 Hz; the scanner turns at 10 Hz
-constexpr std::int64_t kOffsetJitter_ns = 5'000'000;
-
-/// Times of a sensor by frame.
-struct Timestamps {
-  fs::path file;
-  std::vector<std::optional<std::int64_t>> by_line;
-
-  explicit Timestamps(const fs::path& path)
-      : file(path), by_line(parse_timestamps(read_file(path), path)) {}
-
-  /// Nothing for an empty line; InputError if there is no line for the frame.
-  std::optional<std::int64_t> of(std::int64_t frame_id) const {
-    if (frame_id >= static_cast<std::int64_t>(by_line.size()))
-      throw InputError(file, "number of lines", std::to_string(by_line.size()),
-                       "has none for frame " + std::to_string(frame_id) +
-                           ": line n is of frame n - 1, also where files of other frames are "
-                           "missing");
-    return by_line[static_cast<std::size_t>(frame_id)];
-  }
-
-  [[noreturn]] void fail(std::int64_t frame_id, double off_s, const std::string& rule) const {
-    char value[64];
-    std::snprintf(value, sizeof value, "%.3f s", off_s);
-    throw InputError(file, "line " + std::to_string(frame_id + 1), value, rule);
-  }
-
-  /// InputError if a time is not that of the frame by another sensor.
-  void require_same(std::int64_t frame_id, std::int64_t t_ns, std::int64_t other_ns,
-                    const std::string& other) const {
-    if (std::abs(t_ns - other_ns) > kSameFrame_ns)
-      fail(frame_id, 1e-9 * static_cast<double>(t_ns - other_ns),
-           "after " + other +
-               " of the same frame; in synchronised drives they are 0.2 s apart at "
-               "most");
-  }
-};
 
 /// The folder that holds the drive, also for "." and for names that end in a slash.
 fs::path day_of_drive(const fs::path& root) {
@@ -143,29 +106,6 @@ std::vector<FramePose> frames_at_images(const std::vector<FramePose>& poses,
     findings->push_back(
         {camera.name, "no time for frame " + first_few(without_time) + "; they are left out"});
   return frames;
-}
-
-/// Median of the camera's times minus those of the frames.
-std::int64_t time_offset_ns(const CameraFolder& camera, const std::vector<ImageFile>& images,
-                            const std::vector<FramePose>& frames, std::vector<Finding>* findings) {
-  std::vector<std::int64_t> offsets;
-  for (const ImageFile& image : images) {
-    const auto frame = std::ranges::lower_bound(frames, image.frame_id, {}, &FramePose::id);
-    const std::optional<std::int64_t> t_ns = camera.times.of(image.frame_id);
-    if (!t_ns) continue;
-    camera.times.require_same(image.frame_id, *t_ns, frame->t_ns, "the first camera");
-    offsets.push_back(*t_ns - frame->t_ns);
-  }
-  if (offsets.empty()) return 0;
-  std::ranges::sort(offsets);
-  const std::int64_t median = offsets[offsets.size() / 2];
-  const auto off = std::ranges::count_if(
-      offsets, [&](std::int64_t offset) { return std::abs(offset - median) > kOffsetJitter_ns; });
-  if (off > 0)
-    findings->push_back({camera.name, "the time of " + counted(std::size_t(off), "image") +
-                                          " is more than 5 ms off a constant offset from the "
-                                          "first camera's, which is used"});
-  return median;
 }
 
 /// Lists the revolutions and their times.
@@ -264,7 +204,8 @@ Recording open(const fs::path& root, PoseSource source) {
     if (images.empty()) continue;
     CameraCalibration calibration =
         calibration_of(found->second, *found->second.size, camera.name, rectified_from_body);
-    calibration.time_offset_ns = time_offset_ns(camera, images, recording.frames, &findings);
+    calibration.time_offset_ns =
+        time_offset_ns(camera.times, camera.name, images, recording.frames, &findings);
     recording.cameras.push_back({calibration, std::move(images)});
   }
   require_cameras(recording);

@@ -7,11 +7,10 @@
 #include <cmath>
 #include <set>
 
-#include <pugixml.hpp>
-
 #include "redrive/base/error.h"
 #include "redrive/recording/text_lines.h"
 #include "redrive/recording/trajectory.h"
+#include "redrive/recording/xml_element.h"
 
 namespace redrive::kitti {
 namespace {
@@ -22,7 +21,6 @@ constexpr double kMaxAngle_rad = 10;  // some files have turns beyond pi
 constexpr std::int64_t kMaxId = 1'000'000'000;
 constexpr std::size_t kMaxPoses = 1'000'000;
 constexpr double kVelocityOver_s = 0.5;  // to either side, to average errors of annotators
-constexpr std::int64_t kEgoOver_ns = 100'000'000;  // as scene/moving_objects.cc
 
 constexpr std::array kTypes = {"Car",    "Van",     "Truck", "Pedestrian", "Person_sitting",
                                "Person", "Cyclist", "Tram",  "Misc",       "Person (sitting)"};
@@ -45,43 +43,6 @@ class SeenOnce {
 
  private:
   std::set<std::pair<std::int64_t, std::int64_t>> seen_;
-};
-
-/// An element of the XML file, with its place for messages.
-class Element {
- public:
-  Element(pugi::xml_node node, const std::filesystem::path& file, std::string name)
-      : node_(node), file_(&file), name_(std::move(name)) {}
-
-  Element child(const char* name) const {
-    const pugi::xml_node found = node_.child(name);
-    if (!found) throw InputError(*file_, name_ + "." + name, "", "missing");
-    return {found, *file_, name_ + "." + name};
-  }
-  std::vector<Element> items() const {
-    std::vector<Element> items;
-    for (const pugi::xml_node& item : node_.children("item"))
-      items.emplace_back(item, *file_, name_ + "[" + std::to_string(items.size()) + "]");
-    return items;
-  }
-  std::string text() const { return node_.text().get(); }
-  double number(double least, double most) const { return line().number(0, name_, least, most); }
-  std::int64_t integer(std::int64_t least, std::int64_t most) const {
-    return line().integer(0, name_, least, most);
-  }
-  [[noreturn]] void fail(const std::string& rule) const {
-    throw InputError(*file_, name_, text().substr(0, 80), rule);
-  }
-
- private:
-  TextLine line() const {
-    TextLine words(node_.text().get(), *file_, 0);
-    if (words.size() != 1) fail("a number was expected");
-    return words;
-  }
-  pugi::xml_node node_;
-  const std::filesystem::path* file_;
-  std::string name_;
 };
 
 struct BoxAt {
@@ -136,6 +97,7 @@ std::vector<Label> parse_labels(std::string_view text, const std::filesystem::pa
     label.type = line.word(2);
     if (label.type == "DontCare") continue;
     if (!known_type(label.type)) line.fail(2, "type", kTypeRule);
+    label.deforms = deforms(label.type);
     label.object_id = line.integer(1, "track", 0, kMaxId);
     label.size_m.z() = line.number(10, "height", kMinSize_m, kMaxSize_m);
     label.size_m.y() = line.number(11, "width", kMinSize_m, kMaxSize_m);
@@ -156,23 +118,21 @@ std::vector<Label> parse_labels(std::string_view text, const std::filesystem::pa
 }
 
 std::vector<Label> parse_tracklets(std::string_view text, const std::filesystem::path& file) {
-  pugi::xml_document document;
-  if (const pugi::xml_parse_result result = document.load_buffer(text.data(), text.size()); !result)
-    throw InputError(file, "byte " + std::to_string(result.offset), "",
-                     std::string("no XML: ") + result.description());
-  const Element root(document.child("boost_serialization"), file, "boost_serialization");
+  const XmlDocument document(text, file);
+  const XmlElement root = document.root("boost_serialization");
   std::vector<Label> labels;
   std::int64_t object_id = 0;
-  for (const Element& tracklet : root.child("tracklets").items()) {
+  for (const XmlElement& tracklet : root.child("tracklets").children("item")) {
     Label label;
     label.object_id = object_id++;
     label.type = tracklet.child("objectType").text();
     if (!known_type(label.type)) tracklet.child("objectType").fail(kTypeRule);
+    label.deforms = deforms(label.type);
     label.size_m = {tracklet.child("l").number(kMinSize_m, kMaxSize_m),
                     tracklet.child("w").number(kMinSize_m, kMaxSize_m),
                     tracklet.child("h").number(kMinSize_m, kMaxSize_m)};
     label.frame_id = tracklet.child("first_frame").integer(0, kMaxId);
-    for (const Element& pose : tracklet.child("poses").items()) {
+    for (const XmlElement& pose : tracklet.child("poses").children("item")) {
       const auto number = [&](const char* name, double most) {
         return pose.child(name).number(-most, most);
       };
@@ -208,7 +168,7 @@ std::map<std::int64_t, std::vector<Box>> place_boxes(const std::vector<Label>& l
     box.type = label.type;
     box.actor_name = label.type + " " + std::to_string(label.object_id);
     box.size_m = label.size_m;
-    box.deforms = deforms(label.type);
+    box.deforms = label.deforms;
     box.body_from_box = placement.body_from_sensor * label.sensor_from_box;
     const auto scan = placement.scans.find(label.frame_id);
     box.t_ns = scan == placement.scans.end()
@@ -224,11 +184,8 @@ std::map<std::int64_t, std::vector<Box>> place_boxes(const std::vector<Label>& l
     std::ranges::sort(boxes, {}, &BoxAt::t_s);
     for (std::size_t i = 0; i < boxes.size(); ++i) {
       Box box = boxes[i].box;
-      const Eigen::Vector3d ego_m_per_s = (pose_at(frames, box.t_ns + kEgoOver_ns).translation() -
-                                           pose_at(frames, box.t_ns - kEgoOver_ns).translation()) /
-                                          (2e-9 * static_cast<double>(kEgoOver_ns));
-      box.velocity_in_body_m_per_s =
-          pose_at(frames, box.t_ns).linear().transpose() * (velocity_of(boxes, i) - ego_m_per_s);
+      box.velocity_in_body_m_per_s = pose_at(frames, box.t_ns).linear().transpose() *
+                                     (velocity_of(boxes, i) - velocity_at(frames, box.t_ns));
       by_frame[boxes[i].frame_id].push_back(std::move(box));
     }
   }

@@ -23,6 +23,7 @@ struct Label {
   std::string type;         ///< "Car", "Pedestrian", ...
   Rigid3d sensor_from_box;  ///< axes and origin of the box as in Box
   Eigen::Vector3d size_m = Eigen::Vector3d::Zero();
+  bool deforms = false;  ///< as in Box
 };
 
 /// Lines of 17 values, or 18 with a score: frame, track, type, truncated, occluded, alpha, left,

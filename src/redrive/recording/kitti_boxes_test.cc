@@ -122,7 +122,7 @@ TEST(KittiTracklets, RejectsInvalidValues) {
   EXPECT_THAT(message("<ty>3</ty>", "<ty>nan</ty>"), HasSubstr(item + "poses[0].ty = nan"));
   EXPECT_THAT(message("<tz>-1.7", "<tz>-1e4"), HasSubstr("tz = -1e4"));
   EXPECT_THAT(input_error([] { kitti::parse_tracklets("<a></a>", "t.xml"); }),
-              HasSubstr("boost_serialization.tracklets: missing"));
+              HasSubstr("boost_serialization: missing"));
   EXPECT_THAT(input_error([] { kitti::parse_tracklets("", "t.xml"); }), HasSubstr("no XML"));
 }
 
@@ -139,6 +139,7 @@ TEST(KittiBoxes, VelocitiesAreDifferencesOfPositions) {
       kitti::Label label;
       label.frame_id = f, label.object_id = person;
       label.type = person ? "Pedestrian" : "Car";
+      label.deforms = person;
       label.size_m = {4, 2, 1.5};
       label.sensor_from_box = Eigen::Translation3d(person ? 30 - f : 20 - 0.2 * f, 0, 0);
       labels.push_back(label);

@@ -15,6 +15,8 @@ namespace {
 constexpr double kMaxApart_m = 50;
 constexpr int kCameras = 4;
 
+}  // namespace
+
 nlohmann::json value_of(std::string_view word) {
   double value = 0;
   const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), value);
@@ -23,7 +25,6 @@ nlohmann::json value_of(std::string_view word) {
   return std::string(word);  // of calib_time, or a fault that the field's reader names
 }
 
-/// {"KEY": [values]}, so that fields are read and named as those of other calibrations.
 nlohmann::json key_values(std::string_view text, const std::filesystem::path& file) {
   nlohmann::json document = nlohmann::json::object();
   for (const TextLine& line : text_lines(text, file)) {
@@ -40,7 +41,6 @@ nlohmann::json key_values(std::string_view text, const std::filesystem::path& fi
   return document;
 }
 
-/// `rotation` and `translation` in rows, as a 4x4 matrix.
 Rigid3d rigid_from_numbers(const std::vector<double>& rotation,
                            const std::vector<double>& translation, const std::string& name,
                            const std::filesystem::path& file) {
@@ -77,7 +77,12 @@ RectifiedCamera camera_from_projection(const JsonField& field, std::optional<Ima
   return camera;
 }
 
-}  // namespace
+ImageSize size_from_json(const JsonField& field) {
+  field.numbers(2);
+  CameraCalibration sized;
+  image_size_from_json(field.at(std::size_t{0}), field.at(std::size_t{1}), &sized);
+  return {sized.width, sized.height};
+}
 
 CamToCam parse_cam_to_cam(std::string_view text, const std::filesystem::path& file) {
   const nlohmann::json document = key_values(text, file);
@@ -88,12 +93,8 @@ CamToCam parse_cam_to_cam(std::string_view text, const std::filesystem::path& fi
   for (int c = 0; c < kCameras; ++c) {
     const std::string number = "0" + std::to_string(c);
     if (!root.has("P_rect_" + number)) continue;
-    const JsonField size = root.at("S_rect_" + number);
-    size.numbers(2);
-    CameraCalibration sized;
-    image_size_from_json(size.at(std::size_t{0}), size.at(std::size_t{1}), &sized);
-    calibration.cameras[c] =
-        camera_from_projection(root.at("P_rect_" + number), ImageSize{sized.width, sized.height});
+    calibration.cameras[c] = camera_from_projection(root.at("P_rect_" + number),
+                                                    size_from_json(root.at("S_rect_" + number)));
   }
   return calibration;
 }

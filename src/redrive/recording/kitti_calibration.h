@@ -12,7 +12,9 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <vector>
 
+#include "redrive/base/json_field.h"
 #include "redrive/math/rigid3.h"
 #include "redrive/recording/png_size.h"
 
@@ -45,5 +47,20 @@ OdometryCalibration parse_odometry_calibration(std::string_view text,
 /// R and T of calib_velo_to_cam.txt (camera 0 from Velodyne) or calib_imu_to_velo.txt (Velodyne
 /// from IMU).
 Rigid3d parse_rigid(std::string_view text, const std::filesystem::path& file);
+
+// ---- Parts of such files; errors as above
+
+/// A finite number, else the word as a text, which a field's reader names.
+nlohmann::json value_of(std::string_view word);
+/// {"KEY": [values]}, so that fields are read and named as those of other calibrations.
+nlohmann::json key_values(std::string_view text, const std::filesystem::path& file);
+/// From 9 numbers of the rotation and 3 of the translation, row by row. `name`: for messages.
+Rigid3d rigid_from_numbers(const std::vector<double>& rotation,
+                           const std::vector<double>& translation, const std::string& name,
+                           const std::filesystem::path& file);
+/// A P_rect of 12 numbers.
+RectifiedCamera camera_from_projection(const JsonField& field, std::optional<ImageSize> size);
+/// An S_rect of two numbers.
+ImageSize size_from_json(const JsonField& field);
 
 }  // namespace redrive::kitti

@@ -60,6 +60,20 @@ std::optional<std::int64_t> time_of_day_ns(std::string_view time) {
   return ((hour * 60 + minute) * 60 + second) * 1'000'000'000ll + fraction_ns;
 }
 
+/// The rows of a 3 x 4 matrix from word `first` on.
+Rigid3d rigid_from_words(const TextLine& line, std::size_t first,
+                         const std::filesystem::path& file) {
+  nlohmann::json rows = nlohmann::json::array();
+  for (std::size_t i = 0; i < 12; ++i) {
+    if (i % 4 == 0) rows.push_back(nlohmann::json::array());
+    rows.back().push_back(line.number(first + i, "value " + std::to_string(first + i + 1),
+                                      -kMaxRadius_m, kMaxRadius_m));
+  }
+  rows.push_back({0, 0, 0, 1});
+  const nlohmann::json document = {{line.name(), rows}};
+  return rigid_from_json(JsonField(document, file).at(line.name()));
+}
+
 std::vector<TextLine> lines_of_file(std::string_view text, const std::filesystem::path& file) {
   std::vector<TextLine> lines = text_lines(text, file);
   if (lines.empty()) throw InputError(file, "", "", "is empty: a line for each frame is expected");
@@ -142,15 +156,21 @@ std::vector<Rigid3d> parse_poses(std::string_view text, const std::filesystem::p
   std::vector<Rigid3d> poses;
   for (const TextLine& line : lines_of_file(text, file)) {
     line.expect_size(12, "the rows of a 3 x 4 matrix");
-    nlohmann::json rows = nlohmann::json::array();
-    for (std::size_t i = 0; i < 12; ++i) {
-      if (i % 4 == 0) rows.push_back(nlohmann::json::array());
-      rows.back().push_back(
-          line.number(i, "value " + std::to_string(i + 1), -kMaxRadius_m, kMaxRadius_m));
-    }
-    rows.push_back({0, 0, 0, 1});
-    const nlohmann::json document = {{line.name(), rows}};
-    poses.push_back(rigid_from_json(JsonField(document, file).at(line.name())));
+    poses.push_back(rigid_from_words(line, 0, file));
+  }
+  return poses;
+}
+
+std::vector<FramePose> parse_frame_poses(std::string_view text, const std::filesystem::path& file) {
+  constexpr std::int64_t kMaxId = 1'000'000'000;
+  std::vector<FramePose> poses;
+  for (const TextLine& line : lines_of_file(text, file)) {
+    if (line.size() != 17)
+      line.expect_size(13, "a frame and the rows of a 3 x 4 (or 4 x 4) matrix");
+    const std::int64_t id = line.integer(0, "frame", 0, kMaxId);
+    if (!poses.empty() && id <= poses.back().id)
+      line.fail(0, "frame", "is not after that of the line before");
+    poses.push_back({id, 0, rigid_from_words(line, 1, file)});
   }
   return poses;
 }

@@ -1,9 +1,71 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/recording/kitti_reader.h"
 
+#include <algorithm>
+#include <cstdio>
+#include <cstdlib>
+
+#include "redrive/base/error.h"
 #include "redrive/base/files.h"
+#include "redrive/recording/kitti_poses.h"
+#include "redrive/recording/wording.h"
 
 namespace redrive::kitti {
+namespace {
+
+constexpr std::int64_t kSameFrame_ns = 200'000'000;  // sensors of a frame; frames are 0.1 s apart
+constexpr std::int64_t kOffsetJitter_ns = 5'000'000;
+
+}  // namespace
+
+Timestamps::Timestamps(const std::filesystem::path& path)
+    : file(path), by_line(parse_timestamps(read_file(path), path)) {}
+
+std::optional<std::int64_t> Timestamps::of(std::int64_t frame_id) const {
+  if (frame_id >= static_cast<std::int64_t>(by_line.size()))
+    throw InputError(file, "number of lines", std::to_string(by_line.size()),
+                     "has none for frame " + std::to_string(frame_id) +
+                         ": line n is of frame n - 1, also where files of other frames are "
+                         "missing");
+  return by_line[static_cast<std::size_t>(frame_id)];
+}
+
+void Timestamps::require_same(std::int64_t frame_id, std::int64_t t_ns, std::int64_t other_ns,
+                              const std::string& other) const {
+  if (std::abs(t_ns - other_ns) > kSameFrame_ns)
+    fail(frame_id, 1e-9 * static_cast<double>(t_ns - other_ns),
+         "after " + other +
+             " of the same frame; in synchronised drives they are 0.2 s apart at most");
+}
+
+void Timestamps::fail(std::int64_t frame_id, double off_s, const std::string& rule) const {
+  char value[64];
+  std::snprintf(value, sizeof value, "%.3f s", off_s);
+  throw InputError(file, "line " + std::to_string(frame_id + 1), value, rule);
+}
+
+std::int64_t time_offset_ns(const Timestamps& times, const std::string& camera,
+                            const std::vector<ImageFile>& images,
+                            const std::vector<FramePose>& frames, std::vector<Finding>* findings) {
+  std::vector<std::int64_t> offsets;
+  for (const ImageFile& image : images) {
+    const auto frame = std::ranges::lower_bound(frames, image.frame_id, {}, &FramePose::id);
+    const std::optional<std::int64_t> t_ns = times.of(image.frame_id);
+    if (!t_ns) continue;
+    times.require_same(image.frame_id, *t_ns, frame->t_ns, "the first camera");
+    offsets.push_back(*t_ns - frame->t_ns);
+  }
+  if (offsets.empty()) return 0;
+  std::ranges::sort(offsets);
+  const std::int64_t median = offsets[offsets.size() / 2];
+  const auto off = std::ranges::count_if(
+      offsets, [&](std::int64_t offset) { return std::abs(offset - median) > kOffsetJitter_ns; });
+  if (off > 0)
+    findings->push_back({camera, "the time of " + counted(std::size_t(off), "image") +
+                                     " is more than 5 ms off a constant offset from the "
+                                     "first camera's, which is used"});
+  return median;
+}
 
 std::vector<LidarPoint> Reader::read_lidar(const FrameFile& file) const {
   return parse_scan(read_file(file.path), file.path, body_from_velodyne, scans.at(file.frame_id));

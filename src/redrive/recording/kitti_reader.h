@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <map>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -24,6 +25,27 @@ class Reader : public RecordingReader {
   std::map<std::int64_t, ScanTime> scans;          ///< by frame: those of Recording::lidar_files
   std::map<std::int64_t, std::vector<Box>> boxes;  ///< by frame: those of Recording::box_files
 };
+
+/// Times of a sensor by frame: line n of the file is of frame n - 1.
+struct Timestamps {
+  std::filesystem::path file;
+  std::vector<std::optional<std::int64_t>> by_line;
+
+  explicit Timestamps(const std::filesystem::path& path);
+
+  /// Nothing for an empty line; InputError if there is no line for the frame.
+  std::optional<std::int64_t> of(std::int64_t frame_id) const;
+  /// InputError if a time is more than 0.2 s off that of the frame by another sensor.
+  void require_same(std::int64_t frame_id, std::int64_t t_ns, std::int64_t other_ns,
+                    const std::string& other) const;
+  [[noreturn]] void fail(std::int64_t frame_id, double off_s, const std::string& rule) const;
+};
+
+/// Median of a camera's times minus those of the frames. A finding about `camera` counts images
+/// that are more than 5 ms off it.
+std::int64_t time_offset_ns(const Timestamps& times, const std::string& camera,
+                            const std::vector<ImageFile>& images,
+                            const std::vector<FramePose>& frames, std::vector<Finding>* findings);
 
 /// The calibration of a rectified camera. `size`: of its images.
 CameraCalibration calibration_of(const RectifiedCamera& camera, ImageSize size,

@@ -14,7 +14,7 @@ namespace {
 
 constexpr std::size_t kMaxScanPoints = 4'000'000;
 constexpr float kMaxScanCoordinate_m = 1000;
-constexpr double kColumns = 2048;  // of a revolution; the HDL-64E has about 2080 at 10 Hz
+constexpr auto kColumns = static_cast<double>(kScanColumns);
 
 /// 0 at the start of the revolution to 1 at its end.
 double fraction_of_revolution(double x, double y) {
@@ -29,6 +29,11 @@ std::int64_t time_at(const ScanTime& time, double fraction) {
 
 std::int64_t time_of_direction(const ScanTime& time, const Eigen::Vector3d& in_velodyne) {
   return time_at(time, fraction_of_revolution(in_velodyne.x(), in_velodyne.y()));
+}
+
+std::int64_t time_of_point(const ScanTime& time, double x, double y) {
+  const double column = std::min(std::floor(kColumns * fraction_of_revolution(x, y)), kColumns - 1);
+  return time_at(time, (column + 0.5) / kColumns);
 }
 
 std::vector<LidarPoint> parse_scan(std::string_view bytes, const std::filesystem::path& file,
@@ -54,13 +59,11 @@ std::vector<LidarPoint> parse_scan(std::string_view bytes, const std::filesystem
                          k < 3 ? "the sensor does not see further than 1000 m; metres are expected"
                                : "must be between 0 and 1");
     }
-    const double column =
-        std::min(std::floor(kColumns * fraction_of_revolution(values[0], values[1])), kColumns - 1);
     points[i] = {
         .in_body_m =
             (body_from_velodyne * Eigen::Vector3d(values[0], values[1], values[2])).cast<float>(),
         .intensity = static_cast<std::uint16_t>(std::lround(255 * values[3])),
-        .t_ns = time_at(time, (column + 0.5) / kColumns)};
+        .t_ns = time_of_point(time, values[0], values[1])};
   }
   std::stable_sort(points.begin(), points.end(),
                    [](const LidarPoint& a, const LidarPoint& b) { return a.t_ns < b.t_ns; });

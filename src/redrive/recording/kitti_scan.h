@@ -14,6 +14,8 @@
 namespace redrive::kitti {
 
 constexpr std::size_t kScanRecordBytes = 16;
+constexpr std::int64_t kScanColumns =
+    2048;  ///< of a revolution; the HDL-64E has about 2080 at 10 Hz
 
 /// When the revolution begins and ends, both behind the car. Equal: its points are motion
 /// compensated to that time.
@@ -25,10 +27,13 @@ struct ScanTime {
 /// ahead in the middle of the revolution.
 std::int64_t time_of_direction(const ScanTime& time, const Eigen::Vector3d& in_velodyne);
 
-/// Returns the points in the body frame by time. A point's time is that of its azimuth to 1/2048 of
-/// the revolution, 0.05 ms, as columns of the sensor are. InputError: a size that is no multiple of
-/// 16 bytes, more than 4 million points, coordinates that are not finite or beyond 1000 m,
-/// reflectances outside 0..1.
+/// Time of a point of a scan: that of its azimuth to 1/2048 of the revolution, 0.05 ms, as columns
+/// of the sensor are.
+std::int64_t time_of_point(const ScanTime& time, double x, double y);
+
+/// Returns the points in the body frame by time (time_of_point). InputError: a size that is no
+/// multiple of 16 bytes, more than 4 million points, coordinates that are not finite or beyond 1000
+/// m, reflectances outside 0..1.
 std::vector<LidarPoint> parse_scan(std::string_view bytes, const std::filesystem::path& file,
                                    const Rigid3d& body_from_velodyne, const ScanTime& time);
 

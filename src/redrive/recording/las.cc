@@ -4,8 +4,11 @@
 #include <bit>
 #include <cmath>
 #include <cstdio>
+#include <cstring>
 #include <fstream>
 #include <string>
+
+#include <Eigen/Geometry>
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
@@ -190,6 +193,42 @@ std::vector<LidarPoint> parse_las(std::string_view bytes, const std::filesystem:
 
 std::vector<LidarPoint> read_las(const std::filesystem::path& file) {
   return parse_las(read_file(file), file);
+}
+
+std::string make_las(const std::vector<LidarPoint>& points) {
+  std::string bytes(kHeaderBytes, '\0');
+  const auto put = [&](std::size_t offset, auto value) {
+    std::memcpy(bytes.data() + offset, &value, sizeof value);
+  };
+  constexpr float kNear_m = 2000;  // int32 of micrometres end at 2147 m
+  Eigen::AlignedBox3f bounds(Eigen::Vector3f::Zero());
+  for (const LidarPoint& point : points) bounds.extend(point.in_body_m);
+  const bool near = bounds.max().maxCoeff() < kNear_m && bounds.min().minCoeff() > -kNear_m;
+  const double scale_m = near ? 1e-6 : 1e-5;
+  bytes.replace(0, 4, "LASF");
+  bytes[24] = 1, bytes[25] = 2, bytes[104] = 1;
+  put(94, static_cast<std::uint16_t>(kHeaderBytes));
+  put(96, static_cast<std::uint32_t>(kHeaderBytes));
+  put(105, static_cast<std::uint16_t>(kLasRecordBytes));
+  put(kPointCountOffset, static_cast<std::uint32_t>(points.size()));
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const auto k = static_cast<Eigen::Index>(axis);
+    put(131 + 8 * axis, scale_m);
+    put(179 + 16 * axis, static_cast<double>(bounds.max()[k]));
+    put(187 + 16 * axis, static_cast<double>(bounds.min()[k]));
+  }
+  for (const LidarPoint& point : points) {
+    const std::size_t record = bytes.size();
+    bytes.resize(record + kLasRecordBytes, '\0');
+    for (std::size_t axis = 0; axis < 3; ++axis)
+      put(record + 4 * axis,
+          static_cast<std::int32_t>(std::llround(
+              static_cast<double>(point.in_body_m[static_cast<Eigen::Index>(axis)]) / scale_m)));
+    put(record + 12, point.intensity);
+    put(record + 14, std::uint8_t{0b001001});  // the first return of one
+    put(record + 20, static_cast<double>(point.t_ns));
+  }
+  return bytes;
 }
 
 std::uint64_t las_point_count(const std::filesystem::path& file) {

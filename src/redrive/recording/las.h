@@ -6,6 +6,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <string>
 #include <string_view>
 #include <vector>
 
@@ -18,6 +19,9 @@ namespace redrive {
 /// compressed data, scales <= 0, and numbers that are not finite.
 std::vector<LidarPoint> parse_las(std::string_view bytes, const std::filesystem::path& file);
 std::vector<LidarPoint> read_las(const std::filesystem::path& file);
+
+/// Returns a plain LAS of these points, exact to 1 um (10 um where a coordinate exceeds 2 km).
+std::string make_las(const std::vector<LidarPoint>& points);
 
 /// Returns the number of points by the header alone, or 0 if that is damaged.
 std::uint64_t las_point_count(const std::filesystem::path& file);

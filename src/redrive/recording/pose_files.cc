@@ -6,6 +6,8 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
+#include "redrive/recording/frame_range.h"
+#include "redrive/recording/wording.h"
 
 namespace redrive {
 namespace {
@@ -38,6 +40,18 @@ void apply_pose_files(const PoseFiles& files, const fs::path& folder, Recording*
     throw InputError(folder, "", "",
                      "poses in these formats belong to a drive, not to photographs");
   const CalibratedPoses poses = recording->reader->parse_pose_files(files, folder);
+  const std::size_t recorded = recording->frames.size();
+  const auto covered = [&](const FramePose& frame) {
+    return frame.id >= poses.frames.front().id && frame.id <= poses.frames.back().id;
+  };
+  if (std::ranges::any_of(recording->frames, covered) &&
+      !std::ranges::all_of(recording->frames, covered)) {
+    keep_frames({poses.frames.front().id, poses.frames.back().id}, recording);
+    recording->findings.push_back(
+        {poses.frames_file.string(), "has poses of " + counted(recording->frames.size(), "frame") +
+                                         " of " + std::to_string(recorded) +
+                                         "; the others are left out"});
+  }
   for (FramePose& frame : recording->frames) {
     const auto found = std::ranges::lower_bound(poses.frames, frame.id, {}, &FramePose::id);
     const std::string id = std::to_string(frame.id);

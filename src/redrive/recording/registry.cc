@@ -4,6 +4,7 @@
 #include "redrive/recording/aimotive.h"
 #include "redrive/recording/colmap.h"
 #include "redrive/recording/kitti.h"
+#include "redrive/recording/kitti360.h"
 #include "redrive/recording/nuscenes.h"
 #include "redrive/recording/recording.h"
 #include "redrive/recording/transforms.h"
@@ -25,6 +26,7 @@ struct Format {
 constexpr Format kFormats[] = {
     {"aimotive", "sensor/calibration, sensor/camera or sensor/gnssins", aimotive::looks_like,
      aimotive::open},
+    {"kitti360", "data_2d_raw, or a drive in it", kitti360::looks_like, kitti360::open},
     {"kitti", "oxts, velodyne_points or image_00/data to image_03/data", kitti::looks_like,
      kitti::open},
     {"kitti-odometry", "calib.txt or times.txt with velodyne or image_0 to image_3",

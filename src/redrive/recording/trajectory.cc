@@ -10,6 +10,8 @@ namespace redrive {
 namespace {
 
 constexpr double kMaxSpeed_m_per_s = 150;
+constexpr std::int64_t kVelocityOver_ns =
+    100'000'000;  // to either side, to average errors of single poses
 
 void check_step(const FramePose& a, const FramePose& b, const std::filesystem::path& file,
                 const PoseFields& fields) {
@@ -38,6 +40,12 @@ void check_step(const FramePose& a, const FramePose& b, const std::filesystem::p
 Rigid3d pose_at(const std::vector<FramePose>& frames, std::int64_t t_ns) {
   REDRIVE_CHECK(!frames.empty());
   return pose_at(std::span(frames), t_ns);
+}
+
+Eigen::Vector3d velocity_at(const std::vector<FramePose>& frames, std::int64_t t_ns) {
+  return (pose_at(frames, t_ns + kVelocityOver_ns).translation() -
+          pose_at(frames, t_ns - kVelocityOver_ns).translation()) /
+         (2e-9 * static_cast<double>(kVelocityOver_ns));
 }
 
 void check_trajectory(const std::vector<FramePose>& frames, const std::filesystem::path& file,

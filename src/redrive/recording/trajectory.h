@@ -18,6 +18,9 @@ namespace redrive {
 /// frame's own time its own pose, bit for bit.
 Rigid3d pose_at(const std::vector<FramePose>& frames, std::int64_t t_ns);
 
+/// Mean velocity of the body's origin in the global frame over 0.2 s around t_ns, in m/s.
+Eigen::Vector3d velocity_at(const std::vector<FramePose>& frames, std::int64_t t_ns);
+
 /// Names of a frame's time and pose in a file, for messages.
 struct PoseFields {
   std::string time, pose;

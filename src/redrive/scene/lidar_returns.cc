@@ -22,20 +22,6 @@ auto identity(const LidarPoint& p) {
   return std::tuple(p.t_ns, p.in_body_m.x(), p.in_body_m.y(), p.in_body_m.z());
 }
 
-/// Marks the points that are bit for bit in `before`, too.
-std::vector<std::uint8_t> mark_repeated(const std::vector<LidarPoint>& points,
-                                        const std::vector<LidarPoint>& before) {
-  std::vector<decltype(identity(points[0]))> known;
-  known.reserve(before.size());
-  for (const LidarPoint& point : before) known.push_back(identity(point));
-  std::sort(known.begin(), known.end());
-  std::vector<std::uint8_t> repeated;
-  repeated.reserve(points.size());
-  for (const LidarPoint& point : points)
-    repeated.push_back(std::binary_search(known.begin(), known.end(), identity(point)));
-  return repeated;
-}
-
 struct Ray {
   Eigen::Vector3f origin, direction;
   float range_m;
@@ -120,6 +106,19 @@ std::vector<CloudPoint> read_cloud(const Recording& recording, const Scene& scen
 }
 
 }  // namespace
+
+std::vector<std::uint8_t> mark_repeated(const std::vector<LidarPoint>& points,
+                                        const std::vector<LidarPoint>& before) {
+  std::vector<decltype(identity(points[0]))> known;
+  known.reserve(before.size());
+  for (const LidarPoint& point : before) known.push_back(identity(point));
+  std::sort(known.begin(), known.end());
+  std::vector<std::uint8_t> repeated;
+  repeated.reserve(points.size());
+  for (const LidarPoint& point : points)
+    repeated.push_back(std::binary_search(known.begin(), known.end(), identity(point)));
+  return repeated;
+}
 
 LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene,
                                 const MovingObjects& moving, ThreadPool& pool) {

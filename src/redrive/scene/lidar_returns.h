@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "redrive/base/parallel.h"
+#include "redrive/recording/lidar_point.h"
 #include "redrive/scene/moving_objects.h"
 #include "redrive/scene/scene.h"
 
@@ -38,6 +39,10 @@ struct LidarReturns {
   std::size_t on_moving = 0;          ///< inside the box of a moving object, grown by its margin
   std::size_t hidden = 0;             ///< occluded points of a cloud (cloud_returns.h)
 };
+
+/// Marks the points that are bit for bit in `before`, too: [n] 1 or 0.
+std::vector<std::uint8_t> mark_repeated(const std::vector<LidarPoint>& points,
+                                        const std::vector<LidarPoint>& before);
 
 /// Reads the revolutions whose frame ids lie within those of scene.frames, or, of a recording with
 /// a points_file instead, its cloud_returns. Empty where there is neither or the LiDAR's extrinsics

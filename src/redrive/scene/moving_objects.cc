@@ -7,12 +7,6 @@
 #include "redrive/recording/trajectory.h"
 
 namespace redrive {
-namespace {
-
-constexpr std::int64_t kVelocityOver_ns =
-    100'000'000;  // to either side, to average errors of single poses
-
-}  // namespace
 
 bool MovingBox::intersects(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction) const {
   const Eigen::Vector3d o = box_from_world * origin, d = box_from_world.linear() * direction;
@@ -38,10 +32,7 @@ MovingObjects::MovingObjects(const std::vector<Box>& boxes, const std::vector<Fr
   std::map<std::int64_t, MovingObject> by_id;
   for (const Box& box : boxes) {
     const Rigid3d here = world_from_body(box.t_ns);
-    const Eigen::Vector3d ego_m_per_s =
-        (world_from_body(box.t_ns + kVelocityOver_ns).translation() -
-         world_from_body(box.t_ns - kVelocityOver_ns).translation()) /
-        (2e-9 * static_cast<double>(kVelocityOver_ns));
+    const Eigen::Vector3d ego_m_per_s = world_from_global.linear() * velocity_at(frames, box.t_ns);
     MovingObject& object = by_id[box.object_id];
     object.id = box.object_id;
     object.type = box.type;

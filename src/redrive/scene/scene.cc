@@ -6,6 +6,7 @@
 #include <set>
 
 #include "redrive/base/error.h"
+#include "redrive/recording/frame_range.h"
 #include "redrive/recording/trajectory.h"
 
 namespace redrive {
@@ -56,24 +57,6 @@ std::vector<const RecordedCamera*> choose_cameras(const Recording& recording,
                        "no such camera with images; there are " + joined_names(recording.cameras));
     if (!seen.insert(name).second) throw UsageError("--cameras", name, "is named twice");
     chosen.push_back(camera);
-  }
-  return chosen;
-}
-
-std::vector<FramePose> choose_frames(const Recording& recording, const SceneOptions& options) {
-  std::vector<FramePose> chosen;
-  int index = 0;
-  for (const FramePose& frame : recording.frames) {
-    if (options.first_frame >= 0 && frame.id < options.first_frame) continue;
-    if (options.last_frame >= 0 && frame.id > options.last_frame) continue;
-    if (index++ % options.frame_step == 0) chosen.push_back(frame);
-  }
-  if (chosen.empty()) {
-    const auto bound = [](std::int64_t id) { return id < 0 ? std::string() : std::to_string(id); };
-    throw UsageError("--frames", bound(options.first_frame) + ":" + bound(options.last_frame),
-                     "selects nothing; the recording has frames " +
-                         std::to_string(recording.frames.front().id) + ":" +
-                         std::to_string(recording.frames.back().id));
   }
   return chosen;
 }
@@ -212,7 +195,8 @@ Scene make_scene(const Recording& recording, const SceneOptions& options) {
     throw UsageError("--holdout-every", std::to_string(options.holdout_every),
                      "this recording has its own split of held-out images; omit the option");
   const Rigid3d world_from_global = scene.global_from_world.inverse();
-  for (const FramePose& frame : choose_frames(recording, options))
+  for (const FramePose& frame : select_frames(
+           {options.first_frame, options.last_frame, options.frame_step}, recording.frames))
     scene.frames.push_back({frame.id, frame.t_ns, world_from_global * frame.global_from_body});
 
   for (const RecordedCamera* recorded : choose_cameras(recording, options)) {

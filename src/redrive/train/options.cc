@@ -11,43 +11,11 @@
 #include <nlohmann/json.hpp>
 
 #include "redrive/base/error.h"
+#include "redrive/recording/frame_range.h"
 #include "redrive/recording/readout_options.h"
 
 namespace redrive {
 namespace {
-
-struct FrameRange {
-  std::int64_t first = -1, last = -1;
-  int step = 1;
-};
-
-FrameRange parse_frames(const std::string& text) {
-  FrameRange range;
-  if (text.empty()) return range;
-  const auto fail = [&](const char* rule) { throw UsageError("--frames", text, rule); };
-  const auto number = [&](std::string_view part, std::int64_t low) {
-    std::int64_t value = 0;
-    const auto [end, error] = std::from_chars(part.data(), part.data() + part.size(), value);
-    if (error != std::errc() || end != part.data() + part.size() || value < low ||
-        value > 1'000'000'000'000)
-      fail("must be FIRST:LAST[:STEP], frame ids (either may be empty) and a step of 1 or more");
-    return value;
-  };
-  std::vector<std::string_view> parts;
-  for (std::size_t begin = 0; begin <= text.size();) {
-    const std::size_t end = std::min(text.find(':', begin), text.size());
-    parts.push_back(std::string_view(text).substr(begin, end - begin));
-    begin = end + 1;
-  }
-  if (parts.size() < 2 || parts.size() > 3) fail("must be FIRST:LAST[:STEP]");
-  if (!parts[0].empty()) range.first = number(parts[0], 0);
-  if (!parts[1].empty()) range.last = number(parts[1], 0);
-  if (parts.size() == 3)
-    range.step = static_cast<int>(std::min<std::int64_t>(number(parts[2], 1), 1'000'000'000));
-  if (range.first >= 0 && range.last >= 0 && range.last < range.first)
-    fail("LAST must not be before FIRST");
-  return range;
-}
 
 bool contains(const std::vector<std::string>& names, const std::string& name) {
   return std::ranges::find(names, name) != names.end();
@@ -229,7 +197,7 @@ void validate(const TrainOptions& options) {
                      "then --poses");
   if (options.holdout_every == 1)
     throw UsageError("--holdout-every", "1", "would leave nothing to train on; 0 or 2 and more");
-  parse_frames(options.frames);
+  parse_frame_range(options.frames);
   allowed_memory(options, 1'000'000'000);
   allowed_gpu_memory(options, 1'000'000'000);
   const std::set<std::string> distinct(options.cameras.begin(), options.cameras.end());
@@ -256,7 +224,7 @@ void use_external_poses(const PoseFiles& files, const std::filesystem::path& fol
 }
 
 SceneOptions scene_options(const TrainOptions& options) {
-  const FrameRange frames = parse_frames(options.frames);
+  const FrameRange frames = parse_frame_range(options.frames);
   SceneOptions scene;
   scene.cameras = options.cameras;
   scene.first_frame = frames.first;
