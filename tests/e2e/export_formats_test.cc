@@ -148,6 +148,81 @@ TEST_F(ExportFormats, TransformsComeBackWithTheSameRays) {
   EXPECT_EQ(recording.reader->read_points(recording).size(), 36u);
 }
 
+// Poses of every image in the first frame's body, which both worlds have.
+void expect_same_poses(const fs::path& drive, const fs::path& out,
+                       const std::map<std::string, std::string>& names) {
+  const Scene before = make_scene(open_recording(drive), {}),
+              after = make_scene(open_recording(out), {});
+  ASSERT_EQ(after.rig.size(), names.size());
+  for (const View& view : after.views) {
+    const std::string& was = names.at(after.rig[view.camera].name);
+    const std::int64_t id = after.frames[view.frame].id;
+    const View* same = find_view(before, tiny_image("", was, static_cast<int>(id)).stem());
+    ASSERT_TRUE(same) << id;
+    const Rigid3d expected = before.world_from_camera(*same), found = after.world_from_camera(view);
+    EXPECT_LT((expected.translation() - found.translation()).norm(), 1e-6) << view.image;
+    EXPECT_LT((expected.linear() - found.linear()).norm(), 1e-6) << view.image;
+  }
+}
+
+TEST_F(ExportFormats, Kitti360ComesBackAndTrains) {
+  const ProgramResult ended = exported(drive_, "kitti360");
+  ASSERT_EQ(ended.exit_code, kExitOk) << ended.out << ended.err;
+  EXPECT_THAT(
+      ended.out,
+      AllOf(HasSubstr("4 frames, poses as recorded"), HasSubstr("changed: M_FISHEYE_L is image_02"),
+            HasSubstr("not exported: rolling shutter of image_0"),
+            HasSubstr("not exported: the static point cloud"), HasSubstr("not ECEF")));
+  const bool front_first =
+      ended.out.find(std::string(kTinyFront) + " is image_00") != std::string::npos;
+  expect_same_poses(drive_, out_,
+                    {{front_first ? "image_00" : "image_01", kTinyFront},
+                     {front_first ? "image_01" : "image_00", kTinyRear},
+                     {"image_02", kTinyLeft}});
+  const ProgramResult table = redrive({"inspect", out_.string()});
+  EXPECT_EQ(table.exit_code, kExitOk) << table.out << table.err;
+  EXPECT_THAT(table.out, HasSubstr("(kitti360)"));
+  const ProgramResult trained =
+      redrive({"train", out_.string(), "--out", (folder_ / "run").string(), "--method", "nerf",
+               "--width", "32", "--samples", "12", "--batch", "128", "--max-steps", "2",
+               "--threads", "2", "--frames", "101:103"});
+  EXPECT_EQ(trained.exit_code, kExitOk) << trained.out << trained.err;
+}
+
+TEST_F(ExportFormats, AimotiveKeepsWhatTheRunUses) {
+  const fs::path run = trained("run", 2, {"--cameras", kTinyFront});
+  const ProgramResult ended = exported(run, "aimotive");
+  ASSERT_EQ(ended.exit_code, kExitOk) << ended.out << ended.err;
+  EXPECT_THAT(ended.out,
+              AllOf(HasSubstr("4 frames, poses of the run"), HasSubstr("not exported: the field")));
+  const Recording recording = open_recording(out_);
+  ASSERT_EQ(recording.cameras.size(), 1u);
+  EXPECT_EQ(recording.cameras[0].calibration.time_offset_ns, 20'000'000);
+  EXPECT_EQ(recording.reader->read_points(recording).size(), 36u);
+  EXPECT_EQ(exported(run, "aimotive", {"--force", "--frames", "101:102"}).exit_code, kExitUsage);
+}
+
+TEST_F(ExportFormats, FramesOfARecording) {
+  ASSERT_EQ(exported(drive_, "aimotive", {"--frames", "101:102"}).exit_code, kExitOk);
+  const Recording part = open_recording(out_);
+  ASSERT_EQ(part.frames.size(), 2u);
+  EXPECT_EQ(part.frames[0].id, 101);
+  // Poses of these frames alone, as align --frames writes them, restrict the recording to them.
+  fs::create_directories(folder_ / "poses/sensor");
+  fs::copy(out_ / "sensor/gnssins", folder_ / "poses/sensor/gnssins");
+  fs::copy(out_ / "sensor/calibration", folder_ / "poses/sensor/calibration");
+  const ProgramResult ended =
+      exported(drive_, "aimotive", {"--force", "--poses", (folder_ / "poses").string()});
+  ASSERT_EQ(ended.exit_code, kExitOk) << ended.err;
+  EXPECT_THAT(ended.out, HasSubstr("2 frames, poses of --poses"));
+  const ProgramResult inspected =
+      redrive({"inspect", drive_.string(), "--json", "--frames", ":101"});
+  EXPECT_EQ(nlohmann::json::parse(inspected.out).at("frames").at("count"), 2);
+  const ProgramResult none = redrive({"inspect", drive_.string(), "--frames", "7:8"});
+  EXPECT_EQ(none.exit_code, kExitUsage);
+  EXPECT_THAT(none.err, HasSubstr("100:103"));
+}
+
 TEST_F(ExportFormats, RunsKeepTheirPosesAndTheirSplit) {
   const fs::path run = trained("run", 20, {"--holdout-every", "2", "--cameras", kTinyFront});
   const ProgramResult ended = exported(run, "transforms");

@@ -12,10 +12,12 @@
 #include "redrive/base/output_folder.h"
 #include "redrive/cli/backend_options.h"
 #include "redrive/cli/command.h"
+#include "redrive/cli/frames_option.h"
 #include "redrive/cli/image_progress.h"
 #include "redrive/cli/output_file.h"
 #include "redrive/cli/training.h"
 #include "redrive/cli/without_model.h"
+#include "redrive/export/drive.h"
 #include "redrive/export/field_mesh.h"
 #include "redrive/export/field_points.h"
 #include "redrive/export/surface_mesh.h"
@@ -34,12 +36,19 @@ namespace redrive {
 namespace {
 
 struct ExportCommandOptions {
-  std::string from, format, out;
+  std::string from, format, out, frames, poses;
   bool force = false;
   ExportOptions encode;
   double voxel_m = 0;
   kernels::BackendChoice backend;
 };
+
+/// Throws UsageError if options of recordings are given.
+void refuse_part_of_run(const ExportCommandOptions& options) {
+  const char* rule = "is for recordings; a run has frames and poses of its own";
+  if (!options.frames.empty()) throw UsageError("--frames", options.frames, rule);
+  if (!options.poses.empty()) throw UsageError("--poses", options.poses, rule);
+}
 
 /// A run or a recording to export.
 struct Source {
@@ -47,10 +56,16 @@ struct Source {
   Run run;
 };
 
-Source open_source(const std::string& folder) {
+Source open_source(const ExportCommandOptions& options) {
   constexpr int kDownscale = 2;  // of the images that points take colours from
-  if (is_run_folder(folder)) return {true, open_run(folder)};
-  return {false, open_without_model(folder, kDownscale)};
+  if (!is_run_folder(options.from))
+    return {false, open_without_model(options.from, kDownscale, options.frames, options.poses)};
+  refuse_part_of_run(options);
+  return {true, open_run(options.from)};
+}
+
+const char* poses_of(const ExportCommandOptions& options, const Source& source) {
+  return source.is_run ? "of the run" : options.poses.empty() ? "as recorded" : "of --poses";
 }
 
 /// Returns the recording's points of the static world with colours of its images.
@@ -78,7 +93,7 @@ template <class Write>
 int export_photos(const ExportCommandOptions& options, bool (*has_camera)(const CameraCalibration&),
                   const Write& write) {
   check_output_folder("OUT", options.out, options.force);
-  const Source source = open_source(options.from);
+  const Source source = open_source(options);
   const PhotoSet set = make_photo_set(source.run.recording, source.run.scene, has_camera);
   ThreadPool pool(options.backend.threads > 0 ? options.backend.threads : hardware_threads());
   const PointCloud points = recorded_points(source.run, pool);
@@ -86,10 +101,10 @@ int export_photos(const ExportCommandOptions& options, bool (*has_camera)(const 
   write_output_folder(options.out, [&](const std::filesystem::path& folder) {
     write(folder, set, points, pool, stop);
   });
-  std::printf("%s: %s of %s%s\nworld: %s\n", options.out.c_str(),
+  std::printf("%s: %s of %s, poses %s\nworld: %s\n", options.out.c_str(),
               counted(set.photos.size(), "image").c_str(),
-              counted(set.cameras.size(), "camera").c_str(),
-              source.is_run ? ", poses of the run" : ", poses as recorded", set.world.c_str());
+              counted(set.cameras.size(), "camera").c_str(), poses_of(options, source),
+              set.world.c_str());
   print_points(points);
   for (const std::string& what : set.left_out) std::printf("not exported: %s\n", what.c_str());
   if (write == write_transforms && has_two_kinds_of_lenses(set))
@@ -106,9 +121,37 @@ int export_transforms(const ExportCommandOptions& options) {
   return export_photos(options, is_transforms_camera, write_transforms);
 }
 
+/// Folders of drives.
+template <class Write>
+int export_drive(const ExportCommandOptions& options, const Write& write) {
+  check_output_folder("OUT", options.out, options.force);
+  const Source source = open_source(options);
+  const Recording drive = drive_of_scene(source.run.recording, source.run.scene);
+  ThreadPool pool(options.backend.threads > 0 ? options.backend.threads : hardware_threads());
+  const std::atomic<bool>& stop = stop_on_signal();
+  DriveNotes notes;
+  write_output_folder(options.out, [&](const std::filesystem::path& folder) {
+    notes = write(folder, drive, pool, stop);
+  });
+  std::printf("%s: %s, poses %s\n", options.out.c_str(),
+              counted(drive.frames.size(), "frame").c_str(), poses_of(options, source));
+  if (source.is_run) notes.left_out.emplace_back("the field, exposures and masks of the run");
+  for (const std::string& what : notes.changed) std::printf("changed: %s\n", what.c_str());
+  for (const std::string& what : notes.left_out) std::printf("not exported: %s\n", what.c_str());
+  return kExitOk;
+}
+
+int export_kitti360(const ExportCommandOptions& options) {
+  return export_drive(options, write_kitti360);
+}
+
+int export_aimotive(const ExportCommandOptions& options) {
+  return export_drive(options, write_aimotive);
+}
+
 int export_ply(const ExportCommandOptions& options) {
   check_output_file("OUT", options.out, options.force);
-  const Source source = open_source(options.from);
+  const Source source = open_source(options);
   std::string bytes;
   if (source.is_run) {
     const auto backend = make_backend_of(source.run, options.backend);
@@ -144,6 +187,7 @@ std::string (*mesh_writer(const std::string& file))(const TriangleMesh&) {
 
 int export_mesh(const ExportCommandOptions& options) {
   check_output_file("OUT", options.out, options.force);
+  refuse_part_of_run(options);
   const auto write = mesh_writer(options.out);
   if (const auto obstacle = mesh_obstacle()) throw UsageError("--to", "mesh", *obstacle);
   const Run run = open_run(options.from);
@@ -168,6 +212,7 @@ int export_mesh(const ExportCommandOptions& options) {
 
 int export_html(const ExportCommandOptions& options) {
   check_output_file("OUT", options.out, options.force);
+  refuse_part_of_run(options);
   const std::string bytes = view::scene_page(open_run(options.from), options.encode.sh_degree);
   write_file(options.out, bytes);
   std::printf("%s: %.1f MB\n", options.out.c_str(), 1e-6 * static_cast<double>(bytes.size()));
@@ -188,6 +233,7 @@ ExportFormat find_format(const Model& model, const std::string& name) {
 
 int export_model(const ExportCommandOptions& options) {
   check_output_file("OUT", options.out, options.force);
+  refuse_part_of_run(options);
   const Run run = open_run(options.from);
   const std::string bytes = find_format(*run.state.model, options.format).encode(options.encode);
   write_file(options.out, bytes);
@@ -211,6 +257,14 @@ constexpr Format kFormats[] = {
      "a folder with images and nerfstudio's transforms.json, and LiDAR points as PLY "
      "(runs and recordings)",
      export_transforms},
+    {"kitti360",
+     "a folder with a drive in KITTI-360's layout: two pinholes, two fisheyes, poses, LiDAR and "
+     "boxes (runs and recordings of drives)",
+     export_kitti360},
+    {"aimotive",
+     "a folder with a drive in aiMotive's layout: all cameras, poses, LiDAR and boxes (runs and "
+     "recordings of drives)",
+     export_aimotive},
     {"ply",
      "a point cloud with colours and normals: of a run's rendered depth, or of a recording's "
      "LiDAR",
@@ -260,6 +314,9 @@ Action configure_export(CLI::App& command) {
       ->check(CLI::Range(0.001, 100.0));
   command.add_flag("--force", options->force,
                    "overwrites an existing file, or a folder of an earlier export");
+  add_frames_option(command, &options->frames);
+  command.add_option("--poses", options->poses,
+                     "of a recording: folder with poses and calibration, as align writes it");
   add_backend_options(command, &options->backend);
   return [options] { return run_export(*options); };
 }

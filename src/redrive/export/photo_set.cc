@@ -33,18 +33,6 @@ CameraCalibration plain_camera_for(const CameraCalibration& calibration, const C
   return plain;
 }
 
-PhotoCamera photo_camera(const Recording& recording, const RigCamera& rig,
-                         const std::function<bool(const CameraCalibration&)>& has_model) {
-  const RecordedCamera* recorded = recording.find_camera(rig.name);
-  REDRIVE_CHECK(recorded);
-  PhotoCamera out{recorded->calibration, rig.recorded, rig.recorded};
-  if (has_model(out.calibration)) return out;
-  out.resampled = true;
-  out.calibration = plain_camera_for(out.calibration, rig.recorded);
-  out.camera = make_camera(out.calibration);
-  return out;
-}
-
 void list_left_out(const Recording& recording, const Scene& scene, PhotoSet* set) {
   std::string offsets, rolling;
   const auto add = [](const std::string& name, std::string* list) {
@@ -76,6 +64,17 @@ void list_left_out(const Recording& recording, const Scene& scene, PhotoSet* set
 
 }  // namespace
 
+PhotoCamera photo_camera(const CameraCalibration& recorded,
+                         const std::function<bool(const CameraCalibration&)>& has_model) {
+  const Camera camera = make_camera(recorded);
+  PhotoCamera out{recorded, camera, camera};
+  if (has_model(out.calibration)) return out;
+  out.resampled = true;
+  out.calibration = plain_camera_for(out.calibration, camera);
+  out.camera = make_camera(out.calibration);
+  return out;
+}
+
 PhotoSet make_photo_set(const Recording& recording, const Scene& scene,
                         const std::function<bool(const CameraCalibration&)>& has_model) {
   PhotoSet set;
@@ -84,7 +83,7 @@ PhotoSet make_photo_set(const Recording& recording, const Scene& scene,
                                  std::to_string(recording.frames.front().id)
                            : "the recording's own axes";
   for (const RigCamera& rig : scene.rig)
-    set.cameras.push_back(photo_camera(recording, rig, has_model));
+    set.cameras.push_back(photo_camera(recording.find_camera(rig.name)->calibration, has_model));
   std::set<std::filesystem::path> names;
   for (const View& view : scene.views) {
     const PhotoCamera& camera = set.cameras[view.camera];

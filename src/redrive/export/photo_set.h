@@ -37,6 +37,11 @@ struct PhotoSet {
   std::vector<std::string> left_out;  ///< what the set cannot say, or says in another way
 };
 
+/// A camera whose images are written: as recorded where `has_model` allows it, else one that COLMAP
+/// and nerfstudio have, at the same place with the same size, to which images are resampled.
+PhotoCamera photo_camera(const CameraCalibration& recorded,
+                         const std::function<bool(const CameraCalibration&)>& has_model);
+
 /// Returns the views of a scene as photographs at the size they were recorded with. The world of a
 /// drive is the scene's; other recordings keep their own. `has_model` says whether the format has
 /// exactly this camera: images of others are to be resampled to a pinhole without distortion, or,

@@ -22,12 +22,6 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::json;
 
-void make_folders(const fs::path& folder) {
-  std::error_code error;
-  fs::create_directories(folder, error);
-  if (error) throw IoError(folder, error.message());
-}
-
 fs::path mask_name(const Photo& photo) {
   return fs::path("masks") / (photo.name.string() + ".png");
 }
@@ -62,7 +56,7 @@ void write_mask(const fs::path& file, int width, int height,
 }
 
 /// Writes the photo's mask if it has one.
-void write_photo_mask(const fs::path& folder, const Photo& photo, const Resampling* resampling) {
+void write_photo_mask(const fs::path& masks, const Photo& photo, const Resampling* resampling) {
   std::optional<Image8> mask;
   if (!photo.mask.path.empty()) mask = read_image(photo.mask.path);
   if (!mask && (!resampling || resampling->sees_all)) return;
@@ -84,37 +78,7 @@ void write_photo_mask(const fs::path& folder, const Photo& photo, const Resampli
     for (std::size_t i = 0; i < used.size(); ++i)
       used[i] = used[i] == 255 && resampling->seen[i] ? 255 : 0;
   }
-  write_mask(folder / mask_name(photo), width, height, used);
-}
-
-/// Copies or resamples the images, and writes masks.
-void write_images(const fs::path& folder, const PhotoSet& set, ThreadPool& pool,
-                  const std::atomic<bool>& stop) {
-  std::vector<std::optional<Resampling>> resampling(set.cameras.size());
-  pool.run(static_cast<int>(set.cameras.size()), [&](int c) {
-    if (set.cameras[c].resampled) resampling[c] = make_resampling(set.cameras[c]);
-  });
-  for (const Photo& photo : set.photos)
-    make_folders((folder / "images" / photo.name).parent_path());
-  pool.run(static_cast<int>(set.photos.size()), [&](int i) {
-    if (stop) throw Interrupted();
-    const Photo& photo = set.photos[i];
-    const Resampling* how = resampling[photo.camera] ? &*resampling[photo.camera] : nullptr;
-    const fs::path out = folder / "images" / photo.name;
-    if (how) {
-      const Image8 recorded = read_image(photo.source);
-      const Camera& camera = set.cameras[photo.camera].recorded;
-      if (recorded.width != camera.width || recorded.height != camera.height)
-        throw InputError(photo.source, "size", size_text(recorded.width, recorded.height),
-                         "the calibration has " + size_text(camera.width, camera.height));
-      Image8 image{how->map.width, how->map.height, {}, {}, {}};
-      image.rgb = resample(how->map, recorded.rgb, recorded.width, recorded.height, 3, 0);
-      write_image(out, image);
-    } else {
-      write_file(out, read_file(photo.source));
-    }
-    write_photo_mask(folder, photo, how);
-  });
+  write_mask(masks / (photo.name.string() + ".png"), width, height, used);
 }
 
 /// nerfstudio wants a mask of every photo or of none: where some have one, gives the others a white
@@ -173,6 +137,42 @@ json matrix_json(const Rigid3d& world_from_camera) {
 
 }  // namespace
 
+void make_folders(const fs::path& folder) {
+  std::error_code error;
+  fs::create_directories(folder, error);
+  if (error) throw IoError(folder, error.message());
+}
+
+void write_images(const fs::path& images, const fs::path& masks, const PhotoSet& set,
+                  ThreadPool& pool, const std::atomic<bool>& stop) {
+  std::vector<std::optional<Resampling>> resampling(set.cameras.size());
+  pool.run(static_cast<int>(set.cameras.size()), [&](int c) {
+    if (set.cameras[c].resampled) resampling[c] = make_resampling(set.cameras[c]);
+  });
+  for (const Photo& photo : set.photos) make_folders((images / photo.name).parent_path());
+  pool.run(static_cast<int>(set.photos.size()), [&](int i) {
+    if (stop) throw Interrupted();
+    const Photo& photo = set.photos[i];
+    const Resampling* how = resampling[photo.camera] ? &*resampling[photo.camera] : nullptr;
+    const fs::path out = images / photo.name;
+    if (how) {
+      const Image8 recorded = read_image(photo.source);
+      const Camera& camera = set.cameras[photo.camera].recorded;
+      if (recorded.width != camera.width || recorded.height != camera.height)
+        throw InputError(photo.source, "size", size_text(recorded.width, recorded.height),
+                         "the calibration has " + size_text(camera.width, camera.height));
+      Image8 image{how->map.width, how->map.height, {}, {}, {}};
+      image.rgb = resample(how->map, recorded.rgb, recorded.width, recorded.height, 3, 0);
+      write_image(out, image);
+    } else if (out.extension() == photo.source.extension()) {
+      write_file(out, read_file(photo.source));
+    } else {
+      write_image(out, read_image(photo.source));
+    }
+    if (!masks.empty()) write_photo_mask(masks, photo, how);
+  });
+}
+
 std::size_t exported_every(const PointCloud& points) {
   return std::max<std::size_t>(1, (points.n + kMaxExportedPoints - 1) / kMaxExportedPoints);
 }
@@ -193,7 +193,7 @@ bool has_two_kinds_of_lenses(const PhotoSet& set) {
 
 void write_colmap(const fs::path& folder, const PhotoSet& set, const PointCloud& points,
                   ThreadPool& pool, const std::atomic<bool>& stop) {
-  write_images(folder, set, pool, stop);
+  write_images(folder / "images", folder / "masks", set, pool, stop);
   std::vector<colmap::CameraRecord> cameras;
   for (const PhotoCamera& camera : set.cameras) {
     cameras.push_back(*colmap::to_record(camera.calibration));
@@ -223,7 +223,7 @@ void write_colmap(const fs::path& folder, const PhotoSet& set, const PointCloud&
 
 void write_transforms(const fs::path& folder, const PhotoSet& set, const PointCloud& points,
                       ThreadPool& pool, const std::atomic<bool>& stop) {
-  write_images(folder, set, pool, stop);
+  write_images(folder / "images", folder / "masks", set, pool, stop);
   add_missing_masks(folder, set, pool);
   json document = json::object();
   if (set.cameras.size() == 1)

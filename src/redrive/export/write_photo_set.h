@@ -23,6 +23,14 @@ bool is_transforms_camera(const CameraCalibration& calibration);
 /// one set.
 bool has_two_kinds_of_lenses(const PhotoSet& set);
 
+/// Writes the photos by their names below `images`: copies of the recorded files where neither lens
+/// nor extension differ. Writes masks (<name>.png, black is masked) below `masks`, none if that is
+/// empty. Throws as write_colmap.
+void write_images(const std::filesystem::path& images, const std::filesystem::path& masks,
+                  const PhotoSet& set, ThreadPool& pool, const std::atomic<bool>& stop);
+/// Creates a folder and those above it. IoError.
+void make_folders(const std::filesystem::path& folder);
+
 /// Writes images/, masks/ (COLMAP's names, <image>.png, black is masked) and sparse/0 with cameras,
 /// images and points3D as .bin and .txt. `points`: in the scene's world. InputError for an image
 /// that cannot be read, IoError, Interrupted once `stop` is set.

@@ -1,0 +1,68 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/export/drive.h"
+
+#include <algorithm>
+
+#include "redrive/base/error.h"
+#include "redrive/recording/trajectory.h"
+
+namespace redrive {
+
+Recording drive_of_scene(const Recording& recording, const Scene& scene) {
+  if (!recording.metric)
+    throw InputError(recording.root, "", "",
+                     "photographs have neither metres nor times, which a drive needs; export them "
+                     "--to colmap or --to transforms");
+  Recording drive = recording;
+  const std::int64_t first = scene.frames.front().id, last = scene.frames.back().id;
+  const auto outside = [&](std::int64_t id) { return id < first || id > last; };
+  std::erase_if(drive.frames, [&](const FramePose& frame) { return outside(frame.id); });
+  for (std::vector<FrameFile>* files : {&drive.lidar_files, &drive.box_files})
+    std::erase_if(*files, [&](const FrameFile& file) { return outside(file.frame_id); });
+  drive.cameras.clear();
+  for (std::size_t c = 0; c < scene.rig.size(); ++c) {
+    const RigCamera& rig = scene.rig[c];
+    RecordedCamera camera{recording.find_camera(rig.name)->calibration, {}};
+    camera.calibration.body_from_sensor = rig.body_from_sensor;
+    camera.calibration.time_offset_ns = rig.time_offset_ns;
+    camera.calibration.readout_ns = rig.readout_ns;
+    for (const View& view : scene.views)
+      if (view.camera == static_cast<int>(c)) {
+        ImageFile image;
+        image.frame_id = scene.frames[static_cast<std::size_t>(view.frame)].id;
+        image.path = view.image;
+        image.mask = view.mask;
+        camera.images.push_back(image);
+      }
+    if (!camera.images.empty()) drive.cameras.push_back(std::move(camera));
+  }
+  return drive;
+}
+
+Eigen::Vector3d velocity_in_global(const Box& box, const std::vector<FramePose>& frames) {
+  return pose_at(frames, box.t_ns).linear() * box.velocity_in_body_m_per_s +
+         velocity_at(frames, box.t_ns);
+}
+
+Rigid3d global_from_box_at(const Box& box, const std::vector<FramePose>& frames,
+                           std::int64_t t_ns) {
+  Rigid3d pose = pose_at(frames, box.t_ns) * box.body_from_box;
+  if (t_ns != box.t_ns)
+    pose.translation() +=
+        1e-9 * static_cast<double>(t_ns - box.t_ns) * velocity_in_global(box, frames);
+  return pose;
+}
+
+void note_left_out(const Recording& drive, DriveNotes* notes) {
+  const bool masked = std::ranges::any_of(drive.cameras, [](const RecordedCamera& camera) {
+    return std::ranges::any_of(camera.images,
+                               [](const ImageFile& image) { return !image.mask.path.empty(); });
+  });
+  if (masked) notes->left_out.emplace_back("masks of images");
+  if (!drive.novel.empty()) notes->left_out.emplace_back("novel views with their ground truth");
+  if (!drive.ground_truth_frames.empty()) notes->left_out.emplace_back("ground-truth poses");
+  if (!drive.lidar_files.empty() && !drive.body_from_lidar)
+    notes->left_out.emplace_back("LiDAR, since the place of its sensor is unknown");
+}
+
+}  // namespace redrive

@@ -1,0 +1,54 @@
+// SPDX-License-Identifier: Apache-2.0
+// A recording as a drive in the format of a data set: rig, trajectory, LiDAR and boxes, as it was
+// recorded, aligned or refined. What does not fit is listed.
+#pragma once
+
+#include <atomic>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "redrive/base/parallel.h"
+#include "redrive/export/photo_set.h"
+#include "redrive/recording/recording_reader.h"
+#include "redrive/scene/scene.h"
+
+namespace redrive {
+
+/// Messages about an export.
+struct DriveNotes {
+  std::vector<std::string> changed;   ///< what is written in another way
+  std::vector<std::string> left_out;  ///< what is not written
+};
+
+/// Returns the part of a recording that its scene uses, with the scene's extrinsics and time
+/// offsets. Poses, LiDAR and boxes are those from the scene's first to its last frame. InputError
+/// for photographs, which have neither metres nor times.
+Recording drive_of_scene(const Recording& recording, const Scene& scene);
+
+/// Adds the image files of a camera to a set of photos: `name(frame id)` is their new path.
+template <class Name>
+void add_photos(const RecordedCamera& camera, const Name& name, PhotoSet* set) {
+  for (const ImageFile& image : camera.images)
+    set->photos.push_back({name(image), image.path, static_cast<int>(set->cameras.size()) - 1,
+                           Rigid3d::Identity(), image.mask, image.held_out});
+}
+
+/// Velocity of a box in the global frame, m/s, and its pose there at t_ns.
+Eigen::Vector3d velocity_in_global(const Box& box, const std::vector<FramePose>& frames);
+Rigid3d global_from_box_at(const Box& box, const std::vector<FramePose>& frames, std::int64_t t_ns);
+
+/// Notes about what formats of drives do not have: rolling shutters, other poses, novel views.
+void note_left_out(const Recording& drive, DriveNotes* notes);
+
+/// Writes KITTI-360's layout (recording/kitti360.h) with up to two perspective cameras and two
+/// fisheyes. InputError for a file that cannot be read and a drive without such a camera; IoError;
+/// Interrupted once `stop` is set.
+DriveNotes write_kitti360(const std::filesystem::path& folder, const Recording& drive,
+                          ThreadPool& pool, const std::atomic<bool>& stop);
+
+/// Writes aiMotive's layout (recording/aimotive.h). Throws as write_kitti360.
+DriveNotes write_aimotive(const std::filesystem::path& folder, const Recording& drive,
+                          ThreadPool& pool, const std::atomic<bool>& stop);
+
+}  // namespace redrive

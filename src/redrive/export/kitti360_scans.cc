@@ -1,0 +1,212 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/export/kitti360_scans.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <optional>
+
+#include "redrive/base/error.h"
+#include "redrive/base/files.h"
+#include "redrive/export/write_photo_set.h"
+#include "redrive/recording/trajectory.h"
+#include "redrive/recording/wording.h"
+#include "redrive/scene/lidar_returns.h"
+
+namespace redrive {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr float kMostIntensity = 255;
+constexpr std::int64_t kOtherTime_ns = 1'000'000;    // further off is told
+constexpr std::int64_t kSameFrame_ns = 200'000'000;  // of readers
+constexpr double kMostCoordinate_m = 1000;           // of readers
+
+struct Scan {
+  FrameFile file;
+  const FrameFile* before = nullptr;  ///< whose points may be repeated
+  std::int64_t id = 0, middle_ns = 0;
+};
+
+struct Counts {
+  std::size_t repeated = 0, far = 0, bright = 0, unseen = 0;
+  std::int64_t most_ns = 0;  ///< by which a point's time changes
+};
+
+std::vector<LidarPoint> new_points(const Recording& drive, const Scan& scan, Counts* counts) {
+  std::vector<LidarPoint> points = drive.reader->read_lidar(scan.file);
+  if (!scan.before) return points;
+  const std::vector<std::uint8_t> repeated =
+      mark_repeated(points, drive.reader->read_lidar(*scan.before));
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < points.size(); ++i)
+    if (!repeated[i]) points[kept++] = points[i];
+  counts->repeated += points.size() - kept;
+  points.resize(kept);
+  return points;
+}
+
+/// Middle of the times of a scan's points; nothing without points.
+std::optional<std::int64_t> middle_ns(const std::vector<LidarPoint>& points) {
+  if (points.empty()) return std::nullopt;
+  const auto [first, last] = std::ranges::minmax_element(points, {}, &LidarPoint::t_ns);
+  return first->t_ns + (last->t_ns - first->t_ns) / 2;
+}
+
+/// Records of the points where they were seen at the time of their azimuth.
+std::string make_scan(const std::vector<LidarPoint>& points, const kitti::ScanTime& time,
+                      const std::vector<FramePose>& drive_frames,
+                      const std::vector<FramePose>& frames, const Rigid3d& body_from_velodyne,
+                      Counts* counts) {
+  constexpr int kIterations = 6;  // the car moves far less than the points are away
+  const std::int64_t column_ns = 1 + (time.end_ns - time.start_ns) / kitti::kScanColumns;
+  std::string bytes;
+  for (const LidarPoint& point : points) {
+    const Eigen::Vector3d in_global =
+        pose_at(drive_frames, point.t_ns) * point.in_body_m.cast<double>();
+    std::int64_t t_ns = point.t_ns, off_ns = 1;
+    Eigen::Vector3d in_velodyne;
+    for (int i = 0; i < kIterations && off_ns != 0; ++i) {
+      in_velodyne =
+          (pose_at(frames, t_ns) * body_from_velodyne).inverse(Eigen::Isometry) * in_global;
+      const std::int64_t seen_ns = kitti::time_of_point(time, in_velodyne.x(), in_velodyne.y());
+      off_ns = std::abs(seen_ns - t_ns);
+      t_ns = seen_ns;
+    }
+    // Between two columns the time may alternate. Where a revolution ends and the next begins, a
+    // turning car leaves directions that the scanner never looks into.
+    if (off_ns > column_ns) {
+      ++counts->unseen;
+      continue;
+    }
+    if (!(in_velodyne.cwiseAbs().maxCoeff() <= kMostCoordinate_m)) {
+      ++counts->far;
+      continue;
+    }
+    counts->most_ns = std::max(counts->most_ns, std::abs(t_ns - point.t_ns));
+    counts->bright += point.intensity > kMostIntensity;
+    const Eigen::Vector4f record(static_cast<float>(in_velodyne.x()),
+                                 static_cast<float>(in_velodyne.y()),
+                                 static_cast<float>(in_velodyne.z()),
+                                 std::min<float>(point.intensity, kMostIntensity) / kMostIntensity);
+    bytes.append(reinterpret_cast<const char*>(record.data()), kitti::kScanRecordBytes);
+  }
+  return bytes;
+}
+
+/// The Velodyne's axes: x forward and z up, as its azimuth needs, at the LiDAR's place.
+Rigid3d body_from_velodyne_of(const Rigid3d& body_from_lidar) {
+  constexpr double kNear = 0.9;  // 26 degrees
+  if (body_from_lidar.linear()(0, 0) > kNear && body_from_lidar.linear()(2, 2) > kNear)
+    return body_from_lidar;
+  return Rigid3d(Eigen::Translation3d(body_from_lidar.translation()));
+}
+
+}  // namespace
+
+std::string kitti360_timestamps(const std::vector<std::pair<std::int64_t, std::int64_t>>& times) {
+  std::string text;
+  std::int64_t line = 0;
+  for (const auto& [frame_id, t_ns] : times) {
+    for (; line < frame_id; ++line) text += "\n";
+    const std::chrono::sys_time<std::chrono::nanoseconds> time{std::chrono::nanoseconds(t_ns)};
+    const auto midnight = std::chrono::floor<std::chrono::days>(time);
+    const std::chrono::year_month_day date(midnight);
+    const std::int64_t ns = (time - midnight).count(), s = ns / 1'000'000'000;
+    char words[96];
+    std::snprintf(words, sizeof words, "%04d-%02u-%02u %02d:%02d:%02d.%09d\n", int(date.year()),
+                  unsigned(date.month()), unsigned(date.day()), static_cast<int>(s / 3600),
+                  static_cast<int>(s / 60 % 60), static_cast<int>(s % 60),
+                  static_cast<int>(ns % 1'000'000'000));
+    text += words;
+    ++line;
+  }
+  return text;
+}
+
+void write_kitti360_scans(const kitti360::Layout& layout, const Recording& drive,
+                          const std::vector<FramePose>& frames, std::int64_t earlier_ids,
+                          const Rigid3d& body_from_first_camera, ThreadPool& pool,
+                          const std::atomic<bool>& stop, DriveNotes* notes) {
+  std::vector<Scan> scans;
+  std::size_t left_out = 0;
+  for (const FrameFile& file : drive.lidar_files) {
+    const std::int64_t id = file.frame_id - earlier_ids;
+    if (!std::ranges::binary_search(frames, id, {}, &FramePose::id)) {
+      ++left_out;
+      continue;
+    }
+    const FrameFile* before = &file == drive.lidar_files.data() ? nullptr : &file - 1;
+    scans.push_back({file, before, id, 0});
+  }
+  std::vector<Counts> counts(scans.size());
+  pool.run(static_cast<int>(scans.size()), [&](int s) {
+    if (stop) throw Interrupted();
+    Scan& scan = scans[static_cast<std::size_t>(s)];
+    Counts ignored;
+    const auto frame = std::ranges::lower_bound(frames, scan.id, {}, &FramePose::id);
+    scan.middle_ns = middle_ns(new_points(drive, scan, &ignored)).value_or(frame->t_ns);
+  });
+  left_out += std::erase_if(scans, [&](const Scan& scan) {
+    const auto frame = std::ranges::lower_bound(frames, scan.id, {}, &FramePose::id);
+    return std::abs(scan.middle_ns - frame->t_ns) > kSameFrame_ns;
+  });
+  std::vector<std::pair<std::int64_t, std::int64_t>> times;
+  for (const Scan& scan : scans) times.emplace_back(scan.id, scan.middle_ns);
+  make_folders(layout.velodyne() / "data");
+  const fs::path times_file = layout.velodyne() / "timestamps.txt";
+  write_file(times_file, kitti360_timestamps(times));
+  const std::int64_t revolution_ns = kitti360::revolution_ns(kitti::Timestamps(times_file));
+
+  const Rigid3d body_from_velodyne = body_from_velodyne_of(*drive.body_from_lidar);
+  pool.run(static_cast<int>(scans.size()), [&](int s) {
+    if (stop) throw Interrupted();
+    const Scan& scan = scans[static_cast<std::size_t>(s)];
+    Counts& own = counts[static_cast<std::size_t>(s)];
+    char name[32];
+    std::snprintf(name, sizeof name, "%010lld.bin", static_cast<long long>(scan.id));
+    write_file(
+        layout.velodyne() / "data" / name,
+        make_scan(new_points(drive, scan, &own), kitti360::scan_at(scan.middle_ns, revolution_ns),
+                  drive.frames, frames, body_from_velodyne, &own));
+  });
+  const Rigid3d velodyne_from_camera =
+      body_from_velodyne.inverse(Eigen::Isometry) * body_from_first_camera;
+  std::string text;
+  for (int i = 0; i < 12; ++i) {
+    char word[40];
+    std::snprintf(word, sizeof word, i == 0 ? "%.17g" : " %.17g",
+                  velodyne_from_camera.matrix()(i / 4, i % 4));
+    text += word;
+  }
+  write_file(layout.calibration() / "calib_cam_to_velo.txt", text + "\n");
+
+  Counts sum;
+  for (const Counts& own : counts) {
+    sum.repeated += own.repeated, sum.far += own.far, sum.bright += own.bright;
+    sum.unseen += own.unseen;
+    sum.most_ns = std::max(sum.most_ns, own.most_ns);
+  }
+  if (sum.most_ns > kOtherTime_ns)
+    notes->changed.push_back("LiDAR points have the time of their azimuth, up to " +
+                             std::to_string(sum.most_ns / 1'000'000) +
+                             " ms off their own; each stays where it is in the world");
+  if (sum.bright > 0)
+    notes->changed.push_back("intensities of " + counted(sum.bright, "LiDAR point") +
+                             " above 255 become 255");
+  if (sum.repeated > 0)
+    notes->left_out.push_back(counted(sum.repeated, "LiDAR point") +
+                              " that a revolution repeats of the one before");
+  if (sum.far > 0)
+    notes->left_out.push_back(counted(sum.far, "LiDAR point") + " further than 1000 m away");
+  if (sum.unseen > 0)
+    notes->left_out.push_back(counted(sum.unseen, "LiDAR point") +
+                              " behind the car, where one revolution ends and the next begins");
+  if (left_out > 0)
+    notes->left_out.push_back(counted(left_out, "LiDAR revolution") +
+                              " without a pose, or 0.2 s off the images of its frame");
+}
+
+}  // namespace redrive

@@ -1,0 +1,130 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <cstdio>
+
+#include <nlohmann/json.hpp>
+
+#include "redrive/base/error.h"
+#include "redrive/base/files.h"
+#include "redrive/export/drive.h"
+#include "redrive/export/write_photo_set.h"
+#include "redrive/recording/aimotive_boxes.h"
+#include "redrive/recording/calibration_json.h"
+#include "redrive/recording/egomotion_json.h"
+#include "redrive/recording/las.h"
+#include "redrive/recording/ply.h"
+#include "redrive/recording/rigid_json.h"
+#include "redrive/recording/trajectory.h"
+
+namespace redrive {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr const char* kLidarName = "LIDAR";
+// Seconds and nanoseconds of times are doubles: 0.1 us of today's Unix time. Above this, whole days
+// are taken away.
+constexpr std::int64_t kLatest_ns = 1'000'000'000'000'000, kDay_ns = 86'400'000'000'000;
+
+std::string padded(std::int64_t frame_id) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%07lld", static_cast<long long>(frame_id));
+  return text;
+}
+
+nlohmann::json calibration_file(const Recording& drive) {
+  nlohmann::json sensors = nlohmann::json::object();
+  for (const RecordedCamera& camera : drive.cameras) {
+    nlohmann::json entry = calibration_to_json(camera.calibration);
+    const Eigen::Vector3d position = camera.calibration.body_from_sensor.translation();
+    entry["pos_meter"] = {position.x(), position.y(), position.z()};
+    sensors[camera.calibration.name] = entry;
+  }
+  if (drive.body_from_lidar)
+    sensors[kLidarName] = {{"sensor_type", "lidar"},
+                           {"RT_body_from_sensor", rigid_to_json(*drive.body_from_lidar)}};
+  return sensors;
+}
+
+void write_boxes(const fs::path& folder, const Recording& drive, std::int64_t earlier_ns) {
+  make_folders(folder);
+  for (const FrameFile& file : drive.box_files) {
+    std::vector<Box> boxes = drive.reader->read_boxes(file);
+    const auto frame = std::ranges::lower_bound(drive.frames, file.frame_id, {}, &FramePose::id);
+    if (frame == drive.frames.end() || frame->id != file.frame_id) continue;
+    // A file has one time: the boxes' own, or that of the frame.
+    const bool same =
+        std::ranges::all_of(boxes, [&](const Box& box) { return box.t_ns == boxes.front().t_ns; });
+    const std::int64_t t_ns = same && !boxes.empty() ? boxes.front().t_ns : frame->t_ns;
+    const Rigid3d body_from_global = pose_at(drive.frames, t_ns).inverse(Eigen::Isometry);
+    for (Box& box : boxes)
+      if (box.t_ns != t_ns)
+        box.body_from_box = body_from_global * global_from_box_at(box, drive.frames, t_ns);
+    write_file(folder / ("frame_" + padded(file.frame_id) + ".json"),
+               aimotive::boxes_to_json(t_ns - earlier_ns, boxes).dump(1) + "\n");
+  }
+}
+
+void write_points(const fs::path& file, const Recording& drive) {
+  const Rigid3d body_from_global = drive.frames.front().global_from_body.inverse(Eigen::Isometry);
+  std::vector<PlyPoint> points;
+  for (const StaticPoint& point : drive.reader->read_points(drive))
+    points.push_back({(body_from_global * point.in_global).cast<float>(), {0, 0, 0}, {}});
+  write_file(file, make_ply(points, /*normals=*/false));
+}
+
+}  // namespace
+
+DriveNotes write_aimotive(const fs::path& folder, const Recording& drive, ThreadPool& pool,
+                          const std::atomic<bool>& stop) {
+  DriveNotes notes;
+  PhotoSet photos;
+  for (const RecordedCamera& camera : drive.cameras) {
+    const std::string& name = camera.calibration.name;
+    photos.cameras.push_back(photo_camera(camera.calibration, [](const auto&) { return true; }));
+    add_photos(
+        camera,
+        [&](const ImageFile& image) {
+          return fs::path(name) /
+                 (name + "_" + padded(image.frame_id) + image.path.extension().string());
+        },
+        &photos);
+    if (camera.calibration.model != "opencv_pinhole" && camera.calibration.model != "mei")
+      notes.changed.push_back("the lens of " + name + " (" + camera.calibration.model +
+                              ") has a name that redrive alone reads");
+  }
+  write_images(folder / "sensor/camera", {}, photos, pool, stop);
+  make_folders(folder / "sensor/calibration");
+  write_file(folder / "sensor/calibration/calibration.json",
+             calibration_file(drive).dump(1) + "\n");
+
+  std::vector<FramePose> frames = drive.frames;
+  const std::int64_t earlier_ns =
+      frames.front().t_ns > kLatest_ns ? frames.front().t_ns / kDay_ns * kDay_ns : 0;
+  for (FramePose& frame : frames) frame.t_ns -= earlier_ns;
+  if (earlier_ns != 0)
+    notes.changed.emplace_back("times count from midnight (UTC) before the first frame");
+  make_folders(folder / "sensor/gnssins");
+  write_file(folder / "sensor/gnssins/egomotion2.json", egomotion_to_json(frames).dump(1) + "\n");
+
+  if (drive.body_from_lidar && !drive.lidar_files.empty()) {
+    const fs::path scans = folder / "dynamic/raw-revolutions";
+    make_folders(scans);
+    pool.run(static_cast<int>(drive.lidar_files.size()), [&](int f) {
+      if (stop) throw Interrupted();
+      const FrameFile& file = drive.lidar_files[static_cast<std::size_t>(f)];
+      std::vector<LidarPoint> points = drive.reader->read_lidar(file);
+      for (LidarPoint& point : points) point.t_ns -= earlier_ns;
+      write_file(scans / ("frame_" + padded(file.frame_id) + ".las"), make_las(points));
+    });
+  }
+  if (!drive.box_files.empty()) {
+    write_boxes(folder / "dynamic/box/3d_body", drive, earlier_ns);
+    notes.changed.emplace_back("people in boxes count as moving from 1 m/s on, as other objects");
+  }
+  if (!drive.points_file.empty()) write_points(folder / "points.ply", drive);
+  note_left_out(drive, &notes);
+  return notes;
+}
+
+}  // namespace redrive
