@@ -136,6 +136,8 @@ int export_drive(const ExportCommandOptions& options, const Write& write) {
   std::printf("%s: %s, poses %s\n", options.out.c_str(),
               counted(drive.frames.size(), "frame").c_str(), poses_of(options, source));
   if (source.is_run) notes.left_out.emplace_back("the field, exposures and masks of the run");
+  if (drive.points_file.empty() && !source.run.recording.points_file.empty())
+    notes.left_out.emplace_back("the static point cloud, in the axes of a frame that is left out");
   for (const std::string& what : notes.changed) std::printf("changed: %s\n", what.c_str());
   for (const std::string& what : notes.left_out) std::printf("not exported: %s\n", what.c_str());
   return kExitOk;

@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "redrive/base/error.h"
+#include "redrive/recording/frame_range.h"
 #include "redrive/recording/trajectory.h"
 
 namespace redrive {
@@ -14,11 +15,7 @@ Recording drive_of_scene(const Recording& recording, const Scene& scene) {
                      "photographs have neither metres nor times, which a drive needs; export them "
                      "--to colmap or --to transforms");
   Recording drive = recording;
-  const std::int64_t first = scene.frames.front().id, last = scene.frames.back().id;
-  const auto outside = [&](std::int64_t id) { return id < first || id > last; };
-  std::erase_if(drive.frames, [&](const FramePose& frame) { return outside(frame.id); });
-  for (std::vector<FrameFile>* files : {&drive.lidar_files, &drive.box_files})
-    std::erase_if(*files, [&](const FrameFile& file) { return outside(file.frame_id); });
+  keep_frames({scene.frames.front().id, scene.frames.back().id}, &drive);
   drive.cameras.clear();
   for (std::size_t c = 0; c < scene.rig.size(); ++c) {
     const RigCamera& rig = scene.rig[c];

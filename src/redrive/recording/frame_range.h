@@ -22,7 +22,8 @@ FrameRange parse_frame_range(const std::string& text);
 std::vector<FramePose> select_frames(const FrameRange& range, const std::vector<FramePose>& frames);
 
 /// Keeps the poses from the first to the last frame of the range, LiDAR and boxes between them, and
-/// the images of its frames, so nothing else is read later. UsageError if no image is left.
+/// the images of its frames, so nothing else is read later. A drive's point cloud, which is in the
+/// axes of its first frame, goes with that, and a finding says so. UsageError if no image is left.
 void keep_frames(const FrameRange& range, Recording* recording);
 
 }  // namespace redrive
