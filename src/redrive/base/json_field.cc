@@ -15,7 +15,7 @@ JsonField JsonField::at(std::string_view key) const {
   if (!value_->is_object()) fail("an object was expected");
   const std::string field = field_.empty() ? std::string(key) : field_ + "." + std::string(key);
   const auto it = value_->find(key);
-  if (it == value_->end()) throw InputError(file_, field, "", "missing");
+  if (it == value_->end()) throw InputError(*file_, field, "", "missing");
   return {&*it, file_, field};
 }
 
@@ -85,7 +85,7 @@ void JsonField::fail(std::string_view rule) const {
   constexpr std::size_t kLongest = 80;
   std::string value = value_->dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
   if (value.size() > kLongest) value = value.substr(0, kLongest) + "...";
-  throw InputError(file_, field_, value, rule);
+  throw InputError(*file_, field_, value, rule);
 }
 
 }  // namespace redrive

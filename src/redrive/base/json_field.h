@@ -4,6 +4,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <memory>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -18,7 +19,7 @@ namespace redrive {
 class JsonField {
  public:
   JsonField(const nlohmann::json& root, std::filesystem::path file)
-      : value_(&root), file_(std::move(file)) {}
+      : value_(&root), file_(std::make_shared<const std::filesystem::path>(std::move(file))) {}
 
   bool has(std::string_view key) const;      ///< object with that key
   JsonField at(std::string_view key) const;  ///< required member
@@ -34,15 +35,16 @@ class JsonField {
 
   [[noreturn]] void fail(
       std::string_view rule) const;  ///< InputError about this field with its value
-  const std::filesystem::path& file() const { return file_; }
+  const std::filesystem::path& file() const { return *file_; }
   const std::string& field() const { return field_; }
   const nlohmann::json& json() const { return *value_; }
 
  private:
-  JsonField(const nlohmann::json* value, std::filesystem::path file, std::string field)
+  JsonField(const nlohmann::json* value, std::shared_ptr<const std::filesystem::path> file,
+            std::string field)
       : value_(value), file_(std::move(file)), field_(std::move(field)) {}
   const nlohmann::json* value_;
-  std::filesystem::path file_;
+  std::shared_ptr<const std::filesystem::path> file_;  ///< copying a path costs more than parsing
   std::string field_;
 };
 

@@ -78,16 +78,14 @@ std::map<std::int64_t, std::vector<Box>> boxes_of_frames(
       label.frame_id = frame.id;
       label.object_id = static_cast<std::int64_t>(object);
       label.type = scene.categories[object];
+      label.deforms = deforms(label.type);
       label.size_m = track.sizes_m[*nearest];
       label.sensor_from_box =
           frame.global_from_body.inverse(Eigen::Isometry) * pose_at(track.poses, frame.t_ns);
       labels.push_back(std::move(label));
     }
   }
-  auto boxes = kitti::place_boxes(labels, {Rigid3d::Identity(), Rigid3d::Identity(), {}}, frames);
-  for (auto& [id, of_frame] : boxes)
-    for (Box& box : of_frame) box.deforms = deforms(box.type);
-  return boxes;
+  return kitti::place_boxes(labels, {Rigid3d::Identity(), Rigid3d::Identity(), {}}, frames);
 }
 
 }  // namespace redrive::nuscenes

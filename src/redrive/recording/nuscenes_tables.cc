@@ -222,8 +222,8 @@ std::vector<FramePose> read_poses(const TokenTables& tables, const References& r
                        std::to_string(apart_m) + " m",
                        "away from record " + std::to_string(poses[i - 1].id) + " of the same time");
   }
-  const auto repeated = std::ranges::unique(poses, {}, &FramePose::t_ns);
-  poses.erase(repeated.begin(), repeated.end());
+  const auto same_time = [](const FramePose& a, const FramePose& b) { return a.t_ns == b.t_ns; };
+  poses.erase(std::unique(poses.begin(), poses.end(), same_time), poses.end());
   for (std::size_t i = 0; i < poses.size(); ++i) poses[i].id = static_cast<std::int64_t>(i);
   return poses;
 }

@@ -11,6 +11,7 @@ namespace redrive {
 namespace {
 
 constexpr std::size_t kMaxRecordBytes = 1 << 20;  // tables of data sets have some hundred bytes
+constexpr int kMaxDepth = 64;  // printing a value, as messages do, recurses once a level
 
 bool is_space(char c) { return c == ' ' || c == '\n' || c == '\r' || c == '\t'; }
 
@@ -18,6 +19,9 @@ bool is_space(char c) { return c == ' ' || c == '\n' || c == '\r' || c == '\t'; 
 
 std::size_t RecordScanner::skip_record(std::string_view bytes, std::size_t i) {
   while (i < bytes.size()) {
+    // Most bytes of a table are in strings.
+    while (in_string_ && !escaped_ && i < bytes.size() && bytes[i] != '"' && bytes[i] != '\\') ++i;
+    if (i == bytes.size()) break;
     const char c = bytes[i++];
     if (in_string_) {
       if (escaped_)
@@ -29,7 +33,7 @@ std::size_t RecordScanner::skip_record(std::string_view bytes, std::size_t i) {
     } else if (c == '"') {
       in_string_ = true;
     } else if (c == '{' || c == '[') {
-      ++depth_;
+      if (++depth_ > kMaxDepth) fail("is nested deeper than 64 levels");
     } else if ((c == '}' || c == ']') && --depth_ == 0) {
       at_ = At::kAfterRecord;
       return i;

@@ -20,7 +20,8 @@ class RecordScanner {
   RecordScanner(std::filesystem::path file, Use use)
       : file_(std::move(file)), use_(std::move(use)) {}
 
-  /// Takes the next bytes. InputError: no array of objects, a record of more than 1 MB.
+  /// Takes the next bytes. InputError: no array of objects, a record of more than 1 MB or 64
+  /// levels.
   void add(std::string_view bytes);
   /// InputError unless the array has ended.
   void finish() const;

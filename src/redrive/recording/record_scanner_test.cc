@@ -41,6 +41,7 @@ TEST(RecordScanner, RejectsOtherTexts) {
   EXPECT_THAT(message("[{}, 3]"), HasSubstr("record 1: an array of objects was expected"));
   for (const char* text : {"", "[", "[{}", "[{\"a\": \"b", "[{},"})
     EXPECT_THAT(message(text), HasSubstr("without the end of its array")) << text;
+  EXPECT_THAT(message("[{\"a\": " + std::string(64, '[')), HasSubstr("deeper than 64 levels"));
   EXPECT_THAT(message("[{\"a\": \"" + std::string(1 << 20, 'x') + "\"}]"),
               HasSubstr("record 0: is larger than 1 MB"));
 }

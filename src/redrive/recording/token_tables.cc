@@ -4,7 +4,6 @@
 #include <optional>
 
 #include "redrive/base/error.h"
-#include "redrive/base/files.h"
 
 namespace redrive {
 namespace {
@@ -28,9 +27,9 @@ void parse_record(std::string_view text, const std::filesystem::path& file, std:
   const std::string name = "record " + std::to_string(index);
   nlohmann::json document;
   try {
-    document[name] = parse_json(text, file);
-  } catch (const InputError&) {  // its line and column would be those of the record
-    throw InputError(file, name, text.substr(0, 80), "not valid JSON, or deeper than 64 levels");
+    document[name] = nlohmann::json::parse(text);
+  } catch (const nlohmann::json::exception&) {  // its line and column are those of the record
+    throw InputError(file, name, text.substr(0, 80), "not valid JSON");
   }
   use(JsonField(document, file).at(name), index);
 }
