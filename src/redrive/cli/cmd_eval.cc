@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// redrive eval: prints PSNR, SSIM, FLIP and depth error of a run.
+// redrive eval: prints PSNR, SSIM, FLIP and depth error of a run, and its errors of LiDAR ranges.
 #include <cmath>
 #include <cstdio>
 #include <map>
@@ -58,6 +58,12 @@ void print_evaluation(const Evaluation& evaluation) {
         "poses of %d held-out images refined against the trained model before scoring: %.1f cm, "
         "%.3f deg RMS\n",
         aligned->views, 100 * aligned->translation_m, aligned->rotation_deg);
+  if (const auto& lidar = evaluation.lidar)
+    std::printf(
+        "LiDAR of %d held-out frames, %lld returns: %.1f %% rendered, %.1f %% within %.1f m; range "
+        "error %.1f cm (median), chamfer distance %.1f cm\n",
+        lidar->revolutions, static_cast<long long>(lidar->returns), 100 * lidar->hit_rate,
+        100 * lidar->near_hit_rate, kNearHit_m, 100 * lidar->range_error_m, 100 * lidar->chamfer_m);
   if (evaluation.novel.empty()) return;
   if (const auto& alignment = evaluation.alignment)
     std::printf(
@@ -103,6 +109,11 @@ int run_eval(EvalCommandOptions options) {
     std::printf("%s\n", evaluation_to_json(evaluation).dump(2).c_str());
   else
     print_evaluation(evaluation);
+  if (!options.json && !run.state.holds_out_lidar && !run.recording.lidar_files.empty() &&
+      evaluation.held_out)
+    std::printf(
+        "LiDAR is not scored: an earlier build trained this run on revolutions of held-out frames, "
+        "too\n");
   return kExitOk;
 }
 

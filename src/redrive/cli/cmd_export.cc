@@ -23,6 +23,7 @@
 #include "redrive/export/surface_mesh.h"
 #include "redrive/export/write_photo_set.h"
 #include "redrive/model/method.h"
+#include "redrive/recording/scan_files.h"
 #include "redrive/recording/wording.h"
 #include "redrive/scene/lidar_points.h"
 #include "redrive/scene/lidar_returns.h"
@@ -212,6 +213,34 @@ int export_mesh(const ExportCommandOptions& options) {
   return kExitOk;
 }
 
+int export_las(const ExportCommandOptions& options) {
+  check_output_file("OUT", options.out, options.force);
+  const Source source = open_source(options);
+  const Run& run = source.run;
+  if (run.recording.lidar_files.empty() || !run.recording.body_from_lidar)
+    throw InputError(options.from, "", "", "the recording has no LiDAR revolutions");
+  ThreadPool pool(options.backend.threads > 0 ? options.backend.threads : hardware_threads());
+  const LidarReturns returns = load_lidar_returns(
+      run.recording, run.scene, read_moving_objects(run.recording, run.scene), pool);
+  std::vector<ScanPoint> points(returns.n);
+  for (std::size_t i = 0; i < returns.n; ++i) {
+    for (int k = 0; k < 3; ++k)
+      points[i].position_m[k] =
+          double(returns.origin[k * returns.n + i]) +
+          double(returns.range_m[i]) * double(returns.direction[k * returns.n + i]);
+    points[i].t_ns = returns.t_ns[i];
+    points[i].intensity = returns.intensity[i];
+  }
+  const std::string bytes = make_las(points);
+  write_file(options.out, bytes);
+  std::printf(
+      "%s: %zu LiDAR returns of the static world, %.1f MB, poses %s\nworld: body axes at the first "
+      "pose, metres; gps_time: nanoseconds of the recording's clock\n",
+      options.out.c_str(), points.size(), 1e-6 * static_cast<double>(bytes.size()),
+      poses_of(options, source));
+  return kExitOk;
+}
+
 int export_html(const ExportCommandOptions& options) {
   check_output_file("OUT", options.out, options.force);
   refuse_part_of_run(options);
@@ -273,6 +302,10 @@ constexpr Format kFormats[] = {
      export_ply},
     {"mesh", "triangles with colours, .ply, .obj or .glb, from a run's rendered depth (runs)",
      export_mesh},
+    {"las",
+     "the recorded LiDAR returns of the static world as LAS 1.2, motion compensated (runs and "
+     "recordings)",
+     export_las},
     {"html",
      "a page that shows the scene with the browser's GPU and needs nothing else (runs of --method "
      "splat)",

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// redrive render: renders one image of a frame's camera, shifted; all images of a POSES.json; or a
-// camera path (render_path.cc).
+// redrive render: renders one image of a frame's camera, shifted; all images of a POSES.json; a
+// camera path (render_path.cc); or LiDAR scans (render_lidar.cc).
 #include <charconv>
 #include <cmath>
 #include <cstdio>
@@ -14,6 +14,7 @@
 #include "redrive/cli/command.h"
 #include "redrive/cli/output_file.h"
 #include "redrive/cli/render_options.h"
+#include "redrive/image/exr.h"
 #include "redrive/image/image_io.h"
 #include "redrive/math/angles.h"
 #include "redrive/recording/camera_path_file.h"
@@ -29,7 +30,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// Parses a decimal frame id, with or without leading zeros.
+}  // namespace
+
 std::int64_t parse_frame(const char* option, const std::string& text) {
   std::int64_t id = -1;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), id);
@@ -53,12 +55,35 @@ Eigen::Vector3d parse_translation(const std::string& text) {
   return shift_m;
 }
 
-/// Checks, before anything is rendered, that the extension is an image format and that the file can
-/// be written.
-void check_image_output(const char* option, const fs::path& file, bool force, bool jpeg_too) {
-  if (!has_extension(file, {".png"}) && !(jpeg_too && has_extension(file, {".jpg", ".jpeg"})))
-    throw UsageError(option, file.string(),
-                     jpeg_too ? "must end in .png, .jpg or .jpeg" : "must end in .png");
+ShiftAxes shift_axes(const RenderOptions& options, const Run& run) {
+  const ShiftAxes axes = *shift_axes_from_name(options.axes);
+  if (axes == ShiftAxes::kLocal && run.recording.global_frame != GlobalFrame::kEcef)
+    throw UsageError("--axes", options.axes,
+                     "needs a recording whose poses are in ECEF; use body or camera");
+  return axes;
+}
+
+void no_such_frame(const std::string& frame, const Run& run) {
+  throw UsageError("--frame", frame,
+                   "the recording has no such frame with a pose; it has ids from " +
+                       std::to_string(run.recording.frames.front().id) + " to " +
+                       std::to_string(run.recording.frames.back().id));
+}
+
+namespace {
+
+/// Checks, before anything is rendered, that the extension is one of `extensions` and that the file
+/// can be written.
+void check_image_output(const char* option, const fs::path& file, bool force,
+                        std::initializer_list<std::string_view> extensions) {
+  if (!has_extension(file, extensions)) {
+    std::string rule = "must end in ";
+    for (const std::string_view extension : extensions)
+      rule += (extension == *extensions.begin() ? "" : " or ") + std::string(extension);
+    throw UsageError(option, file.string(), rule);
+  }
+  if (const auto obstacle = exr_obstacle(); obstacle && has_extension(file, {".exr"}))
+    throw UsageError(option, file.string(), *obstacle);
   check_output_file(option, file, force);
 }
 
@@ -125,13 +150,15 @@ Exposure exposure_of(const RenderOptions& options, const Run& run, const std::st
 int render_one(const RenderOptions& options) {
   const std::int64_t frame = parse_frame("--frame", options.frame);
   const Eigen::Vector3d shift_m = parse_translation(options.translate);
-  check_image_output("--out", options.out, options.force, true);
+  check_image_output("--out", options.out, options.force, {".png", ".jpg", ".jpeg"});
   std::vector<fs::path> outputs{fs::weakly_canonical(fs::absolute(options.out))};
+  if (!options.depth.empty())
+    check_image_output("--depth", options.depth, options.force, {".png", ".exr"});
   for (const auto& [option, file] :
        {std::pair("--depth", options.depth), std::pair("--opacity", options.opacity),
         std::pair("--normals", options.normals)}) {
     if (file.empty()) continue;
-    check_image_output(option, file, options.force, false);
+    if (file != options.depth) check_image_output(option, file, options.force, {".png"});
     const fs::path path = fs::weakly_canonical(fs::absolute(file));
     if (std::ranges::find(outputs, path) != outputs.end())
       throw UsageError(option, file, "must differ from the other images");
@@ -141,15 +168,8 @@ int render_one(const RenderOptions& options) {
   const Run run = open_edited_run(options);
   const RigCamera camera = chosen_camera(options, run.scene);
   const auto pose = world_from_body(run.recording, run.scene, frame, camera);
-  if (!pose)
-    throw UsageError("--frame", options.frame,
-                     "the recording has no such frame with a pose; it has ids from " +
-                         std::to_string(run.recording.frames.front().id) + " to " +
-                         std::to_string(run.recording.frames.back().id));
-  const ShiftAxes axes = *shift_axes_from_name(options.axes);
-  if (axes == ShiftAxes::kLocal && run.recording.global_frame != GlobalFrame::kEcef)
-    throw UsageError("--axes", options.axes,
-                     "needs a recording whose poses are in ECEF; use body or camera");
+  if (!pose) no_such_frame(options.frame, run);
+  const ShiftAxes axes = shift_axes(options, run);
   const Rigid3d world_from_camera =
       shifted_camera(run.scene.global_from_world, *pose,
                      turned_sensor(camera.body_from_sensor, kRadiansPerDegree * options.yaw_deg,
@@ -165,7 +185,10 @@ int render_one(const RenderOptions& options) {
                    exposure_of(options, run, camera.name, frame));
   write_image(options.out, to_image8(image));
   std::printf("%s: %d x %d\n", options.out.c_str(), image.width, image.height);
-  if (!options.depth.empty()) {
+  if (has_extension(options.depth, {".exr"})) {
+    write_exr(options.depth, image.width, image.height, image.depth);
+    std::printf("%s: depth along the ray in m, channel Z\n", options.depth.c_str());
+  } else if (!options.depth.empty()) {
     write_png16(options.depth, {image.width, image.height, depth_mm(image)});
     std::printf("%s: depth along the ray in mm, 16 bit, 65535: 65.535 m and more\n",
                 options.depth.c_str());
@@ -229,9 +252,13 @@ int render_poses(const RenderOptions& options) {
 int render(const RenderOptions& options) {
   if (!options.poses.empty()) return render_poses(options);
   if (!options.path.empty()) return render_path(options);
+  if (!options.lidar.empty()) return render_lidar(options);
   const bool has_camera = !options.camera.empty() || !options.mount.empty();
   if (!has_camera || options.frame.empty())
-    throw UsageError("render", "", "needs --camera or --mount, and --frame; or --poses; or --path");
+    throw UsageError("render", "",
+                     "needs --camera or --mount, and --frame; or --poses; or --path; or --lidar");
+  if (options.lens.empty() && !options.mount.empty())
+    throw UsageError("--mount", options.mount, "needs --lens, or --lidar");
   return render_one(options);
 }
 
@@ -283,8 +310,41 @@ Action configure_render(CLI::App& command) {
                                          "lens of --mount: pinhole:FOV:WIDTHxHEIGHT with the "
                                          "horizontal field of view in degrees, or a "
                                          "camera of the run");
-  mount->needs(lens)->excludes(camera);
+  mount->excludes(camera);
   lens->needs(mount);
+  CLI::Option* lidar =
+      command
+          .add_option(
+              "--lidar", options->lidar,
+              "renders a LiDAR's revolution instead of an image: N:MIN:MAX (N beams from MIN "
+              "to MAX degrees of elevation), elevations E1,E2,.., or recorded (the rays of "
+              "the recording's own revolution). --mount places it elsewhere than the "
+              "recording's, with axes x forward, y left, z up")
+          ->excludes(poses)
+          ->excludes(path)
+          ->excludes(camera)
+          ->excludes(lens);
+  command.add_option("--azimuth-steps", options->azimuth_steps, "of a revolution of --lidar")
+      ->check(CLI::Range(1, 36000))
+      ->needs(lidar)
+      ->capture_default_str();
+  command.add_option("--rate", options->rate_hz, "revolutions a second of --lidar")
+      ->check(CLI::Range(0.1, 1000.0))
+      ->needs(lidar)
+      ->capture_default_str();
+  command
+      .add_option("--range", options->range,
+                  "MIN:MAX in metres: returns of --lidar outside are dropped")
+      ->needs(lidar)
+      ->capture_default_str();
+  command
+      .add_option(
+          "--points-in", options->points_in,
+          "axes of the points of --lidar: sensor or body (those at the time of each point), "
+          "or world (of the scene, motion compensated)")
+      ->check(CLI::IsMember({"sensor", "body", "world"}))
+      ->needs(lidar)
+      ->capture_default_str();
   for (CLI::Option* option :
        {mount,
         command.add_option("--frame", options->frame,
@@ -308,15 +368,20 @@ Action configure_render(CLI::App& command) {
             .add_option("--pitch", options->pitch_deg,
                         "then turns it about x of the camera, degrees, upwards")
             ->check(CLI::Range(-360.0, 360.0)),
-        command.add_option("--depth", options->depth,
-                           "16-bit PNG to write depth along the ray to, in mm; 65535: 65.535 m and "
-                           "more"),
-        command.add_option("--opacity", options->opacity,
-                           "PNG to write opacity to, as grey; white: opaque"),
-        command.add_option(
-            "--normals", options->normals,
-            "PNG to write surface normals to, from depth, as (1 + n) / 2: x right, y "
-            "up, z to the camera; black where nothing is seen")})
+        command
+            .add_option("--depth", options->depth,
+                        "EXR to write depth along the ray to, in metres, or 16-bit PNG, in mm; "
+                        "65535: 65.535 m and more")
+            ->excludes(lidar),
+        command
+            .add_option("--opacity", options->opacity,
+                        "PNG to write opacity to, as grey; white: opaque")
+            ->excludes(lidar),
+        command
+            .add_option("--normals", options->normals,
+                        "PNG to write surface normals to, from depth, as (1 + n) / 2: x right, y "
+                        "up, z to the camera; black where nothing is seen")
+            ->excludes(lidar)})
     option->excludes(poses)->excludes(path);
   command
       .add_option(
@@ -328,7 +393,8 @@ Action configure_render(CLI::App& command) {
   command
       .add_option("--out", options->out,
                   "image to write, .png or .jpg; with --poses a folder; with --path a video, .mp4, "
-                  "or a folder")
+                  "or a folder; with --lidar points, .las, .pcd or .bin (KITTI), or a folder as "
+                  "KITTI's velodyne_points for all frames")
       ->required();
   command.add_flag("--force", options->force, "overwrites existing images or an existing video");
   add_backend_options(command, &options->backend);

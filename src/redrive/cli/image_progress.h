@@ -9,12 +9,12 @@
 
 namespace redrive {
 
-/// Returns a callback that prints "3/12 images scored" on a terminal, where `verb` is "scored"; an
-/// empty one where standard error is not a terminal.
-inline std::function<void(int, int)> image_progress(const char* verb) {
+/// Returns a callback that prints "3/12 images scored" on a terminal, where `verb` is "scored" and
+/// `what` "images"; an empty one where standard error is not a terminal.
+inline std::function<void(int, int)> image_progress(const char* verb, const char* what = "images") {
   if (!isatty(STDERR_FILENO)) return {};
-  return [verb](int done, int total) {
-    std::fprintf(stderr, "\r%d/%d images %s%s", done, total, verb, done == total ? "\n" : "");
+  return [verb, what](int done, int total) {
+    std::fprintf(stderr, "\r%d/%d %s %s%s", done, total, what, verb, done == total ? "\n" : "");
   };
 }
 

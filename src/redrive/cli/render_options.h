@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Options of `redrive render` and the parts that single images and paths share.
+// Options of `redrive render` and the parts that single images, paths and LiDAR scans share.
 #pragma once
 
 #include <cstdint>
@@ -7,14 +7,18 @@
 #include <string>
 
 #include "redrive/kernels/backend.h"
+#include "redrive/render/lidar_sensor.h"
+#include "redrive/render/view_pose.h"
 #include "redrive/train/run.h"
 
 namespace redrive {
 
 struct RenderOptions {
-  std::string run, camera, mount, lens, frame, translate = "0,0,0", axes = "body", exposure = "own",
-                                               out, depth, opacity, normals, poses, path,
-                                               actors = "all", edit;
+  std::string run, camera, mount, lens, frame,
+      translate = "0,0,0", axes = "body", exposure = "own", out, depth, opacity, normals, poses,
+      path, actors = "all", edit, lidar, range = "0.5:200", points_in = "sensor";
+  int azimuth_steps = SpinningLidar{}.azimuth_steps;
+  double rate_hz = SpinningLidar{}.rate_hz;
   double yaw_deg = 0, pitch_deg = 0;
   double fps = 0, seconds = 0;  ///< of a path; 0: the path's own
   bool relative = false, force = false;
@@ -31,7 +35,22 @@ Run open_edited_run(const RenderOptions& options);
 /// Returns what --exposure asks for; nothing for `own`. UsageError.
 std::optional<Exposure> chosen_exposure(const RenderOptions& options, const Run& run);
 
+/// Parses a decimal frame id, with or without leading zeros. UsageError.
+std::int64_t parse_frame(const char* option, const std::string& text);
+
+/// Parses the value of --translate. UsageError.
+Eigen::Vector3d parse_translation(const std::string& text);
+
+/// Returns the axes of --axes. UsageError where the recording has none of that kind.
+ShiftAxes shift_axes(const RenderOptions& options, const Run& run);
+
+/// Throws the UsageError of a frame that the recording does not have.
+[[noreturn]] void no_such_frame(const std::string& frame, const Run& run);
+
 /// Renders the images of --path into a video or a folder.
 int render_path(const RenderOptions& options);
+
+/// Renders the revolutions of --lidar into a point file or a folder.
+int render_lidar(const RenderOptions& options);
 
 }  // namespace redrive

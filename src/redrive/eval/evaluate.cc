@@ -145,6 +145,12 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
   for (const auto& chosen : by_camera) total += chosen.size();
   for (const NovelGroundTruth& ground_truth : ground_truths)
     total += chosen_of(ground_truth).size();
+  const std::vector<std::int64_t> held_out_scans = held_out_revolutions(run);
+  std::vector<std::int64_t> scans;
+  for (const std::size_t i :
+       evenly_spaced(held_out_scans.size(), options.all ? 0 : options.max_images))
+    scans.push_back(held_out_scans[i]);
+  total += scans.size();
   const auto tell = [&] {
     ++done;
     if (options.progress) options.progress(static_cast<int>(done), static_cast<int>(total));
@@ -184,6 +190,11 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
     }
     evaluation.novel[ground_truth.name()] = mean.mean();
   }
+  if (!scans.empty()) {
+    const MovingObjects moving =
+        scene.actors.empty() ? left_out.moving : read_moving_objects(run.recording, scene);
+    evaluation.lidar = score_lidar(run, backend, scans, moving, tell);
+  }
   return evaluation;
 }
 
@@ -193,6 +204,7 @@ nlohmann::json evaluation_to_json(const Evaluation& evaluation) {
                          {"novel", nlohmann::json::object()},
                          {"held_out", evaluation.held_out},
                          {"moving", nullptr},
+                         {"lidar", nullptr},
                          {"alignment", nullptr},
                          {"view_alignment", nullptr},
                          {"pose_changes", nullptr}};
@@ -213,6 +225,13 @@ nlohmann::json evaluation_to_json(const Evaluation& evaluation) {
                          {"rest_m", alignment->residual_m},
                          {"rest_deg", alignment->residual_deg},
                          {"frames", alignment->frames}};
+  if (const auto& lidar = evaluation.lidar)
+    json["lidar"] = {{"range_error_m", lidar->range_error_m},
+                     {"hit_rate", lidar->hit_rate},
+                     {"near_hit_rate", lidar->near_hit_rate},
+                     {"chamfer_m", lidar->chamfer_m},
+                     {"returns", lidar->returns},
+                     {"revolutions", lidar->revolutions}};
   for (const auto& [name, score] : evaluation.cameras) json["cameras"][name] = score_to_json(score);
   for (const auto& [name, score] : evaluation.novel) json["novel"][name] = score_to_json(score);
   return json;

@@ -12,6 +12,7 @@
 
 #include <nlohmann/json_fwd.hpp>
 
+#include "redrive/eval/lidar_score.h"
 #include "redrive/eval/novel_ground_truth.h"
 #include "redrive/eval/view_alignment.h"
 #include "redrive/model/device_memory.h"
@@ -29,10 +30,11 @@ constexpr double kPsnrCapDb = 100;
 constexpr int kTrainingImagesPerCamera = 8;
 
 struct EvalOptions {
-  int max_images = 0;  ///< per camera and per novel set, evenly spaced; 0: all held-out ones, or
-                       ///< kTrainingImagesPerCamera
+  int max_images = 0;  ///< per camera and per novel set, evenly spaced, and of LiDAR revolutions;
+                       ///< 0: all held-out ones, or kTrainingImagesPerCamera
   bool all = false;    ///< every image, also of the training frames
-  std::function<void(int done, int total)> progress;  ///< after each image; may be empty
+  std::function<void(int done, int total)>
+      progress;  ///< after each image or revolution; may be empty
 };
 
 /// Means over images. NaN where undefined: ssim of images smaller than its 11 x 11 window,
@@ -65,6 +67,7 @@ struct Evaluation {
   std::map<std::string, Score> cameras;
   std::optional<MovingEvaluation> moving;  ///< empty where no image shows a moving object
   std::map<std::string, Score> novel;      ///< by novel/<name>; empty without ground truth
+  std::optional<LidarScore> lidar;         ///< of held-out revolutions that did not train
   std::optional<ViewAlignment>
       view_alignment;  ///< of the held-out images, where training refined poses
   std::optional<TrajectoryRegistration>
@@ -81,7 +84,7 @@ Score score_image(kernels::Backend& backend, const RenderedImage& rendered,
 /// Returns `limit` of `size` indices, evenly spaced; all of them where limit is 0 or at least size.
 std::vector<std::size_t> evenly_spaced(std::size_t size, std::size_t limit);
 
-/// Renders and scores the run. Throws InputError as load_view.
+/// Renders and scores the run. Throws InputError as load_view and load_lidar_returns.
 Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions& options = {});
 
 /// Returns the largest device work of an evaluation of the run's model, or of score_other_cameras.
@@ -90,7 +93,8 @@ DeviceWork work_of_evaluation(const Run& run, bool other_cameras = false);
 /// Returns {"overall": SCORE, "cameras": {CAM: SCORE}, "novel": {NAME: SCORE}, "held_out": bool,
 /// "moving": {"inside": SCORE, "outside": SCORE, "objects": {ID: {"type", "psnr_db", "images"}}} or
 /// null,
-/// "alignment": {"moved_m", "turned_deg", "rest_m", "rest_deg", "frames"} or null,
+/// "lidar": {"range_error_m", "hit_rate", "near_hit_rate", "chamfer_m", "returns", "revolutions"}
+/// or null, "alignment": {"moved_m", "turned_deg", "rest_m", "rest_deg", "frames"} or null,
 /// "view_alignment": {"moved_m", "turned_deg", "views"} or null, "pose_changes": {"frames":
 /// {"moved_m", "turned_deg", "at_bound"}, "cameras": {CAM: {"moved_m": [3],
 /// "turned_deg": [3], "late_s", "at_bound"}}} or null}, SCORE =

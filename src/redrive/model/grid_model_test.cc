@@ -65,6 +65,17 @@ TEST(GridModel, RendersWithoutRandomNumbers) {
   EXPECT_GT(spread, 0.01) << "all rays equal: nothing tested";
 }
 
+TEST(GridModel, TracesRaysAsLidarBeams) {
+  GridModel model;
+  make_tiny(model);
+  RayBatch batch = tiny_batch(7);
+  batch.pixel_angle.assign(7, kLidarBeamAngle_rad);
+  const Rendering beams(model, batch);
+  const RenderedRays traced = model.trace(*kernels::make_ref_backend(), rays_of(batch));
+  EXPECT_EQ(traced.depth, beams.depth);
+  EXPECT_EQ(traced.opacity, beams.opacity);
+}
+
 TEST(GridModel, NeighboursShareTheirFirstProposalIteration) {
   GridModel model;
   make_tiny(model);

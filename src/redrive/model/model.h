@@ -194,6 +194,9 @@ class Model : public Configurable {
   virtual RenderedImage render(kernels::Backend& backend, const RayTable& rays,
                                const ShutterPoses& world_from_camera,
                                const Exposure& exposure) const = 0;
+  /// Renders single rays in world metres, whatever their origins, as a LiDAR's beams. The work is
+  /// that of rendering_work().
+  virtual RenderedRays trace(kernels::Backend& backend, const kernels::Rays& rays) const = 0;
 
   // ---- Export
   /// Returns the formats that this model can be exported to, none by default. They refer to the

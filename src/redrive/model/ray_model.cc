@@ -224,6 +224,37 @@ RenderedImage RayModel::render(kernels::Backend& backend, const RayTable& table,
   return image;
 }
 
+RenderedRays RayModel::trace(kernels::Backend& backend, const kernels::Rays& rays) const {
+  const std::size_t n = rays.n, most = max_tile_rays(*this);
+  RenderedRays out{std::vector<float>(n), std::vector<float>(n)};
+  RayBatch batch;
+  Workspace workspace;
+  std::vector<float> rgb;
+  for (std::size_t first = 0; first < n; first += most) {
+    const std::size_t count = std::min(most, n - first);
+    batch.n = static_cast<int>(count);
+    batch.origin.clear();
+    batch.direction.clear();
+    for (std::size_t k = 0; k < 3; ++k) {
+      const auto part = [&](std::span<const float> all) {
+        return all.subspan(k * n + first, count);
+      };
+      batch.origin.insert(batch.origin.end(), part(rays.origin).begin(), part(rays.origin).end());
+      batch.direction.insert(batch.direction.end(), part(rays.direction).begin(),
+                             part(rays.direction).end());
+    }
+    batch.pixel_angle.assign(count, kLidarBeamAngle_rad);
+    rgb.resize(3 * count);
+    render_rays(backend, batch,
+                {rgb,
+                 std::span(out.depth).subspan(first, count),
+                 std::span(out.opacity).subspan(first, count),
+                 {}},
+                &workspace);
+  }
+  return out;
+}
+
 std::uint64_t RayModel::step_bytes() const {
   return std::uint64_t(max_rays_per_step() + lidar_rays) * samples_per_ray() * kBytesPerSample;
 }

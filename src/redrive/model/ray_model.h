@@ -78,6 +78,8 @@ struct RayModel : Model {
   RenderedImage render(kernels::Backend& backend, const RayTable& rays,
                        const ShutterPoses& world_from_camera,
                        const Exposure& exposure) const override;
+  /// As the rays of LiDAR returns in training, with kLidarBeamAngle_rad.
+  RenderedRays trace(kernels::Backend& backend, const kernels::Rays& rays) const override;
   std::uint64_t step_bytes() const override;
   DeviceWork training_work() const override;
   DeviceWork rendering_work() const override;

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+// Images and rays that a model renders.
 #pragma once
 
 #include <cstdint>
@@ -14,6 +15,12 @@ struct RenderedImage {
   std::vector<float> depth;         ///< [height, width], metres along the ray, median
   std::vector<float> opacity;       ///< [height, width]
   std::vector<std::uint8_t> valid;  ///< [height, width]
+};
+
+/// What a model renders along single rays.
+struct RenderedRays {
+  std::vector<float> depth;    ///< [n], metres from the origin along the ray, median
+  std::vector<float> opacity;  ///< [n]
 };
 
 }  // namespace redrive

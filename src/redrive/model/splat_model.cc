@@ -10,6 +10,7 @@
 #include "redrive/model/actor_gaussians.h"
 #include "redrive/model/gaussian_ply.h"
 #include "redrive/model/gaussian_spz.h"
+#include "redrive/model/trace_gaussians.h"
 
 namespace redrive {
 namespace {
@@ -564,6 +565,13 @@ RenderedImage SplatModel::render(kernels::Backend& backend, const RayTable& rays
       image.valid[pixel] = 1;
     }
   return image;
+}
+
+RenderedRays SplatModel::trace(kernels::Backend& backend, const kernels::Rays& rays) const {
+  return trace_gaussians(backend.gaussians(),
+                         {static_cast<std::size_t>(gaussians),
+                          parameters.span().first(gaussian_blocks(gaussians) * kBlockSize)},
+                         rays);
 }
 
 std::vector<ExportFormat> SplatModel::export_formats() const {

@@ -80,6 +80,8 @@ struct SplatModel final : Model {
   RenderedImage render(kernels::Backend& backend, const RayTable& rays,
                        const ShutterPoses& world_from_camera,
                        const Exposure& exposure) const override;
+  /// Without actors, which move while a LiDAR turns.
+  RenderedRays trace(kernels::Backend& backend, const kernels::Rays& rays) const override;
   std::vector<ExportFormat> export_formats() const override;
   std::uint64_t step_bytes() const override;
   DeviceWork training_work() const override {

@@ -6,6 +6,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/recording/colmap_files.h"
+#include "redrive/recording/little_endian.h"
 
 namespace redrive::colmap {
 namespace {
@@ -21,11 +22,6 @@ void add_number(double value, std::string* text) {
   char word[40];
   std::snprintf(word, sizeof word, " %.17g", value);
   *text += word;
-}
-
-template <class T>
-void add_bytes(T value, std::string* bytes) {
-  bytes->append(reinterpret_cast<const char*>(&value), sizeof value);
 }
 
 const CameraModel& model_of(const CameraRecord& camera) {

@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Numbers out of bytes.
+// Numbers out of bytes and into them.
 #pragma once
 
 #include <bit>
 #include <cstddef>
 #include <cstring>
+#include <string>
 #include <string_view>
 
 namespace redrive {
@@ -17,6 +18,11 @@ T little_endian(std::string_view bytes, std::size_t offset) {
   T value;
   std::memcpy(&value, bytes.data() + offset, sizeof value);
   return value;
+}
+
+template <class T>
+void add_bytes(T value, std::string* bytes) {
+  bytes->append(reinterpret_cast<const char*>(&value), sizeof value);
 }
 
 }  // namespace redrive

@@ -11,6 +11,7 @@ namespace {
 
 using ::testing::AllOf;
 using ::testing::HasSubstr;
+using testing::input_error;
 
 constexpr double kTurn_rad = 0.3, kRadius_m = 6.4e6;
 

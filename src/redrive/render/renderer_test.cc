@@ -125,6 +125,21 @@ void expect_directions(const RenderedImage& image, const RayTable& table,
   EXPECT_EQ(k, table.pixel.size());
 }
 
+TEST(Renderer, TracesSingleRaysAcrossTiles) {
+  constexpr int kRays = 17000;
+  std::vector<float> origin(3 * kRays), direction(3 * kRays);
+  for (int i = 0; i < kRays; ++i) {
+    origin[i] = static_cast<float>(i);
+    direction[2 * kRays + i] = 1;
+  }
+  DirectionBackend backend;
+  const RenderedRays rays = nerf_model(0)->trace(backend, {kRays, origin, direction});
+  EXPECT_EQ(backend.tiles, (std::vector<int>{8192, 8192, kRays - 2 * 8192}));
+  ASSERT_EQ(rays.depth.size(), std::size_t{kRays});
+  for (int i = 0; i < kRays; ++i) ASSERT_EQ(rays.depth[i], static_cast<float>(i) + 100) << i;
+  EXPECT_EQ(rays.opacity, std::vector<float>(kRays, 1));
+}
+
 TEST(Renderer, WritesEachRayToItsPixelAcrossTiles) {
   const RayTable table = make_table(180, 100);  // 17,900 rays: two tiles of 8192 and a smaller one
   DirectionBackend backend;

@@ -93,6 +93,34 @@ std::string alignment_text(const TrajectoryRegistration& alignment) {
          " frames.</p>\n";
 }
 
+/// Returns the row of a run's LiDAR score; dashes where it has none.
+std::vector<std::string> lidar_row(const std::string& name,
+                                   const std::optional<LidarScore>& score) {
+  if (!score) return {name, "-", "-", "-", "-", "-", "-"};
+  return {name,
+          std::to_string(score->revolutions),
+          std::to_string(score->returns),
+          fixed(100 * score->range_error_m, 1),
+          fixed(100 * score->hit_rate, 1),
+          fixed(100 * score->near_hit_rate, 1),
+          fixed(100 * score->chamfer_m, 1)};
+}
+
+/// Returns the LiDAR scores of held-out frames; empty if no run has any.
+std::string lidar_scores(const Evaluation& evaluation, const Evaluation* other,
+                         const std::string& name_of_other) {
+  if (!evaluation.lidar && !(other && other->lidar)) return "";
+  std::vector<std::vector<std::string>> rows = {
+      {"LiDAR", "revolutions", "returns", "range error (cm)", "rendered (%)",
+       "within " + fixed(kNearHit_m, 1) + " m (%)", "chamfer distance (cm)"},
+      lidar_row("this run", evaluation.lidar)};
+  if (other) rows.push_back(lidar_row(name_of_other, other->lidar));
+  return "<h3>LiDAR of held-out frames</h3>\n" + html_table(rows, true) +
+         "<p>Each recorded return is rendered along its own direction at its own time. Range "
+         "error: "
+         "median of |rendered - recorded|.</p>\n";
+}
+
 /// `other`: scores of the compared run `name_of_other`; null: none.
 std::string scores(const Evaluation& evaluation, const Evaluation* other,
                    const std::string& name_of_other) {
@@ -119,7 +147,7 @@ std::string scores(const Evaluation& evaluation, const Evaluation* other,
   }
   rows.push_back(score_row("all", evaluation.overall));
   if (other) add_compared_scores({{"all", other->overall}}, "all", &rows.back());
-  out += html_table(rows, true);
+  out += html_table(rows, true) + lidar_scores(evaluation, other, name_of_other);
   if (evaluation.novel.empty()) return out;
   rows = {
       {"novel views", "images", "PSNR (dB)", "SSIM", "FLIP", "pixels masked", "depth error (%)"}};

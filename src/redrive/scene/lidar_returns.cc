@@ -121,7 +121,8 @@ std::vector<std::uint8_t> mark_repeated(const std::vector<LidarPoint>& points,
 }
 
 LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene,
-                                const MovingObjects& moving, ThreadPool& pool) {
+                                const MovingObjects& moving, ThreadPool& pool,
+                                const LidarSelection& selection) {
   if (recording.lidar_files.empty() && !recording.points_file.empty()) {
     std::vector<CloudOrigin> origins;
     for (const Frame& frame : scene.frames)
@@ -138,16 +139,24 @@ LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene,
     if (file.frame_id >= scene.frames.front().id && file.frame_id <= scene.frames.back().id)
       files.push_back(&file);
   const int count = static_cast<int>(files.size());
+  const auto selected = [&](int f) {
+    return !selection.frame || selection.frame(files[f]->frame_id);
+  };
+  // A file that is not selected is read for what the next one repeats.
   std::vector<std::vector<LidarPoint>> points(files.size());
-  pool.run(count, [&](int f) { points[f] = recording.reader->read_lidar(*files[f]); });
+  pool.run(count, [&](int f) {
+    if (selected(f) || (!selection.repeated && f + 1 < count && selected(f + 1)))
+      points[f] = recording.reader->read_lidar(*files[f]);
+  });
 
   const Rigid3d world_from_global = scene.global_from_world.inverse();
   std::vector<std::vector<Ray>> rays(files.size());
   std::vector<LidarReturns> counts(files.size());
   const std::vector<LidarPoint> none;
   pool.run(count, [&](int f) {
-    rays[f] = rays_of(points[f], f > 0 ? points[f - 1] : none, recording, world_from_global, moving,
-                      &counts[f]);
+    if (!selected(f)) return;
+    rays[f] = rays_of(points[f], f > 0 && !selection.repeated ? points[f - 1] : none, recording,
+                      world_from_global, moving, &counts[f]);
   });
 
   for (int f = 0; f < count; ++f) {
@@ -176,6 +185,13 @@ LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene,
       returns.intensity.push_back(ray.intensity);
     }
   return returns;
+}
+
+std::set<std::int64_t> held_out_frames(const Scene& scene) {
+  std::set<std::int64_t> frames;
+  for (const View& view : scene.views)
+    if (view.held_out) frames.insert(scene.frames[view.frame].id);
+  return frames;
 }
 
 }  // namespace redrive

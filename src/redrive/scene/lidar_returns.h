@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // The LiDAR returns of a drive as rays in the world of the scene, motion compensated: each point is
 // transformed by the pose of the body at its own time. Space is free up to `range_m`.
-//
-// All revolutions of the scene's frames are used, including those of held-out frames: only their
-// images are held out.
 #pragma once
 
 #include <cstdint>
+#include <functional>
+#include <set>
 #include <vector>
 
 #include "redrive/base/parallel.h"
@@ -44,10 +43,22 @@ struct LidarReturns {
 std::vector<std::uint8_t> mark_repeated(const std::vector<LidarPoint>& points,
                                         const std::vector<LidarPoint>& before);
 
+/// Selects revolutions. Does not apply to point clouds.
+struct LidarSelection {
+  std::function<bool(std::int64_t frame_id)> frame;  ///< of the revolutions; empty: all
+  bool repeated = false;  ///< keeps points that the previous file has, too
+};
+
 /// Reads the revolutions whose frame ids lie within those of scene.frames, or, of a recording with
 /// a points_file instead, its cloud_returns. Empty where there is neither or the LiDAR's extrinsics
 /// are unknown (Recording::body_from_lidar). InputError where a file is malformed.
 LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene,
-                                const MovingObjects& moving, ThreadPool& pool);
+                                const MovingObjects& moving, ThreadPool& pool,
+                                const LidarSelection& selection = {});
+
+/// Returns the ids of the frames of which a view is held out. Their revolutions do not train.
+/// Points that a held-out revolution shares with the one before do, those that it shares with the
+/// one after do not: LidarReturns::repeated counts them there.
+std::set<std::int64_t> held_out_frames(const Scene& scene);
 
 }  // namespace redrive

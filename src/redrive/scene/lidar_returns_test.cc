@@ -42,11 +42,13 @@ class LidarReturnsTest : public ::testing::Test {
     folder_.write(name, testing::las_file(points));
     recording_.lidar_files.push_back({frame, folder_.path / name});
   }
-  LidarReturns load(const SceneOptions& options = {}, const std::vector<Box>& boxes = {}) {
+  LidarReturns load(const SceneOptions& options = {}, const std::vector<Box>& boxes = {},
+                    const LidarSelection& selection = {}) {
     const Scene scene = make_scene(recording_, options);
     ThreadPool pool(3);
-    return load_lidar_returns(
-        recording_, scene, MovingObjects(boxes, recording_.frames, scene.global_from_world), pool);
+    return load_lidar_returns(recording_, scene,
+                              MovingObjects(boxes, recording_.frames, scene.global_from_world),
+                              pool, selection);
   }
   static Vector3d at(const std::vector<float>& values, std::size_t n, std::size_t i) {
     return {values[i], values[n + i], values[2 * n + i]};
@@ -91,6 +93,47 @@ TEST_F(LidarReturnsTest, DropsPointsRepeatedFromThePreviousFile) {
   const LidarReturns returns = load();
   EXPECT_EQ(returns.n, 4u);
   EXPECT_EQ(returns.repeated, 1u);
+}
+
+// Points of a held-out revolution reach neither training through the next revolution nor scores
+// through the one before.
+TEST_F(LidarReturnsTest, SelectsRevolutions) {
+  const std::int64_t t_ns = recording_.frames[1].t_ns;
+  const auto a = seen({20, 1, 1}, t_ns), b = seen({20, 2, 1}, t_ns), c = seen({20, 3, 1}, t_ns),
+             d = seen({20, 4, 1}, t_ns);
+  add_file(10, {a, b});
+  add_file(11, {b, c});
+  add_file(12, {c, d});
+  const auto ranges = [](const LidarReturns& returns) {
+    std::vector<float> sorted = returns.range_m;
+    std::ranges::sort(sorted);
+    return sorted;
+  };
+  const auto only = [](std::int64_t id) {
+    return LidarSelection{[id](std::int64_t frame) { return frame == id; }};
+  };
+  const auto but = [](std::int64_t id) {
+    return LidarSelection{[id](std::int64_t frame) { return frame != id; }};
+  };
+  const LidarReturns held_out = load({}, {}, only(11)), training = load({}, {}, but(11));
+  EXPECT_EQ(held_out.n, 1u) << "c";
+  EXPECT_EQ(held_out.repeated, 1u);
+  EXPECT_EQ(training.n, 3u) << "a, b, d";
+  EXPECT_EQ(training.repeated, 1u);
+  std::vector<float> both = ranges(training);
+  both.push_back(held_out.range_m[0]);
+  std::ranges::sort(both);
+  EXPECT_EQ(both, ranges(load()));
+  LidarSelection whole = only(12);
+  whole.repeated = true;
+  EXPECT_EQ(load({}, {}, whole).n, 2u) << "c, d";
+}
+
+TEST_F(LidarReturnsTest, HeldOutFramesAreThoseOfHeldOutViews) {
+  SceneOptions options;
+  options.holdout_every = 2;
+  EXPECT_EQ(held_out_frames(make_scene(recording_, options)), (std::set<std::int64_t>{10, 12, 14}));
+  EXPECT_TRUE(held_out_frames(make_scene(recording_, {})).empty());
 }
 
 TEST_F(LidarReturnsTest, DropsPointsBeyondTheTrajectory) {

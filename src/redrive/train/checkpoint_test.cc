@@ -202,6 +202,18 @@ TEST(Checkpoint, LaysTensorsOutAsSafetensors) {
   EXPECT_EQ(parts.header.at("__metadata__").at("step"), "123456789012");
 }
 
+// Earlier builds trained on the LiDAR of held-out frames.
+TEST(Checkpoint, KnowsWhetherItHoldsLidarOut) {
+  TrainState state = example_state();
+  const std::string bytes = checkpoint_bytes(state);
+  EXPECT_TRUE(parse_checkpoint(bytes, "a").holds_out_lidar);
+  Parts earlier(bytes);
+  earlier.header["__metadata__"].erase("holds_out_lidar");
+  EXPECT_FALSE(parse_checkpoint(earlier.bytes(), "a").holds_out_lidar);
+  state.holds_out_lidar = false;
+  EXPECT_FALSE(parse_checkpoint(checkpoint_bytes(state), "a").holds_out_lidar);
+}
+
 std::string error_message(const std::string& bytes) {
   try {
     parse_checkpoint(bytes, "run/checkpoint.safetensors");

@@ -136,6 +136,10 @@ struct StripModel final : Model {
             parameters[slot_of(k, static_cast<int>(pixel % rays.width), rays.width)]);
     return image;
   }
+  RenderedRays trace(kernels::Backend&, const kernels::Rays& rays) const override {
+    const std::size_t n = rays.n;
+    return {std::vector<float>(n, 1), std::vector<float>(n, 1)};
+  }
   std::uint64_t step_bytes() const override { return 1000; }
   DeviceWork training_work() const override { return {.step_pixels = 1, .trains = true}; }
   DeviceWork rendering_work() const override { return {.tile_pixels = 1}; }

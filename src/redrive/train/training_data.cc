@@ -41,7 +41,12 @@ TrainingData applied(const Run& run, ThreadPool& pool, Exclusions left_out,
   if (run.state.model->uses_lidar()) {
     const MovingObjects moving =
         run.scene.actors.empty() ? left_out.moving : read_moving_objects(run.recording, run.scene);
-    lidar = load_lidar_returns(run.recording, run.scene, moving, pool);
+    LidarSelection selection;
+    if (run.state.holds_out_lidar)
+      selection.frame = [held_out = held_out_frames(run.scene)](std::int64_t frame) {
+        return !held_out.contains(frame);
+      };
+    lidar = load_lidar_returns(run.recording, run.scene, moving, pool, selection);
   }
   return {std::move(images), std::move(left_out), std::move(lidar)};
 }

@@ -5,6 +5,8 @@
 #include <gtest/gtest.h>
 
 #include "redrive/base/error.h"
+#include "redrive/recording/aimotive.h"
+#include "redrive/recording/scan_files.h"
 #include "redrive/train/train_testing.h"
 
 namespace redrive {
@@ -91,6 +93,29 @@ TEST_F(TrainingDataTest, NoneComputesNoMasks) {
   run_.recording.box_files = {{10, folder_.path / "missing.json"}};
   EXPECT_TRUE(load_training_data(run_, pool_).images[0].used.empty());
   EXPECT_TRUE(prepare_training_data(run_, pool_).images[0].used.empty());
+}
+
+// Else the LiDAR of held-out frames could not be scored. Runs of earlier builds go on as they
+// began.
+TEST_F(TrainingDataTest, RevolutionsOfHeldOutFramesDoNotTrain) {
+  run_.options.holdout_every = 2;  // frames 10 and 12
+  run_.options.masks = "none";
+  prepare();
+  run_.state.model = std::make_unique<GridModel>();
+  run_.recording.reader = aimotive::make_reader();
+  run_.recording.body_from_lidar = Rigid3d::Identity();
+  std::vector<std::int64_t> times;
+  for (const FramePose& frame : run_.recording.frames) {
+    const ScanPoint point{{20, 0, 0}, frame.t_ns};
+    const std::string name = "frame_" + std::to_string(frame.id) + ".las";
+    folder_.write(name, make_las(std::span(&point, 1)));
+    run_.recording.lidar_files.push_back({frame.id, folder_.path / name});
+    times.push_back(frame.t_ns);
+  }
+  EXPECT_EQ(prepare_training_data(run_, pool_).lidar.t_ns,
+            (std::vector<std::int64_t>{times[1], times[3]}));
+  run_.state.holds_out_lidar = false;
+  EXPECT_EQ(prepare_training_data(run_, pool_).lidar.t_ns, times);
 }
 
 TEST_F(TrainingDataTest, RejectsAFolderWithoutMasks) {

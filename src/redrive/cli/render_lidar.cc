@@ -1,0 +1,218 @@
+// SPDX-License-Identifier: Apache-2.0
+// redrive render --lidar: renders revolutions of a LiDAR into a point file, or those of all frames
+// into a folder.
+#include <algorithm>
+#include <charconv>
+#include <cstdio>
+#include <filesystem>
+
+#include "redrive/base/error.h"
+#include "redrive/base/files.h"
+#include "redrive/base/output_folder.h"
+#include "redrive/cli/backend_options.h"
+#include "redrive/cli/image_progress.h"
+#include "redrive/cli/output_file.h"
+#include "redrive/cli/render_options.h"
+#include "redrive/cli/training.h"
+#include "redrive/render/lidar_scan.h"
+#include "redrive/train/memory.h"
+
+namespace redrive {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr double kMaxLidarRange_m = 1e4;
+
+/// A point file by its extension.
+struct ScanFormat {
+  const char* extension;
+  std::string (*make)(std::span<const ScanPoint> points);
+  const char* intensity;
+};
+constexpr ScanFormat kScanFormats[] = {
+    {".las", make_las, "0"}, {".pcd", make_pcd, "left out"}, {".bin", make_kitti_scan, "0"}};
+
+/// Returns the format of --out; null: a folder.
+const ScanFormat* scan_format(const RenderOptions& options) {
+  const fs::path out = options.out;
+  for (const ScanFormat& format : kScanFormats)
+    if (has_extension(out, {format.extension})) return &format;
+  if (!out.extension().empty() && !fs::is_directory(out))
+    throw UsageError("--out", options.out,
+                     "must end in .las, .pcd or .bin, or be a folder for all frames");
+  return nullptr;
+}
+
+void parse_range(const std::string& text, ScanOptions* scan) {
+  const char* const end = text.data() + text.size();
+  const auto [colon, error] = std::from_chars(text.data(), end, scan->min_range_m);
+  bool valid = error == std::errc{} && colon != end && *colon == ':';
+  if (valid) {
+    const auto [last, failed] = std::from_chars(colon + 1, end, scan->max_range_m);
+    valid = failed == std::errc{} && last == end;
+  }
+  if (!valid || !(scan->min_range_m >= 0 && scan->min_range_m < scan->max_range_m &&
+                  scan->max_range_m <= kMaxLidarRange_m))
+    throw UsageError("--range", text, "must be MIN:MAX in metres, 0 <= MIN < MAX <= 1e4");
+}
+
+/// What --lidar asks for.
+struct LidarRequest {
+  std::optional<SpinningLidar> spinning;  ///< nothing: the recorded revolutions
+  std::optional<Mount> mount;
+  ScanOptions scan;
+};
+
+/// Checks the options before the run is opened.
+LidarRequest lidar_request(const RenderOptions& options) {
+  LidarRequest request;
+  if (options.lidar != "recorded") {
+    const auto beams = parse_beams(options.lidar);
+    if (!beams) throw UsageError("--lidar", options.lidar, kBeamsRule);
+    request.spinning = SpinningLidar{*beams, options.azimuth_steps, options.rate_hz};
+  }
+  if (!options.mount.empty()) {
+    request.mount = parse_mount(options.mount);
+    if (!request.mount) throw UsageError("--mount", options.mount, kMountRule);
+  }
+  parse_range(options.range, &request.scan);
+  request.scan.axes = options.points_in == "sensor" ? PointAxes::kSensor
+                      : options.points_in == "body" ? PointAxes::kBody
+                                                    : PointAxes::kWorld;
+  return request;
+}
+
+SensorMotion sensor_motion(const RenderOptions& options, const LidarRequest& request,
+                           const Run& run) {
+  if (!run.recording.metric)
+    throw UsageError("--lidar", options.lidar,
+                     "needs a drive: photographs have neither metres nor times");
+  if (!run.recording.body_from_lidar && !(request.mount && request.spinning))
+    throw UsageError("--lidar", options.lidar,
+                     request.spinning ? "needs --mount: the recording has no LiDAR"
+                                      : "the recording has no LiDAR");
+  SensorMotion motion{run.recording, run.scene};
+  motion.axes = shift_axes(options, run);
+  motion.shift_m = parse_translation(options.translate);
+  const Rigid3d camera_from_lidar = camera_from_lidar_axes();
+  const Rigid3d body_from_camera =
+      request.mount ? request.mount->body_from_sensor()
+                    : *run.recording.body_from_lidar * camera_from_lidar.inverse(Eigen::Isometry);
+  motion.body_from_sensor = turned_sensor(body_from_camera, kRadiansPerDegree * options.yaw_deg,
+                                          kRadiansPerDegree * options.pitch_deg) *
+                            camera_from_lidar;
+  return motion;
+}
+
+void print_scan(const std::string& name, const LidarScan& scan, std::size_t firings) {
+  std::printf("%s: %zu points of %zu rays; dropped: %zu of low opacity, %zu out of range\n",
+              name.c_str(), scan.points.size(), firings, scan.transparent, scan.out_of_range);
+}
+
+/// Files of a folder as KITTI's velodyne_points.
+class KittiFolder {
+ public:
+  explicit KittiFolder(const fs::path& folder) : folder_(folder) {
+    fs::create_directory(folder / "data");
+  }
+  /// By ascending id.
+  void add(std::int64_t id, std::int64_t t_ns, const LidarFirings& firings, const LidarScan& scan) {
+    const auto [first, last] = std::ranges::minmax(firings.t_ns);
+    const std::int64_t times[] = {t_ns, first, last};
+    for (int k = 0; k < 3; ++k) {
+      // Line n belongs to frame n - 1; lines of frames between are empty.
+      times_[k] += std::string(static_cast<std::size_t>(id - next_), '\n');
+      times_[k] += kitti_timestamp(times[k]) + "\n";
+    }
+    next_ = id + 1;
+    char name[40];
+    std::snprintf(name, sizeof name, "%010lld.bin", static_cast<long long>(id));
+    write_file(folder_ / "data" / name, make_kitti_scan(scan.points));
+  }
+  void finish() const {
+    const char* const names[] = {"timestamps.txt", "timestamps_start.txt", "timestamps_end.txt"};
+    for (int k = 0; k < 3; ++k) write_file(folder_ / names[k], times_[k]);
+  }
+
+ private:
+  fs::path folder_;
+  std::int64_t next_ = 0;
+  std::string times_[3];
+};
+
+}  // namespace
+
+int render_lidar(const RenderOptions& options) {
+  const ScanFormat* const format = scan_format(options);
+  if (format && options.frame.empty())
+    throw UsageError("render", "", "needs --frame for a file; a folder takes all frames");
+  if (!format && !options.frame.empty())
+    throw UsageError("--frame", options.frame, "is for a file; a folder takes all frames");
+  const fs::path out = fs::path(options.out).has_filename() ? fs::path(options.out)
+                                                            : fs::path(options.out).parent_path();
+  if (format)
+    check_output_file("--out", out, options.force);
+  else
+    check_output_folder("--out", out, options.force);
+  const LidarRequest request = lidar_request(options);
+  const std::int64_t wanted = format ? parse_frame("--frame", options.frame) : -1;
+
+  const Run run = open_run(options.run);
+  const SensorMotion motion = sensor_motion(options, request, run);
+  const auto backend = make_backend_of(run, options.backend);
+  std::printf("%s\n", kernels::describe(*backend).c_str());
+  check_device_memory(run, *backend, run.state.model->rendering_work());
+  ThreadPool pool(backend->threads());
+  std::size_t rays = 0;
+  /// Nothing where the recorded revolution of a frame is missing.
+  const auto firings_of = [&](std::int64_t id, std::int64_t t_ns) {
+    return request.spinning ? std::optional(request.spinning->revolution(t_ns))
+                            : recorded_firings(run.recording, run.scene, id, pool);
+  };
+  const auto scan_of = [&](const LidarFirings& firings) {
+    rays += firings.size();
+    return render_scan(*backend, *run.state.model, firings, motion, request.scan);
+  };
+  if (format) {
+    const auto frame = std::ranges::find(run.recording.frames, wanted, &FramePose::id);
+    if (frame == run.recording.frames.end()) no_such_frame(options.frame, run);
+    const auto firings = firings_of(frame->id, frame->t_ns);
+    if (!firings)
+      throw UsageError("--frame", options.frame, "the run has no LiDAR revolution of this frame");
+    const LidarScan scan = scan_of(*firings);
+    const std::string bytes = format->make(scan.points);
+    write_file(out, bytes);
+    print_scan(options.out, scan, rays);
+  } else {
+    const std::atomic<bool>& stop = stop_on_signal();
+    const auto progress = image_progress("rendered", "frames");
+    LidarScan all;
+    int scans = 0;
+    write_output_folder(out, [&](const fs::path& folder) {
+      KittiFolder files(folder);
+      int done = 0;
+      for (const Frame& frame : run.scene.frames) {
+        if (stop) throw Interrupted();
+        if (const auto firings = firings_of(frame.id, frame.t_ns)) {
+          LidarScan scan = scan_of(*firings);
+          files.add(frame.id, frame.t_ns, *firings, scan);
+          all.transparent += scan.transparent;
+          all.out_of_range += scan.out_of_range;
+          std::ranges::move(scan.points, std::back_inserter(all.points));
+          ++scans;
+        }
+        if (progress) progress(++done, static_cast<int>(run.scene.frames.size()));
+      }
+      if (scans == 0) throw UsageError("--lidar", options.lidar, "the run has no LiDAR revolution");
+      files.finish();
+    });
+    std::printf("%d revolutions\n", scans);
+    print_scan(options.out, all, rays);
+  }
+  std::printf("intensity: %s, since training does not model it\n",
+              format ? format->intensity : "0");
+  return kExitOk;
+}
+
+}  // namespace redrive

@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: Apache-2.0
+// Scores a run by the LiDAR revolutions of held-out frames: each recorded return is rendered from
+// the sensor's position at its time along its own direction.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <optional>
+#include <vector>
+
+#include "redrive/train/run.h"
+#include "redrive/train/training_data.h"
+
+namespace redrive {
+
+/// A rendered return within this of the recorded one counts for LidarScore::near_hit_rate.
+constexpr double kNearHit_m = 0.2;
+
+/// Over all returns; chamfer_m: mean over revolutions. NaN without a rendered return.
+struct LidarScore {
+  int revolutions = 0;
+  std::int64_t returns = 0;  ///< recorded ones of the static world that did not train
+  double range_error_m = 0;  ///< median of |rendered - recorded| over the rendered returns
+  double hit_rate = 0;       ///< fraction for which a return is rendered (render/lidar_scan.h)
+  double near_hit_rate = 0;  ///< fraction for which one within kNearHit_m is
+  double chamfer_m = 0;      ///< chamfer_distance of the recorded points and the rendered ones
+};
+
+/// Returns the mean of the mean distances of each point of one set to the nearest of the other, in
+/// both directions. Both must have points.
+double chamfer_distance(const std::vector<Eigen::Vector3f>& a,
+                        const std::vector<Eigen::Vector3f>& b);
+
+/// Returns the frames of the revolutions that did not train: none where no frame is held out, where
+/// the recording has no revolutions, or where the run is of an earlier build, which trained on all.
+std::vector<std::int64_t> held_out_revolutions(const Run& run);
+
+/// Scores the revolutions of `frames`; calls `scored` after each. Nothing if they have no return.
+std::optional<LidarScore> score_lidar(const Run& run, kernels::Backend& backend,
+                                      const std::vector<std::int64_t>& frames,
+                                      const MovingObjects& moving,
+                                      const std::function<void()>& scored);
+
+}  // namespace redrive

@@ -1,0 +1,53 @@
+// SPDX-License-Identifier: Apache-2.0
+// LiDAR scans of a model, as a sensor on the moving car records them.
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "redrive/model/model.h"
+#include "redrive/recording/scan_files.h"
+#include "redrive/render/lidar_sensor.h"
+#include "redrive/render/view_pose.h"
+
+namespace redrive {
+
+/// A beam of a lower opacity has no return.
+constexpr float kMinReturnOpacity = 0.5f;
+
+/// Ranges of returns, unless others are asked for, metres.
+constexpr double kMinReturn_m = 0.5, kMaxReturn_m = 200;
+
+/// The way of a sensor: on the body along the trajectory, shifted along `axes` (of which kCamera
+/// are the sensor's own: x forward, y left, z up). Recording and scene must outlive it.
+struct SensorMotion {
+  const Recording& recording;
+  const Scene& scene;
+  Rigid3d body_from_sensor = Rigid3d::Identity();
+  ShiftAxes axes = ShiftAxes::kBody;
+  Eigen::Vector3d shift_m = Eigen::Vector3d::Zero();
+
+  Rigid3d world_from_body(std::int64_t t_ns) const;
+  /// UsageError where `axes` do not exist (view_pose.h shifted_camera).
+  Rigid3d world_from_sensor(std::int64_t t_ns) const;
+};
+
+/// The axes of a scan's points: those of the sensor or of the body at the time of each point, or
+/// the world of the scene, where points are motion compensated.
+enum class PointAxes { kSensor, kBody, kWorld };
+
+struct ScanOptions {
+  double min_range_m = kMinReturn_m, max_range_m = kMaxReturn_m;
+  PointAxes axes = PointAxes::kSensor;
+};
+
+struct LidarScan {
+  std::vector<ScanPoint> points;                  ///< by time; intensity 0
+  std::size_t transparent = 0, out_of_range = 0;  ///< firings without a return, and why
+};
+
+/// Fires along the motion: each ray starts where the sensor is at its time.
+LidarScan render_scan(kernels::Backend& backend, const Model& model, const LidarFirings& firings,
+                      const SensorMotion& motion, const ScanOptions& options);
+
+}  // namespace redrive

@@ -1,0 +1,132 @@
+// SPDX-License-Identifier: Apache-2.0
+// Scans of a model whose depth is a formula, from a car that moves while the sensor turns.
+#include "redrive/render/lidar_scan.h"
+
+#include <cmath>
+
+#include <gtest/gtest.h>
+
+#include "redrive/model/nerf_model.h"
+#include "redrive/recording/aimotive.h"
+#include "redrive/recording/scan_files.h"
+#include "redrive/recording/trajectory.h"
+#include "redrive/render/paint_backend_testing.h"
+#include "redrive/scene/scene_testing.h"
+
+namespace redrive {
+namespace {
+
+using Eigen::Vector3d;
+
+/// A wall of the world, x = 30 m.
+constexpr float kWall_m = 30;
+
+class LidarScanTest : public ::testing::Test {
+ protected:
+  LidarScanTest() {
+    model_.config.width = 32;
+    model_.samples = 4;
+    model_.near_m = 1;
+    model_.far_m = 10;
+    model_.parameters = Buffer<float>(nerf_parameter_count(model_.config));
+    recording_.reader = aimotive::make_reader();
+    recording_.body_from_lidar = Rigid3d(Eigen::Translation3d(1.2, 0.1, 1.7));
+    recording_.body_from_lidar->rotate(Eigen::AngleAxisd(0.3, Vector3d::UnitZ()));
+    motion_.body_from_sensor = *recording_.body_from_lidar;
+  }
+  LidarScan scan(const LidarFirings& firings, const ScanOptions& options = {}) {
+    return render_scan(wall_, model_, firings, motion_, options);
+  }
+  LidarFirings spin() const {
+    SpinningLidar lidar;
+    lidar.elevation_deg = {-5, 0, 5};
+    lidar.azimuth_steps = 36;
+    return lidar.revolution(recording_.frames[2].t_ns);
+  }
+
+  TemporaryFolder folder_;
+  Recording recording_ = make_test_recording(folder_.path);  // 15 m/s, turns by 1.5 rad/s
+  const Scene scene_ = make_scene(recording_, {});
+  SensorMotion motion_{recording_, scene_};
+  NerfModel model_;
+  PaintBackend wall_{[](const auto&, const auto&) { return std::array<float, 3>{}; },
+                     [](const auto& origin, const auto& direction) {
+                       return direction[0] > 0 ? (kWall_m - origin[0]) / direction[0] : 0;
+                     }};
+};
+
+TEST_F(LidarScanTest, RaysStartWhereTheSensorIsAtTheirTime) {
+  const LidarFirings firings = spin();
+  ScanOptions options;
+  options.max_range_m = 100;
+  for (const PointAxes axes : {PointAxes::kSensor, PointAxes::kBody, PointAxes::kWorld}) {
+    options.axes = axes;
+    const LidarScan scanned = scan(firings, options);
+    EXPECT_GT(scanned.points.size(), 30u);
+    EXPECT_GT(scanned.transparent, 30u);
+    EXPECT_EQ(scanned.points.size() + scanned.transparent + scanned.out_of_range, firings.size());
+    for (const ScanPoint& point : scanned.points) {
+      const Rigid3d body = motion_.world_from_body(point.t_ns);
+      const Vector3d in_world =
+          axes == PointAxes::kWorld ? point.position_m
+          : axes == PointAxes::kBody
+              ? Vector3d(body * point.position_m)
+              : Vector3d(body * *recording_.body_from_lidar * point.position_m);
+      // Floats of 30 m, over the cosine of the incidence: 100 m / 30 m at most.
+      EXPECT_NEAR(in_world.x(), kWall_m, 1e-4);
+    }
+  }
+}
+
+TEST_F(LidarScanTest, DropsWhatIsOutOfRange) {
+  const LidarFirings firings = spin();
+  ScanOptions options;
+  options.min_range_m = 29;
+  options.max_range_m = 31;
+  const LidarScan scanned = scan(firings, options);
+  EXPECT_GT(scanned.points.size(), 0u);
+  EXPECT_GT(scanned.out_of_range, 0u);
+  for (const ScanPoint& point : scanned.points) {
+    EXPECT_GE(point.position_m.norm(), 29);
+    EXPECT_LE(point.position_m.norm(), 31);
+  }
+}
+
+TEST_F(LidarScanTest, ShiftsAlongTheAxesOfTheSensor) {
+  motion_.axes = ShiftAxes::kCamera;
+  motion_.shift_m = {0, 2, 0};
+  const std::int64_t t_ns = recording_.frames[1].t_ns + 7'000'000;
+  const Vector3d moved =
+      motion_.world_from_sensor(t_ns).translation() -
+      (motion_.world_from_body(t_ns) * *recording_.body_from_lidar).translation();
+  EXPECT_LT((moved - motion_.world_from_sensor(t_ns).linear().col(1) * 2).norm(), 1e-9);
+}
+
+// The recorded revolution of the wall comes back: same directions, times and ranges.
+TEST_F(LidarScanTest, RecordedFiringsReturnTheRecordedPoints) {
+  std::vector<ScanPoint> points;
+  for (int i = 0; i < 20; ++i) {
+    const std::int64_t t_ns = recording_.frames[2].t_ns + (i / 4 - 2) * 10'000'000;
+    const Rigid3d body = motion_.world_from_body(t_ns);
+    points.push_back({body.inverse(Eigen::Isometry) * Vector3d(kWall_m, i - 10, i % 4), t_ns});
+  }
+  folder_.write("frame_12.las", make_las(points));
+  recording_.lidar_files = {{12, folder_.path / "frame_12.las"}};
+  ThreadPool pool(2);
+  EXPECT_FALSE(recorded_firings(recording_, scene_, 11, pool));
+  const auto firings = recorded_firings(recording_, scene_, 12, pool);
+  ASSERT_TRUE(firings);
+  ASSERT_EQ(firings->size(), 20u);
+  ScanOptions options;
+  options.axes = PointAxes::kBody;
+  const LidarScan scanned = scan(*firings, options);
+  ASSERT_EQ(scanned.points.size(), 20u);
+  for (std::size_t i = 0; i < 20; ++i) {
+    // 0.1 mm of the file, stretched by the incidence on the wall.
+    EXPECT_LT((scanned.points[i].position_m - points[i].position_m).norm(), 0.0004) << i;
+    EXPECT_EQ(scanned.points[i].t_ns, points[i].t_ns);
+  }
+}
+
+}  // namespace
+}  // namespace redrive

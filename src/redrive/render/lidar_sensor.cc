@@ -1,0 +1,101 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/render/lidar_sensor.h"
+
+#include <charconv>
+#include <cmath>
+#include <numbers>
+
+#include "redrive/base/error.h"
+#include "redrive/math/angles.h"
+#include "redrive/recording/trajectory.h"
+#include "redrive/scene/lidar_returns.h"
+
+namespace redrive {
+namespace {
+
+constexpr std::size_t kMaxBeams = 256;
+
+/// Returns numbers that `separator` separates; nothing for other text.
+std::optional<std::vector<double>> numbers_in(std::string_view text, char separator) {
+  std::vector<double> numbers;
+  const char *at = text.data(), *const end = at + text.size();
+  while (true) {
+    double number = 0;
+    const auto [next, error] = std::from_chars(at, end, number);
+    if (error != std::errc{} || !std::isfinite(number)) return std::nullopt;
+    numbers.push_back(number);
+    if (next == end) return numbers;
+    if (*next != separator) return std::nullopt;
+    at = next + 1;
+  }
+}
+
+}  // namespace
+
+std::optional<std::vector<double>> parse_beams(std::string_view text) {
+  const bool range = text.find(':') != std::string_view::npos;
+  auto numbers = numbers_in(text, range ? ':' : ',');
+  if (!numbers) return std::nullopt;
+  if (range) {
+    if (numbers->size() != 3) return std::nullopt;
+    const double count = (*numbers)[0], low = (*numbers)[1], high = (*numbers)[2];
+    if (count != std::floor(count) || count < 2 || count > kMaxBeams || !(low < high))
+      return std::nullopt;
+    numbers->clear();
+    for (int i = 0; i < static_cast<int>(count); ++i)
+      numbers->push_back(low + (high - low) * i / (count - 1));
+  }
+  if (numbers->size() > kMaxBeams) return std::nullopt;
+  for (const double elevation_deg : *numbers)
+    if (!(std::abs(elevation_deg) <= 90)) return std::nullopt;
+  return numbers;
+}
+
+LidarFirings SpinningLidar::revolution(std::int64_t t_ns) const {
+  LidarFirings out;
+  const double period_ns = 1e9 / rate_hz;
+  for (int step = 0; step < azimuth_steps; ++step) {
+    const double fraction = (step + 0.5) / azimuth_steps,
+                 azimuth_rad = std::numbers::pi * (1 - 2 * fraction);  // to the left
+    for (const double elevation : elevation_deg) {
+      const double up_rad = kRadiansPerDegree * elevation;
+      out.direction.emplace_back(std::cos(up_rad) * std::cos(azimuth_rad),
+                                 std::cos(up_rad) * std::sin(azimuth_rad), std::sin(up_rad));
+      out.t_ns.push_back(t_ns + std::llround((fraction - 0.5) * period_ns));
+    }
+  }
+  return out;
+}
+
+std::optional<LidarFirings> recorded_firings(const Recording& recording, const Scene& scene,
+                                             std::int64_t frame_id, ThreadPool& pool) {
+  if (recording.lidar_files.empty()) return std::nullopt;
+  const LidarReturns returns = load_lidar_returns(
+      recording, scene, MovingObjects({}, recording.frames, scene.global_from_world), pool,
+      {[&](std::int64_t id) { return id == frame_id; }, /*repeated=*/true});
+  if (returns.n == 0) return std::nullopt;
+  const Rigid3d world_from_global = scene.global_from_world.inverse(Eigen::Isometry);
+  LidarFirings out;
+  out.t_ns = returns.t_ns;
+  Eigen::Matrix3d lidar_from_world;
+  for (std::size_t i = 0; i < returns.n; ++i) {
+    if (i == 0 || returns.t_ns[i] != returns.t_ns[i - 1])
+      lidar_from_world = (world_from_global * pose_at(recording.frames, returns.t_ns[i]) *
+                          *recording.body_from_lidar)
+                             .linear()
+                             .transpose();
+    out.direction.push_back(
+        (lidar_from_world * Eigen::Vector3d(returns.direction[i], returns.direction[returns.n + i],
+                                            returns.direction[2 * returns.n + i]))
+            .normalized());
+  }
+  return out;
+}
+
+Rigid3d camera_from_lidar_axes() {
+  Rigid3d axes = Rigid3d::Identity();
+  axes.linear() << 0, -1, 0, 0, 0, -1, 1, 0, 0;
+  return axes;
+}
+
+}  // namespace redrive
