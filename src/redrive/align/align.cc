@@ -10,6 +10,7 @@
 
 #include <Eigen/Dense>
 
+#include "redrive/align/bundle/unobservable_extrinsics.h"
 #include "redrive/align/bundle/unobservable_time_offsets.h"
 #include "redrive/base/error.h"
 #include "redrive/math/angles.h"
@@ -89,8 +90,12 @@ Eigen::MatrixXd without_common_motion(const RigModel& model, const Eigen::Matrix
   return half - (half * solved.transpose()) * g.transpose();
 }
 
+/// Standard deviations of a pose, with the error that the tracks of neighbouring frames share.
 Vector6d sigmas_at(const Eigen::VectorXd& variance, int at) {
-  return variance.segment<6>(at).cwiseMax(0).cwiseSqrt();
+  constexpr double kShared_rad = 0.004 * kRadiansPerDegree;
+  Vector6d all = variance.segment<6>(at).cwiseMax(0);
+  all.tail<3>().array() += kShared_rad * kShared_rad;
+  return all.cwiseSqrt();
 }
 
 /// Standard deviation of one number, where it was estimated.
@@ -149,6 +154,11 @@ std::vector<std::string> fix_unobservable_readouts(const BundleResult& bundle,
 
 std::string unobservable_text(const CameraCorrection& camera, const UnobservableTimeOffset& offset,
                               const BundlePriors& priors) {
+  if (offset.by_edges)
+    return text(
+        "%s: the time offset is unobservable (%+.1f +- %.1f ms fits best, but edges of the LiDAR's "
+        "depth lie better on the images without it): it keeps its initial value of %.2f ms",
+        camera.name.c_str(), 1e3 * offset.offset_s, 1e3 * offset.sigma_s, 1e3 * camera.offset_s);
   return text(
       "%s: the time offset is unobservable (%+.1f +- %.1f ms fits best, and +- %.1f is needed: at "
       "constant velocity a late exposure looks like a camera further forward): it keeps its "
@@ -158,7 +168,8 @@ std::string unobservable_text(const CameraCorrection& camera, const Unobservable
       1e3 * max_observable_sigma_s(priors.offset_s), 1e3 * camera.offset_s);
 }
 
-AlignResult describe(const RigModel& model, BundleResult bundle, bool scale_is_given) {
+AlignResult describe(const RigModel& model, BundleResult bundle, const Vector6d& priors,
+                     bool scale_is_given) {
   AlignResult result;
   const int n = static_cast<int>(model.initial_frames.size()),
             cameras = static_cast<int>(model.cameras.size());
@@ -172,9 +183,9 @@ AlignResult describe(const RigModel& model, BundleResult bundle, bool scale_is_g
     result.cameras.push_back(model.corrected_calibration(c));
     CameraCorrection correction;
     correction.name = camera.initial.name;
-    correction.extrinsics = {camera.extrinsics, sigmas_at(bundle.variance, 6 * (n + c))};
-    correction.rotation_in_body =
-        camera.initial.body_from_sensor.linear() * camera.extrinsics.tail<3>();
+    correction.extrinsics = extrinsics_in_body(camera);
+    for (int axis = 0; axis < kExtrinsicAxes; ++axis)
+      correction.extrinsic_sigmas[axis] = extrinsic_sigma(model, bundle, priors, c, axis);
     correction.offset_s = camera.offset_s;
     correction.initial_offset_s = camera.initial_offset_s();
     correction.offset_sigma_s = sigma_at(bundle, bundle.offset_index[c]);
@@ -184,6 +195,8 @@ AlignResult describe(const RigModel& model, BundleResult bundle, bool scale_is_g
     correction.intrinsics = camera.intrinsics;
     result.camera_corrections.push_back(correction);
   }
+  for (const UnobservableExtrinsic& held : bundle.unobservable_extrinsics)
+    result.camera_corrections[held.camera].extrinsic_sigmas[held.axis].reset();
   result.bundle = std::move(bundle);
   return result;
 }
@@ -258,8 +271,8 @@ std::string obstacle(const Recording& recording, const AlignResult& result, bool
         static_cast<long long>(recording.frames[at_rad].id), worst_rad * kDegreesPerRadian,
         kMaxSigma_rad * kDegreesPerRadian);
   for (const CameraCorrection& camera : result.camera_corrections) {
-    const double translation_m = camera.extrinsics.value.head<3>().norm(),
-                 rotation_rad = camera.extrinsics.value.tail<3>().norm();
+    const double translation_m = camera.extrinsics.head<3>().norm(),
+                 rotation_rad = camera.extrinsics.tail<3>().norm();
     if (!(translation_m < kMaxExtrinsics_m && rotation_rad < kMaxExtrinsics_rad &&
           std::abs(camera.offset_s) < kMaxOffset_s))
       return text(
@@ -298,7 +311,8 @@ AlignResult align_with(const Recording& recording, const std::vector<Track>& tra
     remarks.insert(remarks.end(), unobservable.begin(), unobservable.end());
     bundle = adjust_bundle(&model, tracks, lidar, contrast, bundle_options, pool);
   }
-  AlignResult result = describe(model, std::move(bundle), lidar.empty());
+  AlignResult result =
+      describe(model, std::move(bundle), options.bundle.priors.extrinsics, lidar.empty());
   result.remarks = std::move(remarks);
   for (const UnobservableTimeOffset& offset : result.bundle.unobservable)
     result.remarks.push_back(
@@ -324,6 +338,39 @@ AlignResult align_with(const Recording& recording, const std::vector<Track>& tra
   return result;
 }
 
+namespace {
+
+/// The recording with aligned poses and calibrations.
+Recording with_alignment(Recording recording, const AlignResult& result) {
+  recording.frames = result.frames;
+  for (std::size_t c = 0; c < recording.cameras.size(); ++c)
+    recording.cameras[c].calibration = result.cameras[c];
+  return recording;
+}
+
+/// Time offsets without which edges of the LiDAR's depth lie better on the images. Small errors
+/// that all images share look like a time offset where the car hardly turns.
+std::vector<UnobservableTimeOffset> offsets_against_edges(const Recording& recording,
+                                                          const AlignResult& result,
+                                                          const ContrastData& source,
+                                                          ThreadPool& pool) {
+  constexpr double kMinGain = 0.015;  // of the score: more than its noise over 1000 edges
+  RigModel model = make_rig_model(with_alignment(recording, result));
+  for (std::size_t c = 0; c < model.cameras.size(); ++c)
+    model.cameras[c].offset_s = result.camera_corrections[c].initial_offset_s;
+  const std::vector<std::optional<EdgeScore>> without = depth_edge_scores(model, source, pool);
+  std::vector<UnobservableTimeOffset> rejected;
+  for (std::size_t c = 0; c < without.size(); ++c) {
+    const CameraCorrection& camera = result.camera_corrections[c];
+    if (camera.offset_sigma_s && without[c] && result.aligned_edges[c] &&
+        without[c]->score() > result.aligned_edges[c]->score() + kMinGain)
+      rejected.push_back({static_cast<int>(c), camera.offset_s, *camera.offset_sigma_s, true});
+  }
+  return rejected;
+}
+
+}  // namespace
+
 AlignResult align(const Recording& recording, const AlignOptions& options, ThreadPool& pool) {
   const auto start = std::chrono::steady_clock::now();
   if (!recording.metric)
@@ -343,8 +390,22 @@ AlignResult align(const Recording& recording, const AlignOptions& options, Threa
   }
   std::optional<ContrastData> contrast;
   if (images && !lidar.empty()) contrast.emplace(*images, lidar);
-  AlignResult result = align_with(recording, tracks, subsample_evenly(lidar, kMaxPlaneSamples),
-                                  options, pool, contrast ? &*contrast : nullptr);
+  const std::vector<LidarSample> of_planes = subsample_evenly(lidar, kMaxPlaneSamples);
+  const auto align_by = [&](const AlignOptions& by) {
+    AlignResult aligned =
+        align_with(recording, tracks, of_planes, by, pool, contrast ? &*contrast : nullptr);
+    if (contrast)
+      aligned.aligned_edges =
+          depth_edge_scores(make_rig_model(with_alignment(recording, aligned)), *contrast, pool);
+    return aligned;
+  };
+  AlignResult result = align_by(options);
+  if (contrast) {
+    AlignOptions again = options;
+    again.bundle.held_offsets = offsets_against_edges(recording, result, *contrast, pool);
+    if (!again.bundle.held_offsets.empty()) result = align_by(again);
+    result.initial_edges = depth_edge_scores(make_rig_model(recording), *contrast, pool);
+  }
   result.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   return result;
 }

@@ -3,11 +3,13 @@
 // why that is not possible.
 #pragma once
 
+#include <array>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "redrive/align/bundle/bundle_adjustment.h"
+#include "redrive/align/lidar/depth_edges.h"
 #include "redrive/align/tracks/tracks.h"
 #include "redrive/base/parallel.h"
 #include "redrive/recording/recording.h"
@@ -21,17 +23,17 @@ struct AlignOptions {
   BundleOptions bundle;
 };
 
-/// The correction of one frame's pose or one camera's extrinsics, with its standard deviation.
+/// The correction of one frame's pose, with its standard deviation: forward, left, up (m), roll,
+/// pitch, yaw (rad), in the axes of the body.
 struct Correction {
-  Vector6d value = Vector6d::Zero(),
-           sigma = Vector6d::Zero();  ///< m and rad, in the axes of the body or of the sensor
+  Vector6d value = Vector6d::Zero(), sigma = Vector6d::Zero();
 };
 
 struct CameraCorrection {
   std::string name;
-  Correction extrinsics;
-  Eigen::Vector3d rotation_in_body =
-      Eigen::Vector3d::Zero();  ///< of the camera about the body's axes: roll, pitch, yaw; rad
+  Vector6d extrinsics = Vector6d::Zero();  ///< as Correction::value
+  /// Of these; nothing: unobservable, the initial value is kept.
+  std::array<std::optional<double>, 6> extrinsic_sigmas;
   double offset_s = 0, initial_offset_s = 0;  ///< exposure minus time of the pose
   std::optional<double> offset_sigma_s;       ///< nothing: unobservable, the initial value is kept
   double readout_s = 0, initial_readout_s = 0;  ///< of a rolling shutter
@@ -48,6 +50,8 @@ struct AlignResult {
   std::vector<Correction> corrections;
   std::vector<CameraCorrection> camera_corrections;
   BundleResult bundle;
+  /// Scores of the LiDAR's depth edges by camera; empty without images or LiDAR.
+  std::vector<std::optional<EdgeScore>> initial_edges, aligned_edges;
   /// Sentences for the user, such as: no LiDAR, so the scale is the egomotion's; an unobservable
   /// readout keeps its initial value.
   std::vector<std::string> remarks;

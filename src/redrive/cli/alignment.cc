@@ -4,9 +4,11 @@
 #include <algorithm>
 #include <cstdio>
 
+#include "redrive/align/bundle/unobservable_extrinsics.h"
 #include "redrive/math/angles.h"
 #include "redrive/recording/pose_files.h"
 #include "redrive/report/align_page.h"
+#include "redrive/report/html.h"
 
 namespace redrive {
 namespace {
@@ -16,26 +18,58 @@ void print_residual(const char* which, const TrajectoryRegistration& registratio
               100 * registration.residual_m, registration.residual_deg);
 }
 
-void print_alignment(const AlignResult& result) {
-  const BundleResult& bundle = result.bundle;
-  std::printf("%-22s %16s %15s %26s %8s %14s %16s\n", "camera", "observations", "error px",
-              "yaw pitch roll deg", "+-", "translation cm", "offset ms");
+/// "+0.161 +- 0.010", or "unobservable".
+std::string correction_text(double value, const std::optional<double>& sigma, int digits) {
+  if (!sigma) return "unobservable";
+  char text[64];
+  std::snprintf(text, sizeof text, "%+.*f +- %.*f", digits, value, digits, *sigma);
+  return text;
+}
+
+std::string edges_text(const std::vector<std::optional<EdgeScore>>& scores, std::size_t camera) {
+  return camera < scores.size() && scores[camera] ? fixed(scores[camera]->score(), 3) : "-";
+}
+
+void print_cameras(const AlignResult& result) {
+  std::printf("%-22s %16s %15s %15s %15s %16s\n", "camera", "observations", "error px",
+              "edge score", "LiDAR ties", "offset ms");
   for (std::size_t c = 0; c < result.cameras.size(); ++c) {
     const CameraCorrection& k = result.camera_corrections[c];
-    const CameraFit& fit = bundle.cameras[c];
-    std::printf(
-        "%-22s %7d of %6d %6.2f -> %5.2f    %+7.3f %+7.3f %+7.3f %8.3f %7.1f +- %3.1f %+7.2f ",
-        k.name.c_str(), fit.used, fit.observations, fit.initial_px, fit.aligned_px,
-        k.rotation_in_body.z() * kDegreesPerRadian, k.rotation_in_body.y() * kDegreesPerRadian,
-        k.rotation_in_body.x() * kDegreesPerRadian,
-        k.extrinsics.sigma.tail<3>().maxCoeff() * kDegreesPerRadian,
-        100 * k.extrinsics.value.head<3>().norm(), 100 * k.extrinsics.sigma.head<3>().maxCoeff(),
-        1e3 * k.offset_s);
-    if (k.offset_sigma_s)
-      std::printf("+- %5.2f\n", 1e3 * *k.offset_sigma_s);
-    else
-      std::printf("unobservable\n");
+    const CameraFit& fit = result.bundle.cameras[c];
+    std::printf("%-22s %6d of %6d %6.2f -> %5.2f %15s %6d, %4.1f cm %16s\n", k.name.c_str(),
+                fit.used, fit.observations, fit.initial_px, fit.aligned_px,
+                (edges_text(result.initial_edges, c) + " -> " + edges_text(result.aligned_edges, c))
+                    .c_str(),
+                result.bundle.ties_of_camera[c], 100 * fit.ties_m,
+                k.offset_sigma_s
+                    ? correction_text(1e3 * k.offset_s, 1e3 * *k.offset_sigma_s, 2).c_str()
+                    : (fixed(1e3 * k.offset_s, 2) + " unobservable").c_str());
   }
+  std::printf("%-22s", "corrected by");
+  for (int axis = 0; axis < kExtrinsicAxes; ++axis)
+    std::printf(" %16s", (std::string(extrinsic_name(axis)) + (axis < 3 ? " cm" : " deg")).c_str());
+  std::printf("\n");
+  bool unobservable = false;
+  for (const CameraCorrection& k : result.camera_corrections) {
+    std::printf("%-22s", k.name.c_str());
+    for (int axis = 0; axis < kExtrinsicAxes; ++axis) {
+      const double unit = axis < 3 ? 100 : kDegreesPerRadian;
+      const std::optional<double>& sigma = k.extrinsic_sigmas[axis];
+      unobservable |= !sigma;
+      std::printf(" %16s", correction_text(unit * k.extrinsics[axis],
+                                           sigma ? std::optional(unit * *sigma) : std::nullopt,
+                                           axis < 3 ? 1 : 3)
+                               .c_str());
+    }
+    std::printf("\n");
+  }
+  if (unobservable)
+    std::printf("unobservable: the drive does not determine it; it stays as calibrated\n");
+}
+
+void print_alignment(const AlignResult& result) {
+  const BundleResult& bundle = result.bundle;
+  print_cameras(result);
   for (const CameraCorrection& k : result.camera_corrections) {
     if (k.readout_sigma_s)
       std::printf("%s: readout %+.2f +- %.2f ms (initially %+.2f)\n", k.name.c_str(),

@@ -20,6 +20,7 @@
 #include "redrive/image/image_io.h"
 #include "redrive/recording/recording.h"
 #include "redrive/recording/summary.h"
+#include "redrive/report/html.h"
 #include "redrive/report/preflight_page.h"
 #include "redrive/scene/load_views.h"
 #include "redrive/scene/masks.h"
@@ -222,6 +223,8 @@ nlohmann::ordered_json preflight_to_json(const Preflight& preflight) {
       camera["clock"] = {{"offset_ms", offset->offset_ms},
                          {"sigma_ms", offset->sigma_ms},
                          {"by", offset->by_lidar ? "lidar" : "images"}};
+    camera["edge_score"] = nullptr;  // the LiDAR is too sparse
+    if (c.edges) camera["edge_score"] = {{"score", c.edges->score()}, {"edges", c.edges->edges}};
     camera["tried"] = tried;
     camera["scan"] = scan;
     camera["contrast"] = contrast;
@@ -318,12 +321,14 @@ void print_findings(const char* title, const std::vector<Finding>& findings) {
 }
 
 void print_preflight(const Preflight& preflight) {
-  std::printf("%-24s %-12s %9s %8s  %s\n", "preflight", "verdict", "error px", "points", "why");
+  std::printf("%-24s %-12s %9s %8s %6s  %s\n", "preflight", "verdict", "error px", "points",
+              "edges", "why");
   for (const CameraCheck& c : preflight.cameras)
-    std::printf("%-24s %-12s %9.2f %8d  %s\n", c.name.c_str(), verdict_name(c.verdict),
-                c.tried.empty() ? 0 : c.tried[0].error_px, c.points, c.why.c_str());
-  std::printf("%-24s %-12s %9s %8s  %s\n", "clock", verdict_name(preflight.clock.verdict), "", "",
-              preflight.clock.why.c_str());
+    std::printf("%-24s %-12s %9.2f %8d %6s  %s\n", c.name.c_str(), verdict_name(c.verdict),
+                c.tried.empty() ? 0 : c.tried[0].error_px, c.points,
+                c.edges ? fixed(c.edges->score(), 3).c_str() : "-", c.why.c_str());
+  std::printf("%-24s %-12s %9s %8s %6s  %s\n", "clock", verdict_name(preflight.clock.verdict), "",
+              "", "", preflight.clock.why.c_str());
   std::printf("%s\n\n", preflight.headline().c_str());
 }
 

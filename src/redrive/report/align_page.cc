@@ -9,6 +9,7 @@
 #include <functional>
 #include <sstream>
 
+#include "redrive/align/bundle/unobservable_extrinsics.h"
 #include "redrive/base/files.h"
 #include "redrive/math/angles.h"
 #include "redrive/report/html.h"
@@ -129,25 +130,26 @@ std::string scatter_script(const AlignResult& result, int camera, const std::str
   return out.str();
 }
 
+/// Reprojection errors, edge scores, ties and times of each camera.
 std::vector<std::vector<std::string>> camera_rows(const AlignResult& result) {
   std::vector<std::vector<std::string>> rows{
-      {"camera", "observations used", "before px", "after px", "roll deg", "pitch deg", "yaw deg",
-       "+- deg", "translation cm", "+- cm", "time offset ms", "+- ms"}};
+      {"camera", "observations used", "before px", "after px", "edges before", "edges after",
+       "LiDAR ties", "off by cm", "time offset ms", "+- ms"}};
   const bool rolling = std::ranges::any_of(
       result.camera_corrections,
       [](const CameraCorrection& k) { return k.readout_s != 0 || k.readout_sigma_s; });
   if (rolling) rows[0].insert(rows[0].end(), {"readout ms", "+- ms"});
+  const auto edges = [](const std::vector<std::optional<EdgeScore>>& scores, std::size_t c) {
+    return c < scores.size() && scores[c] ? fixed(scores[c]->score(), 3) : "-";
+  };
   for (std::size_t c = 0; c < result.cameras.size(); ++c) {
     const CameraFit& fit = result.bundle.cameras[c];
     const CameraCorrection& k = result.camera_corrections[c];
+    const int ties = result.bundle.ties_of_camera[c];
     rows.push_back({k.name, number("%d of %d", fit.used, fit.observations),
                     number("%.2f", fit.initial_px), number("%.2f", fit.aligned_px),
-                    number("%+.3f", k.rotation_in_body.x() * kDegreesPerRadian),
-                    number("%+.3f", k.rotation_in_body.y() * kDegreesPerRadian),
-                    number("%+.3f", k.rotation_in_body.z() * kDegreesPerRadian),
-                    number("%.3f", k.extrinsics.sigma.tail<3>().maxCoeff() * kDegreesPerRadian),
-                    number("%.1f", 100 * k.extrinsics.value.head<3>().norm()),
-                    number("%.1f", 100 * k.extrinsics.sigma.head<3>().maxCoeff()),
+                    edges(result.initial_edges, c), edges(result.aligned_edges, c),
+                    std::to_string(ties), ties > 0 ? number("%.1f", 100 * fit.ties_m) : "-",
                     number("%+.2f", 1e3 * k.offset_s),
                     k.offset_sigma_s ? number("%.2f", 1e3 * *k.offset_sigma_s) : "unobservable"});
     if (rolling) {
@@ -183,6 +185,25 @@ std::string contrast_script(const AlignResult& result, const std::string& name) 
   return out.str();
 }
 
+/// Corrections of the cameras' extrinsics in body axes.
+std::vector<std::vector<std::string>> extrinsics_rows(const AlignResult& result) {
+  std::vector<std::vector<std::string>> rows{{"camera"}};
+  for (int axis = 0; axis < kExtrinsicAxes; ++axis)
+    rows[0].push_back(std::string(extrinsic_name(axis)) + (axis < 3 ? " cm" : " deg"));
+  for (const CameraCorrection& k : result.camera_corrections) {
+    rows.push_back({k.name});
+    for (int axis = 0; axis < kExtrinsicAxes; ++axis) {
+      const double unit = axis < 3 ? 100 : kDegreesPerRadian;
+      const int digits = axis < 3 ? 1 : 3;
+      rows.back().push_back(k.extrinsic_sigmas[axis]
+                                ? number("%+.*f \u00b1 %.*f", digits, unit * k.extrinsics[axis],
+                                         digits, unit * *k.extrinsic_sigmas[axis])
+                                : "unobservable");
+    }
+  }
+  return rows;
+}
+
 std::vector<std::vector<std::string>> contrast_rows(const AlignResult& result) {
   std::vector<std::vector<std::string>> rows{
       {"camera", "cells compared", "highest correlation", "at, ms", "+- ms"}};
@@ -215,11 +236,15 @@ void write_align_page(const std::filesystem::path& folder, const Recording& reco
   for (const std::string& remark : result.remarks) body += "<p>" + html_escape(remark) + "</p>\n";
   body += "<h2>Cameras</h2>\n" + html_table(camera_rows(result), true) +
           "<p>Reprojection errors are RMS over the observations used, with each point triangulated "
-          "anew. +- is one standard deviation, assuming that only the observations of one point, "
-          "and the LiDAR returns of one patch, have correlated errors. The rotation that all "
-          "cameras share is the least certain: on a drive with ground truth its errors were three "
-          "times as large. Roll, pitch and yaw are rotations of the camera about the body's "
-          "axes.</p>\n";
+          "anew. Edges: how well steps of the LiDAR's depth lie on edges of the images, 0.5 by "
+          "chance to 1; a dash: the LiDAR is too sparse. LiDAR ties: image points on surfaces that "
+          "the LiDAR measured, and the median of their distances from them.</p>\n" +
+          html_table(extrinsics_rows(result), true) +
+          "<p>Corrections of the cameras' extrinsics along the body's axes (forward, left, up) and "
+          "about them (roll, pitch, yaw). \u00b1 is one standard deviation, with the observations "
+          "of one point, and the LiDAR returns of one patch, correlated, and with errors that all "
+          "observations share. Unobservable: the drive does not determine it; it stays as "
+          "calibrated.</p>\n";
   if (bundle.lidar_points > 0)
     body += "<p>Distance of LiDAR points from their planes: RMS " +
             number("%.2f cm before, %.2f cm after", 100 * bundle.initial_lidar_rms_m,
@@ -240,17 +265,19 @@ void write_align_page(const std::filesystem::path& folder, const Recording& reco
                      number("%.4f", result.aligned_vs_ground_truth->residual_deg)}},
                    true) +
         "<p>After a rigid alignment of the whole trajectory.</p>\n";
-  body += "<h2>Trajectory</h2>\n" +
-          drawn("position",
-                corrections_script(recording, result, {"position", "time (s)", "translation (cm)"},
-                                   0, 100, {"forward", "left", "up"}),
-                "Correction of each frame's position, in the axes of the body; bands: two standard "
-                "deviations of the trajectory's shape") +
-          drawn("rotation",
-                corrections_script(recording, result, {"rotation", "time (s)", "rotation (deg)"}, 3,
-                                   kDegreesPerRadian, {"roll", "pitch", "yaw"}),
-                "Correction of each frame's rotation") +
-          drawn("trajectory", trajectory_script(recording, result, "trajectory"), "From above");
+  body +=
+      "<h2>Trajectory</h2>\n" +
+      drawn("position",
+            corrections_script(recording, result, {"position", "time (s)", "translation (cm)"}, 0,
+                               100, {extrinsic_name(0), extrinsic_name(1), extrinsic_name(2)}),
+            "Correction of each frame's position, in the axes of the body; bands: two standard "
+            "deviations of the trajectory's shape") +
+      drawn("rotation",
+            corrections_script(recording, result, {"rotation", "time (s)", "rotation (deg)"}, 3,
+                               kDegreesPerRadian,
+                               {extrinsic_name(3), extrinsic_name(4), extrinsic_name(5)}),
+            "Correction of each frame's rotation") +
+      drawn("trajectory", trajectory_script(recording, result, "trajectory"), "From above");
   if (!bundle.residuals.empty()) {
     body += "<h2>Reprojection errors</h2>\n" +
             drawn("errors_by_frame", by_frame_script(recording, result, "errors_by_frame"),

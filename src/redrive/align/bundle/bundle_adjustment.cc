@@ -4,49 +4,32 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <memory>
 #include <numbers>
 
-#include <ceres/ceres.h>
-
+#include "redrive/align/bundle/adjustment_problem.h"
 #include "redrive/align/bundle/inverse_depth_point.h"
-#include "redrive/align/bundle/reduced_covariance.h"
+#include "redrive/align/bundle/lidar_ties.h"
+#include "redrive/align/bundle/unobservable_extrinsics.h"
 #include "redrive/align/bundle/unobservable_time_offsets.h"
-#include "redrive/base/error.h"
 #include "redrive/math/angles.h"
 #include "redrive/recording/register_trajectories.h"
 
 namespace redrive {
 namespace {
 
-constexpr double kStartSigma_px = 4;      // in the first round; later the residuals' median
-constexpr double kTypicalSigma_px = 0.1;  // Observation::sigma_px of a well-localised point
-constexpr double kMinSigma_px = 0.05;     // lower bound of the noise of an image
+constexpr double kStartSigma_px = 4;   // in the first round; later the residuals' median
+constexpr double kMinSigma_px = 0.05;  // lower bound of the noise of an image
 constexpr double kMinPose_m = 0.01,
                  kMinPose_rad = 3e-4;  // lower bounds of the prior of the egomotion
-constexpr double kCorrelation = 2.5;  // integral of a squared exponential over time, in correlation
-                                      // times: sqrt(2 pi)
 // Time offsets are estimated from the LiDAR's contrast with initial calibration and poses: at night
 // tracks rotate a camera by more than its calibration error. Where the initial poses are too far
 // off for that, the contrast is evaluated again with the poses of this round.
 constexpr int kSecondContrastRound = 2;
-constexpr int kRoundsAfterReset = 3;  // to converge again after time offsets were reset
+constexpr int kRoundsAfterReset = 3;  // to converge again after unobservable numbers were reset
 constexpr double kOutlierSigmas = 4;  // standard deviations of an outlier
+constexpr double kMaxTied_m = 40;     // distance of points that are tied to surfaces of the LiDAR
 constexpr double kConverged_m = 1e-3, kConverged_rad = 3e-5,
                  kConverged_s = 1e-4;  // change of a round that counts as converged
-
-struct TriangulatedTrack {
-  int track = 0;
-  InverseDepthPoint point;
-  std::vector<std::uint8_t> used;  ///< by observation
-  std::vector<Eigen::Vector2d> errors;
-};
-
-/// Standard deviation of one observation: the camera's noise, more where the image around the pixel
-/// determines it less than typically.
-double sigma_of(const Observation& seen, const std::vector<double>& sigma_px) {
-  return sigma_px[seen.camera] * std::max(1.0, seen.sigma_px / kTypicalSigma_px);
-}
 
 double median_of(std::vector<double>* values) {
   if (values->empty()) return 0;
@@ -111,186 +94,6 @@ void reject_outliers(const std::vector<Track>& tracks, const std::vector<double>
   }
   *triangulated = std::move(kept);
 }
-
-/// The least-squares problem of one round.
-class AdjustmentProblem {
- public:
-  /// `unobservable`: time offsets that are held constant.
-  AdjustmentProblem(RigModel* model, const std::vector<Track>& tracks,
-                    const std::vector<LidarSample>& lidar, const BundleOptions& options,
-                    const std::vector<UnobservableTimeOffset>& unobservable, std::size_t landmarks)
-      : model_(*model),
-        tracks_(tracks),
-        lidar_(lidar),
-        options_(options),
-        unobservable_(unobservable),
-        problem_(problem_options()) {
-    landmarks_.reserve(landmarks);  // Ceres keeps pointers
-  }
-
-  void add(std::vector<TriangulatedTrack>* triangulated, const std::vector<double>& sigma_px) {
-    const ExposureMotions times(model_);
-    for (TriangulatedTrack& entry : *triangulated) {
-      double* const point = landmark(&entry.point.value);
-      for (std::size_t i = 0; i < entry.used.size(); ++i) {
-        if (!entry.used[i]) continue;
-        const Observation& seen = tracks_[entry.track].seen[i];
-        const LocalMotion motion = times.of(seen);
-        RigModelCamera& camera = model_.cameras[seen.camera];
-        problem_.AddResidualBlock(
-            reprojection_cost(camera, motion, seen.pixel, sigma_of(seen, sigma_px), entry.point)
-                .release(),
-            &image_loss_, model_.corrections[motion.segment].data(),
-            model_.corrections[motion.segment + 1].data(), camera.extrinsics.data(),
-            &camera.offset_s, &camera.readout_s, camera.intrinsics.data(), point);
-      }
-    }
-  }
-
-  void add(std::vector<PlanarPatch>* patches) {
-    for (PlanarPatch& patch : *patches) {
-      double* const plane = landmark(&patch.plane.value);
-      for (const int i : patch.samples) {
-        const LocalMotion motion = model_.motion_at(lidar_[i].t_ns);
-        problem_.AddResidualBlock(
-            point_to_plane_cost(motion, lidar_[i].in_body, patch.sigma_m, patch.plane).release(),
-            &lidar_loss_, model_.corrections[motion.segment].data(),
-            model_.corrections[motion.segment + 1].data(), plane);
-      }
-    }
-  }
-
-  void add(const std::vector<ContrastFit>& fits) {
-    for (std::size_t c = 0; c < fits.size(); ++c)
-      if (fits[c].observable)
-        problem_.AddResidualBlock(
-            scalar_prior_cost(1, 0, fits[c].sigma_s, fits[c].offset_s).release(), nullptr,
-            &model_.cameras[c].offset_s);
-  }
-
-  void add_priors(const BundlePriors& priors) {
-    const double seconds = static_cast<double>(model_.initial_frames.back().t_ns -
-                                               model_.initial_frames.front().t_ns) *
-                           1e-9,
-                 at_a_time = static_cast<double>(model_.initial_frames.size()) * kCorrelation *
-                             priors.correlation_s / seconds;
-    for (std::size_t f = 0; f < model_.corrections.size(); ++f) {
-      rig_.push_back(model_.corrections[f].data());
-      problem_.AddResidualBlock(
-          pose_prior_cost(priors.pose * std::sqrt(std::max(1.0, at_a_time))).release(), nullptr,
-          model_.corrections[f].data());
-      if (f == 0) continue;
-      const double step_s =
-          static_cast<double>(model_.initial_frames[f].t_ns - model_.initial_frames[f - 1].t_ns) *
-          1e-9;
-      problem_.AddResidualBlock(
-          smoothness_cost(priors.pose * (step_s / priors.correlation_s)).release(), nullptr,
-          model_.corrections[f - 1].data(), model_.corrections[f].data());
-    }
-    for (RigModelCamera& camera : model_.cameras) {
-      rig_.push_back(camera.extrinsics.data());
-      for (int k = 0; k < 6; ++k)  // robust for angles: one camera may have been knocked
-        problem_.AddResidualBlock(scalar_prior_cost(6, k, priors.extrinsics[k]).release(),
-                                  k < 3 ? nullptr : &prior_loss_, camera.extrinsics.data());
-    }
-    auto at = static_cast<int>(6 * (model_.corrections.size() + model_.cameras.size()));
-    const auto estimate = [&](bool is_free, double* number,
-                              std::vector<std::optional<int>>* indices) {
-      indices->push_back(is_free ? std::optional(at++) : std::nullopt);
-      if (is_free)
-        rig_.push_back(number);
-      else
-        problem_.SetParameterBlockConstant(number);
-    };
-    for (std::size_t c = 0; c < model_.cameras.size(); ++c) {
-      RigModelCamera& camera = model_.cameras[c];
-      problem_.AddResidualBlock(
-          scalar_prior_cost(1, 0, priors.offset_s, camera.initial_offset_s()).release(),
-          &prior_loss_, &camera.offset_s);
-      estimate(std::ranges::find(unobservable_, static_cast<int>(c),
-                                 &UnobservableTimeOffset::camera) == unobservable_.end(),
-               &camera.offset_s, &offset_index_);
-    }
-    for (std::size_t c = 0; c < model_.cameras.size(); ++c) {
-      RigModelCamera& camera = model_.cameras[c];
-      problem_.AddResidualBlock(
-          scalar_prior_cost(1, 0, priors.readout_s, camera.initial_readout_s()).release(), nullptr,
-          &camera.readout_s);
-      estimate(options_.estimates_readout(c), &camera.readout_s, &readout_index_);
-    }
-    for (RigModelCamera& camera : model_.cameras) {
-      for (int k = 0; k < 3; ++k)
-        problem_.AddResidualBlock(scalar_prior_cost(3, k, priors.intrinsics[k]).release(), nullptr,
-                                  camera.intrinsics.data());
-      if (options_.intrinsics)
-        rig_.push_back(camera.intrinsics.data());
-      else
-        problem_.SetParameterBlockConstant(camera.intrinsics.data());
-    }
-  }
-
-  ceres::Solver::Summary solve(int iterations) {
-    ceres::Solver::Options solver;
-    // One thread: with more, the order of sums and so the last digits differ from run to run.
-    solver.num_threads = 1;
-    solver.max_num_iterations = iterations;
-    solver.function_tolerance = 1e-7;
-    solver.logging_type = ceres::SILENT;
-    solver.linear_solver_type = points_.empty()      ? ceres::SPARSE_NORMAL_CHOLESKY
-                                : rig_.size() <= 200 ? ceres::DENSE_SCHUR
-                                                     : ceres::SPARSE_SCHUR;
-    solver.linear_solver_ordering = std::make_shared<ceres::ParameterBlockOrdering>();
-    for (double* point : points_) solver.linear_solver_ordering->AddElementToGroup(point, 0);
-    for (Vector6d& correction : model_.corrections)
-      solver.linear_solver_ordering->AddElementToGroup(correction.data(), 1);
-    for (RigModelCamera& camera : model_.cameras)
-      for (double* block : {camera.extrinsics.data(), &camera.offset_s, &camera.readout_s,
-                            camera.intrinsics.data()})
-        solver.linear_solver_ordering->AddElementToGroup(block, 2);
-    ceres::Solver::Summary summary;
-    ceres::Solve(solver, &problem_, &summary);
-    for (std::size_t i = 0; i < targets_.size(); ++i) *targets_[i] = landmarks_[i];
-    return summary;
-  }
-
-  /// Covariance of the rig's parameters.
-  void compute_covariance(BundleResult* result) {
-    ReducedCovariance covariance = reduced_covariance(problem_, rig_, points_);
-    result->covariance = std::move(covariance.matrix);
-    result->variance = std::move(covariance.variance);
-    result->offset_index = offset_index_;
-    result->readout_index = readout_index_;
-  }
-
- private:
-  /// A copy of `target` that is solved instead. Ceres orders the blocks of a group by their
-  /// addresses: contiguous copies have the same order, and so the same sums, in every run.
-  double* landmark(std::array<double, 3>* target) {
-    REDRIVE_CHECK_OP(landmarks_.size(), <, landmarks_.capacity());
-    landmarks_.push_back(*target);
-    targets_.push_back(target);
-    points_.push_back(landmarks_.back().data());
-    return points_.back();
-  }
-
-  static ceres::Problem::Options problem_options() {
-    ceres::Problem::Options options;
-    options.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
-    return options;
-  }
-
-  RigModel& model_;
-  const std::vector<Track>& tracks_;
-  const std::vector<LidarSample>& lidar_;
-  const BundleOptions& options_;
-  const std::vector<UnobservableTimeOffset>& unobservable_;
-  ceres::CauchyLoss image_loss_{2}, lidar_loss_{2}, prior_loss_{1};
-  ceres::Problem problem_;
-  std::vector<double*> rig_, points_;
-  std::vector<std::array<double, 3>> landmarks_;
-  std::vector<std::array<double, 3>*> targets_;
-  std::vector<std::optional<int>> offset_index_, readout_index_;
-};
 
 BundlePriors priors_of_round(const BundlePriors& initial, const RigModel& model, int round) {
   BundlePriors priors = initial;
@@ -372,7 +175,6 @@ void fill_result(const RigModel& model, const std::vector<Track>& tracks,
                  const std::vector<TriangulatedTrack>& triangulated,
                  const std::vector<PlanarPatch>& patches, const std::vector<double>& sigma_px,
                  ThreadPool& pool, BundleResult* result) {
-  result->cameras.assign(model.cameras.size(), {});
   result->observations_in_frame.assign(model.initial_frames.size(), 0);
   for (const Track& track : tracks)
     for (const Observation& seen : track.seen) ++result->cameras[seen.camera].observations;
@@ -396,7 +198,7 @@ void fill_result(const RigModel& model, const std::vector<Track>& tracks,
     const auto errors = reprojection_errors(model, now, used[t], triangulated[t].point);
     const auto errors_before = reprojection_errors(initial, before, used[t], *initial_points[t]);
     for (std::size_t i = 0; i < used[t].seen.size(); ++i) {
-      if (errors_before[i].x() == kUnseen) continue;
+      if (errors_before[i].x() == kUnseen || errors[i].x() == kUnseen) continue;
       const Observation& seen = used[t].seen[i];
       CameraFit& fit = result->cameras[seen.camera];
       ++fit.used;
@@ -434,6 +236,58 @@ std::vector<int> count_used(const std::vector<Track>& tracks,
   return used;
 }
 
+/// Largest distance of a point from the surface that it is tied to: with poses that are off by
+/// decimetres at first.
+double max_tie_m(int round) { return round <= 1 ? 0.5 : round == 2 ? 0.3 : 0.15; }
+
+/// Ties of the points to the patches, and their numbers by camera.
+std::vector<LidarTie> tie_points(const RigModel& model, const std::vector<Track>& tracks,
+                                 const std::vector<TriangulatedTrack>& triangulated,
+                                 const std::vector<LidarSample>& lidar,
+                                 const std::vector<PlanarPatch>& patches, int round,
+                                 BundleResult* result) {
+  std::vector<std::optional<Eigen::Vector3d>> points;
+  for (const TriangulatedTrack& entry : triangulated)
+    points.push_back(position_of(entry.point, kMaxTied_m));
+  std::vector<LidarTie> ties = find_lidar_ties(model, lidar, patches, points, max_tie_m(round));
+  if (round > 2)
+    std::erase_if(ties, [](const LidarTie& tie) {
+      return std::abs(tie.distance_m) > kOutlierSigmas * tie.surface.sigma_m;
+    });
+  result->ties_of_camera.assign(model.cameras.size(), 0);
+  std::vector<std::vector<double>> distances_m(model.cameras.size());
+  for (const LidarTie& tie : ties) {
+    std::vector<std::uint8_t> seen(model.cameras.size());
+    const TriangulatedTrack& entry = triangulated[tie.point];
+    for (std::size_t i = 0; i < entry.used.size(); ++i)
+      if (entry.used[i]) seen[tracks[entry.track].seen[i].camera] = 1;
+    for (std::size_t c = 0; c < seen.size(); ++c)
+      if (seen[c]) distances_m[c].push_back(std::abs(tie.distance_m));
+  }
+  result->cameras.resize(model.cameras.size());
+  for (std::size_t c = 0; c < model.cameras.size(); ++c) {
+    result->ties_of_camera[c] = static_cast<int>(distances_m[c].size());
+    result->cameras[c].ties_m = median_of(&distances_m[c]);
+  }
+  return ties;
+}
+
+/// Finds what is unobservable and returns it to its initial values. Whether there is any.
+bool hold_unobservable(const std::vector<int>& used, const BundlePriors& priors, bool lidar,
+                       RigModel* model, BundleResult* result, HeldNumbers* held) {
+  const std::vector<UnobservableTimeOffset> offsets =
+      unobservable_time_offsets(*model, *result, used, priors.offset_s, lidar);
+  held->time_offsets.insert(held->time_offsets.end(), offsets.begin(), offsets.end());
+  held->extrinsics = unobservable_extrinsics(*model, *result, used, priors.extrinsics);
+  for (const UnobservableTimeOffset& offset : offsets)
+    model->cameras[offset.camera].offset_s = model->cameras[offset.camera].initial_offset_s();
+  for (const UnobservableExtrinsic& number : held->extrinsics)
+    reset_extrinsic(&model->cameras[number.camera], number.axis);
+  result->unobservable = held->time_offsets;
+  result->unobservable_extrinsics = held->extrinsics;
+  return !offsets.empty() || !held->extrinsics.empty();
+}
+
 bool all_observable(const std::vector<ContrastFit>& fits) {
   return std::ranges::all_of(fits, &ContrastFit::observable);
 }
@@ -453,7 +307,8 @@ BundleResult adjust_bundle(RigModel* model, const std::vector<Track>& tracks,
   BundleResult result;
   std::vector<double> sigma_px(model->cameras.size(), kStartSigma_px);
   int rounds = options.rounds;
-  bool offsets_judged = false;
+  bool judged = false;
+  HeldNumbers held{options.held_offsets, {}};
   for (int round = 0; round < rounds && !result.converged; ++round) {
     const RigModel before = *model;
     std::vector<TriangulatedTrack> triangulated =
@@ -475,13 +330,17 @@ BundleResult adjust_bundle(RigModel* model, const std::vector<Track>& tracks,
         if (round == 0 && options.estimates_readout(c)) fits[c].observable = false;
       keep_observable(fits, &result.contrast);
     }
-    AdjustmentProblem problem(model, tracks, lidar, options, result.unobservable,
+    const std::vector<LidarTie> ties =
+        tie_points(*model, tracks, triangulated, lidar, patches, round, &result);
+    AdjustmentProblem problem(model, tracks, lidar, options, held,
                               triangulated.size() + patches.size());
-    problem.add(&triangulated, sigma_px);
+    problem.add(&triangulated, sigma_px, ties);
     problem.add(&patches);
     problem.add(result.contrast);
     problem.add_priors(priors_of_round(options.priors, *model, round));
     const ceres::Solver::Summary summary = problem.solve(round == 0 ? 20 : 12);
+    for (const UnobservableExtrinsic& number : held.extrinsics)
+      reset_extrinsic(&model->cameras[number.camera], number.axis);
 
     // Change of the shape: a rigid motion of the whole is next to unobservable and irrelevant.
     const TrajectoryRegistration change =
@@ -504,10 +363,9 @@ BundleResult adjust_bundle(RigModel* model, const std::vector<Track>& tracks,
       for (const double s : sigma_px) std::printf(" %.2f", s);
       const std::vector<double> distances = patch_distances_m(*model, lidar, patches);
       std::printf(
-          " px; %zu LiDAR points on %zu patches, %.2f cm; poses changed by %.2f cm, %.4f deg RMS; "
-          "%d "
-          "steps, %.1f s\n",
-          distances.size(), patches.size(), 100 * rms(distances), 100 * translation_m,
+          " px; %zu LiDAR points on %zu patches, %.2f cm; %zu tied image points; poses changed by "
+          "%.2f cm, %.4f deg RMS; %d steps, %.1f s\n",
+          distances.size(), patches.size(), 100 * rms(distances), ties.size(), 100 * translation_m,
           rotation_rad * kDegreesPerRadian, summary.num_successful_steps,
           summary.total_time_in_seconds);
       for (std::size_t c = 0; c < model->cameras.size(); ++c)
@@ -516,14 +374,11 @@ BundleResult adjust_bundle(RigModel* model, const std::vector<Track>& tracks,
                       1e3 * model->cameras[c].readout_s);
       std::fflush(stdout);
     }
-    if (!offsets_judged && (result.converged || 2 * (round + 1) >= rounds)) {
-      offsets_judged = true;
+    if (!judged && (result.converged || 2 * (round + 1) >= rounds)) {
+      judged = true;
       problem.compute_covariance(&result);
-      result.unobservable = unobservable_time_offsets(
-          *model, result, count_used(tracks, triangulated, model->cameras.size()),
-          options.priors.offset_s, !lidar.empty());
-      for (const UnobservableTimeOffset& offset : result.unobservable) {
-        model->cameras[offset.camera].offset_s = model->cameras[offset.camera].initial_offset_s();
+      if (hold_unobservable(count_used(tracks, triangulated, model->cameras.size()), options.priors,
+                            !lidar.empty(), model, &result, &held)) {
         result.converged = false;
         rounds = std::max(rounds, round + 1 + kRoundsAfterReset);
       }

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Bundle adjustment of a rig: changes a RigModel until image points and planar patches of the LiDAR
-// agree with it. Each round computes the motion at each observation's time, triangulates the points
-// and finds the patches again, measures the noise, rejects outliers, and solves.
+// agree with it and with each other. Each round computes the motion at each observation's time,
+// triangulates the points and finds the patches and the points on them again, measures the noise,
+// rejects outliers, and solves.
 #pragma once
 
 #include <optional>
@@ -30,11 +31,20 @@ struct BundlePriors {
   Eigen::Vector3d intrinsics{0.003, 2, 2};
 };
 
+/// An unobservable time offset, which keeps its initial value: the best fit and its standard
+/// deviation by the residual terms alone.
+struct UnobservableTimeOffset {
+  int camera = 0;
+  double offset_s = 0, sigma_s = 0;
+  bool by_edges = false;  ///< whether edges of the LiDAR's depth contradict it
+};
+
 struct BundleOptions {
   BundlePriors priors;
   bool intrinsics = false;     ///< whether to estimate focal length and principal point
   std::vector<bool> readouts;  ///< by camera, whether to estimate the readout; empty: of none
   PlaneOptions planes;
+  std::vector<UnobservableTimeOffset> held_offsets;  ///< known to be unobservable
   int rounds = 10;
   bool verbose = false;  ///< prints a line a round
 
@@ -48,13 +58,15 @@ struct CameraFit {
   int observations = 0, used = 0;
   double initial_px = 0, aligned_px = 0;  ///< RMS over the used ones, with initial and final poses
   double sigma_px = 0;                    ///< robust, from the median
+  double ties_m = 0;  ///< median distance of its tied points from the LiDAR's surfaces
 };
 
-/// An unobservable time offset, which keeps its initial value: the best fit and its standard
-/// deviation by the residual terms alone.
-struct UnobservableTimeOffset {
+/// A number of a camera's extrinsics that keeps its initial value: the best fit and its standard
+/// deviation (unobservable_extrinsics.h).
+struct UnobservableExtrinsic {
   int camera = 0;
-  double offset_s = 0, sigma_s = 0;
+  int axis = 0;                  ///< forward, left, up, roll, pitch, yaw, of the body
+  double change = 0, sigma = 0;  ///< m or rad
 };
 
 /// Residuals of one observation, for plots.
@@ -68,25 +80,29 @@ struct BundleResult {
   std::vector<ImageResidual> residuals;             ///< of the inliers
   int tracks = 0, lidar_points = 0, patches = 0;    ///< inliers
   double initial_lidar_rms_m = 0, lidar_rms_m = 0;  ///< distance of LiDAR points to their planes
-  std::vector<ContrastFit> contrast;                ///< by camera; empty: not computed
-  std::vector<int> observations_in_frame;           ///< by frame
+  std::vector<int> ties_of_camera;         ///< by camera: points tied to surfaces of the LiDAR
+  std::vector<ContrastFit> contrast;       ///< by camera; empty: not computed
+  std::vector<int> observations_in_frame;  ///< by frame
   bool converged = false;
   int rounds = 0;
   double last_translation_m = 0,
          last_rotation_rad = 0;  ///< RMS change of the trajectory's shape in the last round
   std::vector<UnobservableTimeOffset> unobservable;
+  std::vector<UnobservableExtrinsic> unobservable_extrinsics;
   /// Covers pose corrections (6 a frame), extrinsics (6 a camera), and then each camera's other
   /// estimated numbers.
   Eigen::MatrixXd covariance;
-  Eigen::VectorXd variance;  ///< ReducedCovariance::variance, in the same order
+  Eigen::MatrixXd robust_covariance;  ///< ReducedCovariance::robust, in the same order
+  Eigen::VectorXd variance;           ///< ReducedCovariance::variance, likewise
   /// By camera: the index of its time offset and its readout in these; nothing where they were not
   /// estimated.
   std::vector<std::optional<int>> offset_index, readout_index;
 };
 
 /// `contrast`: nullptr where images are not available. Once converged, at the latest after half of
-/// the rounds, unobservable time offsets (unobservable_time_offsets) return to their initial values
-/// and the other unknowns converge again.
+/// the rounds, unobservable time offsets (unobservable_time_offsets) and unobservable numbers of
+/// extrinsics (unobservable_extrinsics) return to their initial values and the other unknowns
+/// converge again.
 BundleResult adjust_bundle(RigModel* model, const std::vector<Track>& tracks,
                            const std::vector<LidarSample>& lidar, const ContrastData* contrast,
                            const BundleOptions& options, ThreadPool& pool);

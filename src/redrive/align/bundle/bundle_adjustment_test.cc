@@ -9,6 +9,7 @@
 #include "redrive/align/bundle/synthetic_rig_testing.h"
 #include "redrive/base/error.h"
 #include "redrive/math/angles.h"
+#include "redrive/math/so3.h"
 
 namespace redrive {
 namespace {
@@ -69,7 +70,8 @@ double offset_off_ms(const SyntheticRig& rig, const AlignResult& result, int cam
 }
 
 // Without noise only the priors (1 cm, 0.03 degrees, 2 ms) pull, against thousands of pixels of
-// 0.05 px: 1 % of the errors and less.
+// 0.05 px: 1 % of the errors and less. Points of the wall that are tied to a pillar before it move
+// the camera by 2 mm, which is 0.2 ms.
 TEST(Bundle, RecoversGroundTruthWithoutNoise) {
   SyntheticOptions options = short_drive();
   options.noise_px = options.noise_m = 0;
@@ -79,7 +81,7 @@ TEST(Bundle, RecoversGroundTruthWithoutNoise) {
   EXPECT_LT(result.aligned_vs_ground_truth->residual_m, 0.001);
   EXPECT_LT(result.aligned_vs_ground_truth->residual_deg, 0.002);
   EXPECT_NEAR(yaw_off_deg(rig, result, 0), 0, 0.002);
-  EXPECT_NEAR(offset_off_ms(rig, result, 1), 0, 0.1);
+  EXPECT_NEAR(offset_off_ms(rig, result, 1), 0, 0.3);
   EXPECT_LT(result.bundle.cameras[0].aligned_px, 0.05);
   EXPECT_GT(result.bundle.cameras[0].initial_px, 0.5);
 }
@@ -96,8 +98,9 @@ TEST(Bundle, ErrorsAgreeWithStatedSigmas) {
   EXPECT_LT(sigma.deg, 0.02);
   for (int c = 0; c < 3; ++c) {
     const CameraCorrection& camera = result.camera_corrections[c];
+    ASSERT_TRUE(camera.extrinsic_sigmas[5]) << c;
     EXPECT_LT(std::abs(yaw_off_deg(rig, result, c)),
-              4 * camera.extrinsics.sigma.tail<3>().maxCoeff() / kRadiansPerDegree)
+              2 * *camera.extrinsic_sigmas[5] / kRadiansPerDegree)
         << c;
     ASSERT_TRUE(camera.offset_sigma_s) << c;
     EXPECT_LT(std::abs(offset_off_ms(rig, result, c)), 4e3 * *camera.offset_sigma_s) << c;
@@ -145,7 +148,7 @@ TEST(Bundle, RecoversRollingShuttersWithoutNoise) {
     EXPECT_LT(result.aligned_vs_ground_truth->residual_m, 0.001);
     EXPECT_LT(result.aligned_vs_ground_truth->residual_deg, 0.002);
     EXPECT_NEAR(yaw_off_deg(rig, result, 0), 0, 0.002);
-    EXPECT_NEAR(offset_off_ms(rig, result, 1), 0, 0.1);
+    EXPECT_NEAR(offset_off_ms(rig, result, 1), 0, 0.3);
     for (int c = 0; c < 3; ++c) {
       EXPECT_NEAR(1e-6 * static_cast<double>(result.cameras[c].readout_ns), 25, known ? 0 : 0.05)
           << c;
@@ -208,6 +211,47 @@ TEST(Bundle, RefinesPosesFromOneCameraWithoutLidar) {
   EXPECT_THAT(result.remarks[0], HasSubstr("no LiDAR"));
 }
 
+/// A straight drive with one camera, whose calibration is rotated about the driving direction.
+SyntheticRig rolled_camera(SyntheticOptions options, double roll_deg) {
+  options.straight = true;
+  options.cameras = {0};
+  options.yaw_rad = 0;
+  SyntheticRig rig = make_synthetic_rig(options);
+  Rigid3d& calibrated = rig.recording.cameras[0].calibration.body_from_sensor;
+  calibrated.linear() =
+      so3_exp({roll_deg * kRadiansPerDegree, 0, 0}) * rig.true_cameras[0].body_from_sensor.linear();
+  return rig;
+}
+
+// The road and the walls that the camera sees are those of the LiDAR: 0.3 degrees lift a point 5 m
+// to the side by 2.6 cm.
+TEST(Bundle, PointsOnLidarSurfacesTellRollOnAStraightDrive) {
+  const SyntheticRig rig = rolled_camera(short_drive(), 0.3);
+  const AlignResult result = aligned(rig);
+  const CameraCorrection& camera = result.camera_corrections[0];
+  EXPECT_GT(result.bundle.ties_of_camera[0], 60);
+  ASSERT_TRUE(camera.extrinsic_sigmas[3]);
+  EXPECT_LT(*camera.extrinsic_sigmas[3], 0.05 * kRadiansPerDegree);
+  EXPECT_NEAR(camera.extrinsics[3], -0.3 * kRadiansPerDegree, 2 * *camera.extrinsic_sigmas[3]);
+}
+
+// Without a LiDAR nothing tells the rotation about the driving direction, nor the camera's position
+// in the car: they stay exactly as calibrated.
+TEST(Bundle, RollIsUnobservableOnAStraightDriveWithoutLidar) {
+  SyntheticOptions options = short_drive();
+  options.lidar_points = 0;
+  const SyntheticRig rig = rolled_camera(options, 0.3);
+  const AlignResult result = aligned(rig);
+  const CameraCorrection& camera = result.camera_corrections[0];
+  for (const int axis : {0, 1, 2, 3}) {
+    EXPECT_FALSE(camera.extrinsic_sigmas[axis]) << axis;
+    EXPECT_NEAR(camera.extrinsics[axis], 0, 1e-12) << axis;
+  }
+  const Rigid3d& calibrated = rig.recording.cameras[0].calibration.body_from_sensor;
+  EXPECT_LT((result.cameras[0].body_from_sensor.translation() - calibrated.translation()).norm(),
+            1e-9);
+}
+
 // At constant velocity each camera's points fit at any time of exposure. The calibrated offsets are
 // kept, though the left camera is 12 ms late.
 TEST(Bundle, TimeOffsetsAreUnobservableAtConstantVelocity) {
@@ -237,7 +281,8 @@ TEST(Bundle, SharedPointsMakeTimeOffsetsObservable) {
   const SyntheticRig rig = make_synthetic_rig(options);
   const AlignResult result = aligned(rig);
   EXPECT_TRUE(result.remarks.empty()) << result.remarks[0];
-  EXPECT_NEAR(offset_off_ms(rig, result, 1), 0, 1.5) << "1 cm of each camera's position is 0.5 ms";
+  EXPECT_NEAR(offset_off_ms(rig, result, 1), 0, 3)
+      << "1 cm of each camera's position is 0.5 ms; some points are tied to wrong surfaces";
 }
 
 TEST(Bundle, IsDeterministic) {

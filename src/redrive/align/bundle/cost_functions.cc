@@ -200,26 +200,66 @@ class PointToPlaneCost final : public ceres::SizedCostFunction<1, 6, 6, 3> {
   Matrix3d axes_;
 };
 
-class ScalarPrior final : public ceres::CostFunction {
+/// X in the body at the time of the motion: b = exp(phi)^T (pose^-1 X - rho).
+class PointOnSurfaceCost final : public ceres::SizedCostFunction<1, 6, 6, 3> {
  public:
-  ScalarPrior(int size, int k, double sigma, double expected)
-      : size_(size), k_(k), sigma_(sigma), expected_(expected) {
-    set_num_residuals(1);
-    mutable_parameter_block_sizes()->push_back(size);
+  PointOnSurfaceCost(const LocalMotion& motion, const SurfaceElement& surface,
+                     const InverseDepthPoint& point)
+      : motion_(motion), surface_(surface) {
+    const Rigid3d& pose = motion.world_from_body;
+    axes_ = pose.linear().transpose() * point.axes;
+    anchor_ = pose.linear().transpose() * (point.anchor - pose.translation());
   }
+
   bool Evaluate(double const* const* parameters, double* residuals,
                 double** jacobians) const override {
-    residuals[0] = (parameters[0][k_] - expected_) / sigma_;
-    if (jacobians && jacobians[0]) {
-      std::fill_n(jacobians[0], size_, 0.0);
-      jacobians[0][k_] = 1 / sigma_;
+    const InterpolatedCorrection correction = interpolate(parameters[0], parameters[1], motion_, 0);
+    const Map<const Vector3d> point(parameters[2]);
+    const double w = point.z();
+    if (!(w > 0)) return false;  // no step to infinity
+    const Matrix3d unphi = so3_exp(correction.value.tail<3>()).transpose();
+    const Vector3d direction = axes_ * Vector3d(point.x(), point.y(), 1);
+    const Vector3d b = unphi * (anchor_ + direction / w - correction.value.head<3>());
+    residuals[0] = surface_.normal.dot(b - surface_.in_body) / surface_.sigma_m;
+    if (!jacobians) return true;
+    const Eigen::RowVector3d by_b = surface_.normal.transpose() / surface_.sigma_m;
+    Eigen::Matrix<double, 1, 6> by_correction;
+    by_correction << -by_b * unphi, by_b * skew(b) * so3_right_jacobian(correction.value.tail<3>());
+    if (jacobians[0]) block<1, 6>(jacobians[0]) = (1 - correction.weight) * by_correction;
+    if (jacobians[1]) block<1, 6>(jacobians[1]) = correction.weight * by_correction;
+    if (jacobians[2]) {
+      const Eigen::RowVector3d by_position = by_b * unphi / w;
+      block<1, 3>(jacobians[2]) << by_position * axes_.col(0), by_position * axes_.col(1),
+          -by_position * direction / w;
     }
     return true;
   }
 
  private:
-  int size_, k_;
-  double sigma_, expected_;
+  LocalMotion motion_;
+  SurfaceElement surface_;
+  Matrix3d axes_;    // of the point, in the axes of the initial body
+  Vector3d anchor_;  // likewise
+};
+
+class LinearPrior final : public ceres::CostFunction {
+ public:
+  LinearPrior(const Eigen::VectorXd& direction, double sigma, double expected)
+      : weights_(direction / sigma), expected_(expected / sigma) {
+    set_num_residuals(1);
+    mutable_parameter_block_sizes()->push_back(static_cast<int>(direction.size()));
+  }
+  bool Evaluate(double const* const* parameters, double* residuals,
+                double** jacobians) const override {
+    residuals[0] =
+        weights_.dot(Map<const Eigen::VectorXd>(parameters[0], weights_.size())) - expected_;
+    if (jacobians && jacobians[0]) Map<Eigen::VectorXd>(jacobians[0], weights_.size()) = weights_;
+    return true;
+  }
+
+ private:
+  Eigen::VectorXd weights_;
+  double expected_;
 };
 
 class PosePrior final : public ceres::SizedCostFunction<6, 6> {
@@ -271,9 +311,18 @@ std::unique_ptr<ceres::CostFunction> point_to_plane_cost(const LocalMotion& moti
   return std::make_unique<PointToPlaneCost>(motion, in_body, sigma_m, plane);
 }
 
+std::unique_ptr<ceres::CostFunction> point_on_surface_cost(const LocalMotion& motion,
+                                                           const SurfaceElement& surface,
+                                                           const InverseDepthPoint& point) {
+  return std::make_unique<PointOnSurfaceCost>(motion, surface, point);
+}
+
 std::unique_ptr<ceres::CostFunction> scalar_prior_cost(int size, int k, double sigma,
                                                        double expected) {
-  return std::make_unique<ScalarPrior>(size, k, sigma, expected);
+  return std::make_unique<LinearPrior>(Eigen::VectorXd::Unit(size, k), sigma, expected);
+}
+std::unique_ptr<ceres::CostFunction> direction_prior_cost(const Vector6d& direction, double sigma) {
+  return std::make_unique<LinearPrior>(direction, sigma, 0);
 }
 std::unique_ptr<ceres::CostFunction> pose_prior_cost(const Vector6d& sigmas) {
   return std::make_unique<PosePrior>(sigmas);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Residual terms of the bundle adjustment, as cost functions of Ceres with analytic Jacobians:
-// reprojection error, point-to-plane distance, and priors.
+// reprojection error, point-to-plane distances of LiDAR and image points, and priors.
 #pragma once
 
 #include <array>
@@ -26,6 +26,13 @@ struct InverseDepthPoint {
   std::array<double, 3> value{};                       ///< x, y, z (1/m)
 };
 
+/// A piece of a surface that the LiDAR measured, in the axes of the body at the time of the return.
+struct SurfaceElement {
+  Eigen::Vector3d in_body = Eigen::Vector3d::Zero(),
+                  normal = Eigen::Vector3d::UnitZ();  ///< unit
+  double sigma_m = 0;                                 ///< of image points' distances from it
+};
+
 /// Stands for the residual where a camera does not see the point.
 inline constexpr double kUnseen = 1000;
 
@@ -47,9 +54,18 @@ std::unique_ptr<ceres::CostFunction> point_to_plane_cost(const LocalMotion& moti
                                                          double sigma_m,
                                                          const PlaneParameters& plane);
 
+/// normal (X - in_body) / sigma_m [1] of an image point X, in the axes of the body at the time of
+/// `motion`. Parameters: corrections [6] [6] of the motion's two frames, point [3], whose inverse
+/// depth has to be positive.
+std::unique_ptr<ceres::CostFunction> point_on_surface_cost(const LocalMotion& motion,
+                                                           const SurfaceElement& surface,
+                                                           const InverseDepthPoint& point);
+
 /// (x_k - expected) / sigma [1] of a block of `size` numbers.
 std::unique_ptr<ceres::CostFunction> scalar_prior_cost(int size, int k, double sigma,
                                                        double expected = 0);
+/// direction x / sigma [1].
+std::unique_ptr<ceres::CostFunction> direction_prior_cost(const Vector6d& direction, double sigma);
 /// x / sigmas [6].
 std::unique_ptr<ceres::CostFunction> pose_prior_cost(const Vector6d& sigmas);
 /// (b - a) / sigmas [6].

@@ -143,6 +143,35 @@ TEST(CostFunctions, ReprojectionAgreesWithTheRigModel) {
   EXPECT_LT((0.5 * residual - *pixel - Eigen::Vector2d(0, 0.5)).norm(), 1e-7);
 }
 
+// A point on a plane through the origin of the surface, seen from the body at the present poses.
+TEST(CostFunctions, PointsOnTheSurfaceHaveNoResidual) {
+  testing::SyntheticRig rig = testing::make_synthetic_rig({.points = 0, .lidar_points = 0});
+  RigModel model = make_rig_model(rig.recording);
+  SyntheticNoise noise(6);
+  for (Vector6d& c : model.corrections)
+    for (int k = 0; k < 6; ++k) c[k] = noise.uniform(-0.1, 0.1);
+  const LocalMotion motion = model.motion_at(model.initial_frames[7].t_ns + 20'000'000);
+  const SurfaceElement surface{{5, -1, 0.5}, Eigen::Vector3d(1, 2, 2) / 3, 0.05};
+  const Rigid3d world_from_body = model.corrected_pose(motion);
+  InverseDepthPoint point;
+  point.anchor = world_from_body.translation();
+  for (const double off_m : {0.0, 0.1}) {
+    const Eigen::Vector3d in_body =
+                              surface.in_body + Eigen::Vector3d(2, -1, 0) + off_m * surface.normal,
+                          ray = world_from_body.linear() * in_body;
+    point.axes.col(2) = ray.normalized();
+    point.axes.col(0) = ray.unitOrthogonal();
+    point.axes.col(1) = point.axes.col(2).cross(point.axes.col(0));
+    const double value[3] = {0, 0, 1 / ray.norm()};
+    const double* blocks[] = {model.corrections[motion.segment].data(),
+                              model.corrections[motion.segment + 1].data(), value};
+    double residual = 1;
+    ASSERT_TRUE(
+        point_on_surface_cost(motion, surface, point)->Evaluate(blocks, &residual, nullptr));
+    EXPECT_NEAR(residual, off_m / 0.05, 1e-8);
+  }
+}
+
 TEST(CostFunctions, RowsHaveTheirOwnTimes) {
   const testing::SyntheticRig rig = testing::make_synthetic_rig({.points = 0, .lidar_points = 0});
   RigModel model = make_rig_model(rig.recording);
@@ -200,11 +229,23 @@ TEST(CostFunctions, PlaneAndPriorJacobians) {
                   {random_block(&noise, kCorrectionSizes), random_block(&noise, kCorrectionSizes),
                    random_block(&noise, {0.05, 0.05, 0.1})},
                   2e-5);
+  InverseDepthPoint point;
+  point.anchor = {1, 2, 1.5};
+  point.axes = so3_exp({0.2, -0.7, 0.4});
+  const auto tie = point_on_surface_cost(
+      some_instant(), {{6, -2, 0.7}, Eigen::Vector3d(0.3, -0.2, 0.9).normalized(), 0.02}, point);
+  for (const double inverse_m : {0.1, 0.3})
+    expect_slopes(*tie,
+                  {random_block(&noise, kCorrectionSizes),
+                   random_block(&noise, kCorrectionSizes),
+                   {0.02, -0.01, inverse_m}},
+                  2e-5);
   const Vector6d sigmas = (Vector6d() << 0.1, 0.2, 0.3, 0.01, 0.02, 0.03).finished();
   expect_slopes(*pose_prior_cost(sigmas), {random_block(&noise, kCorrectionSizes)}, 1e-6);
   expect_slopes(*smoothness_cost(sigmas),
                 {random_block(&noise, kCorrectionSizes), random_block(&noise, kCorrectionSizes)},
                 1e-6);
+  expect_slopes(*direction_prior_cost(sigmas, 0.3), {random_block(&noise, kCorrectionSizes)}, 1e-6);
   expect_slopes(*scalar_prior_cost(6, 4, 0.3), {random_block(&noise, kCorrectionSizes)}, 1e-6);
   const double value = 0.5, *block = &value;
   double residual = 0;

@@ -147,8 +147,8 @@ ReducedCovariance reduced_covariance(ceres::Problem& problem, const std::vector<
   ReducedCovariance covariance;
   covariance.matrix = inverse_of(normal);
   const Eigen::MatrixXd by_curvature = inverse_of(curved);
-  covariance.variance =
-      (by_curvature * spread * by_curvature).diagonal().cwiseMax(covariance.matrix.diagonal());
+  covariance.robust = by_curvature * spread * by_curvature;
+  covariance.variance = covariance.robust.diagonal().cwiseMax(covariance.matrix.diagonal());
   return covariance;
 }
 

@@ -37,6 +37,7 @@ struct SyntheticOptions {
   double readout_s = 0;                       ///< of all cameras; not in their calibration
   bool straight = false;                      ///< at constant velocity, without bumps and sway
   bool joined = true;  ///< a point is one track of all cameras that see it, else one per camera
+  bool on_surfaces = true;  ///< near points are on the LiDAR's road and walls, else between them
   std::vector<int> cameras{0, 1, 2};  ///< of front pinhole, left fisheye, right fisheye
 };
 
@@ -152,10 +153,15 @@ inline SyntheticRig make_synthetic_rig(const SyntheticOptions& options = {}) {
   }
   for (int p = 0; p < options.points; ++p) {
     const bool far_away = p % 10 == 0;
-    const Eigen::Vector3d point(
-        noise.uniform(-8, far_away ? 300 : 45),
-        (p % 2 ? 1 : -1) * noise.uniform(far_away ? 8 : 4, far_away ? 80 : 8),
-        noise.uniform(0, far_away ? 25 : 5));
+    Eigen::Vector3d point(noise.uniform(-8, far_away ? 300 : 45),
+                          (p % 2 ? 1 : -1) * noise.uniform(far_away ? 8 : 4, far_away ? 80 : 8),
+                          noise.uniform(0, far_away ? 25 : 5));
+    if (options.on_surfaces && !far_away) {
+      if (p % 3 == 0)
+        point = {point.x(), point.y() - (p % 2 ? 2 : -2), 0};  // the road
+      else
+        point.y() = p % 2 ? 7 : -7;  // a wall
+    }
     Track track;
     for (std::size_t c = 0; c < rig.true_cameras.size(); ++c) {
       const Camera camera = make_camera(rig.true_cameras[c]);

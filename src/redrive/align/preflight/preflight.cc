@@ -440,9 +440,15 @@ Preflight check_recording(const Recording& recording, const RigImages& images,
   }
   cv::setNumThreads(1);  // cameras run in parallel
   std::vector<ContrastFit> contrast;
-  if (!lidar.empty()) contrast = fit_time_offsets(make_rig_model(recording), {images, lidar}, pool);
+  std::vector<std::optional<EdgeScore>> edges(recording.cameras.size());
+  if (!lidar.empty()) {
+    const RigModel model = make_rig_model(recording);
+    contrast = fit_time_offsets(model, {images, lidar}, pool);
+    edges = depth_edge_scores(model, {images, lidar}, pool);
+  }
   pool.run(images.cameras(), [&](int c) {
     result.cameras[c] = Checker(recording, images, contrast, c, options).run();
+    result.cameras[c].edges = edges[c];
   });
   find_swapped(&result.cameras);
   result.clock = check_clock(recording);

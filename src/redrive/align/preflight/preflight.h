@@ -3,7 +3,8 @@
 // correspondences of each camera (correspondences.h) are compared with the recorded motion, and
 // with the motion that would be recorded after each of the usual mistakes. Time offsets also come
 // from the contrast of LiDAR intensities and images (lidar/contrast.h), since at constant velocity
-// images alone do not determine them.
+// images alone do not determine them. Edges of the LiDAR's depth are scored by the images' edges
+// (lidar/depth_edges.h).
 #pragma once
 
 #include <optional>
@@ -11,6 +12,7 @@
 #include <vector>
 
 #include "redrive/align/lidar/contrast.h"
+#include "redrive/align/lidar/depth_edges.h"
 #include "redrive/align/preflight/correspondences.h"
 #include "redrive/align/preflight/time_offset_scan.h"
 #include "redrive/align/rig/rig_images.h"
@@ -69,6 +71,7 @@ struct CameraCheck {
   std::vector<ContrastPoint> contrast;  ///< with the LiDAR, over time offsets relative to the
                                         ///< recorded one; empty: not computed
   std::optional<TimeOffsetEstimate> by_lidar;  ///< of its peak, if observable
+  std::optional<EdgeScore> edges;  ///< of the LiDAR's depth; nothing without a dense LiDAR
 
   /// The scan's minimum, observable or not.
   TimeOffsetEstimate by_images() const { return {offset_ms, offset_sigma_ms, false}; }

@@ -1,0 +1,119 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/align/bundle/lidar_ties.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+namespace redrive {
+namespace {
+
+constexpr double kNear_m = 1;           // of a point to a return of its patch
+constexpr double kPointSigma_m = 0.01;  // of image points on a surface, beside the patch's noise
+
+constexpr double kCorner_m = 0.5;       // of a point to a return of a patch that faces elsewhere,
+constexpr double kSameDirection = 0.9;  // by this cosine
+
+using Key = std::array<std::int64_t, 3>;
+
+Key cell_of(const Eigen::Vector3d& point) {
+  Key key;
+  for (int d = 0; d < 3; ++d) key[d] = std::llround(std::floor(point[d] / kNear_m));
+  return key;
+}
+
+/// A return of a patch.
+struct Return {
+  Key cell;
+  int patch = 0, sample = 0;
+  Eigen::Vector3d in_world;
+};
+
+std::vector<Return> returns_by_cell(const RigModel& model, const std::vector<LidarSample>& lidar,
+                                    const std::vector<PlanarPatch>& patches) {
+  std::vector<Return> returns;
+  for (std::size_t p = 0; p < patches.size(); ++p)
+    for (const int i : patches[p].samples) {
+      const Eigen::Vector3d in_world =
+          model.corrected_pose(model.motion_at(lidar[i].t_ns)) * lidar[i].in_body;
+      returns.push_back({cell_of(in_world), static_cast<int>(p), i, in_world});
+    }
+  std::ranges::stable_sort(returns, {}, &Return::cell);
+  return returns;
+}
+
+/// Calls use(return, squared distance) for the returns within max_m of the point, up to kNear_m.
+template <class Use>
+void for_each_near(const std::vector<Return>& returns, const Eigen::Vector3d& point, double max_m,
+                   const Use& use) {
+  const Key centre = cell_of(point);
+  for (int x = -1; x <= 1; ++x)
+    for (int y = -1; y <= 1; ++y) {  // cells along z are contiguous
+      const Key low{centre[0] + x, centre[1] + y, centre[2] - 1},
+          high{centre[0] + x, centre[1] + y, centre[2] + 1};
+      for (auto at = std::ranges::lower_bound(returns, low, {}, &Return::cell);
+           at != returns.end() && at->cell <= high; ++at)
+        if (const double squared = (at->in_world - point).squaredNorm(); squared < max_m * max_m)
+          use(*at, squared);
+    }
+}
+
+/// The return nearest to the point; nullptr if there is none, and in corners, where another patch
+/// faces elsewhere.
+const Return* nearest(const std::vector<Return>& returns, const std::vector<PlanarPatch>& patches,
+                      const Eigen::Vector3d& point) {
+  const Return* best = nullptr;
+  double least = 0;
+  for_each_near(returns, point, kNear_m, [&](const Return& r, double squared) {
+    if (best && squared >= least) return;
+    best = &r;
+    least = squared;
+  });
+  bool corner = false;
+  for_each_near(returns, point, best ? kCorner_m : 0, [&](const Return& r, double) {
+    corner |=
+        std::abs(patches[r.patch].plane.axes.col(2).dot(patches[best->patch].plane.axes.col(2))) <
+        kSameDirection;
+  });
+  return corner ? nullptr : best;
+}
+
+}  // namespace
+
+std::optional<Eigen::Vector3d> position_of(const InverseDepthPoint& point, double max_m) {
+  const auto [x, y, inverse_m] = point.value;
+  if (!(inverse_m * max_m >= 1)) return std::nullopt;
+  return point.anchor + point.axes * Eigen::Vector3d(x, y, 1) / inverse_m;
+}
+
+std::vector<LidarTie> find_lidar_ties(const RigModel& model, const std::vector<LidarSample>& lidar,
+                                      const std::vector<PlanarPatch>& patches,
+                                      const std::vector<std::optional<Eigen::Vector3d>>& points,
+                                      double max_distance_m) {
+  const std::vector<Return> returns = returns_by_cell(model, lidar, patches);
+  std::vector<LidarTie> ties;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    if (!points[i]) continue;
+    const Return* const found = nearest(returns, patches, *points[i]);
+    if (!found) continue;
+    const PlanarPatch& patch = patches[found->patch];
+    const PlaneParameters& plane = patch.plane;
+    const Eigen::Vector3d steep = plane.axes * Eigen::Vector3d(plane.value[0], plane.value[1], 1),
+                          normal = steep.normalized();
+    const double distance_m =
+        (steep.dot(*points[i] - plane.centre) - plane.value[2]) / steep.norm();
+    if (std::abs(distance_m) > max_distance_m) continue;
+    LidarTie tie;
+    tie.point = i;
+    tie.t_ns = lidar[found->sample].t_ns;
+    tie.distance_m = distance_m;
+    const Rigid3d world_from_body = model.corrected_pose(model.motion_at(tie.t_ns));
+    tie.surface = {world_from_body.inverse(Eigen::Isometry) * (*points[i] - distance_m * normal),
+                   world_from_body.linear().transpose() * normal,
+                   std::hypot(patch.sigma_m, kPointSigma_m)};
+    ties.push_back(tie);
+  }
+  return ties;
+}
+
+}  // namespace redrive

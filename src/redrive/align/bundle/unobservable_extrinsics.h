@@ -1,0 +1,48 @@
+// SPDX-License-Identifier: Apache-2.0
+// Decides which numbers of the cameras' extrinsics of an adjusted rig are unobservable, along and
+// about the axes of the body. The images of one camera on a straight drive tell neither its
+// rotation about the driving direction nor its position in the car. Their best fit then is made of
+// small errors that all observations have in common, which the residuals do not show; the
+// calibration's value is better.
+#pragma once
+
+#include <vector>
+
+#include "redrive/align/bundle/bundle_adjustment.h"
+
+namespace redrive {
+
+/// Forward, left, up (m), roll, pitch, yaw (rad) of a camera along and about the axes of the body.
+inline constexpr int kExtrinsicAxes = 6;
+const char* extrinsic_name(int axis);  ///< "forward", "left", "up", "roll", "pitch", "yaw"
+
+/// The derivative of number `axis` by RigModelCamera::extrinsics.
+Vector6d body_axis_of_extrinsics(const RigModelCamera& camera, int axis);
+
+/// The camera's present correction in body axes.
+Vector6d extrinsics_in_body(const RigModelCamera& camera);
+
+/// Standard deviation of a number: that of the residuals, at least as correlated within a point or
+/// patch, and the error that remains however many residuals agree (model_error); at most that of
+/// the calibration, `prior`, or the correction itself.
+double extrinsic_sigma(const RigModel& model, const BundleResult& result, const Vector6d& prior,
+                       int camera, int axis);
+
+/// Error of a number from errors that all observations share, m or rad. The motion determines a
+/// rotation about an axis by the car's rotations about others and by the distance driven across it,
+/// a translation by rotations; ties to the LiDAR's surfaces determine both.
+double model_error(const RigModel& model, int axis, int ties);
+
+/// Numbers of cameras with observations in `used` [cameras] that are observable neither by
+/// themselves nor relative to the mean of the other cameras'. Observable is a number with a
+/// standard deviation of at most half of its prior's, and one that differs from its initial value
+/// by three standard deviations of at most 0.1 degrees or 2 cm.
+std::vector<UnobservableExtrinsic> unobservable_extrinsics(const RigModel& model,
+                                                           const BundleResult& result,
+                                                           const std::vector<int>& used,
+                                                           const Vector6d& prior);
+
+/// Returns the number to its initial value.
+void reset_extrinsic(RigModelCamera* camera, int axis);
+
+}  // namespace redrive
