@@ -5,6 +5,7 @@
 #pragma once
 
 #include <cstdint>
+#include <filesystem>
 #include <functional>
 #include <memory>
 #include <optional>
@@ -157,6 +158,10 @@ class Model : public Configurable {
   virtual bool uses_error_map() const { return false; }
   /// Whether Scene::actors are drawn; otherwise annotated moving objects are masked.
   virtual bool draws_actors() const { return false; }
+  /// Applies what training corrected in the tracks of objects that it drew, for rendering. Throws
+  /// InputError naming `recording` where they have other times than in training.
+  virtual void correct_actors(const std::filesystem::path& /*recording*/,
+                              std::vector<MovingObject>*) const {}
   virtual std::string describe_batch() const = 0;  ///< the largest batch: "2048 rays"
   virtual std::int64_t steps_per_epoch(const TrainingSet& data, int world_size) const = 0;
   /// Writes losses to buffers->workspace.sums() and adds their derivatives to gradients [size()].

@@ -10,6 +10,7 @@
 #include "redrive/model/actor_gaussians.h"
 #include "redrive/model/gaussian_ply.h"
 #include "redrive/model/gaussian_spz.h"
+#include "redrive/model/range_pixels.h"
 #include "redrive/model/trace_gaussians.h"
 
 namespace redrive {
@@ -17,6 +18,7 @@ namespace {
 
 enum SplatLossSlot { kL1Loss, kSsimLoss, kOpacityLoss, kRangeLoss };  // in StepSums::terms
 constexpr float kGainsFrom = 0.05f;                                   // progress
+constexpr float kMotionsFrom = 0.05f;                                 // progress
 constexpr float kBeyondBox_m = 0.2f;  // an actor's Gaussians may be so far out of its box
 
 /// A part of a view's image.
@@ -28,12 +30,6 @@ struct Window {
 struct ImageLevel {
   std::vector<Camera> cameras;  ///< of the rig
   std::vector<Window> windows;  ///< of the training views
-};
-
-/// A LiDAR return in an image of full size.
-struct RangePixel {
-  int x, y;
-  float log_range;  ///< logarithm of its distance from the camera, metres
 };
 
 /// Working memory of a run's steps.
@@ -125,75 +121,6 @@ void find_tiles(const Image8& image, const Window& window, std::vector<std::uint
           image.used[static_cast<std::size_t>(window.y + y) * image.width + window.x + x];
 }
 
-/// Returns the LiDAR returns that a view's image shows: those of about the time of its exposure, so
-/// that what moves is where it was, and not behind nearer ones.
-std::vector<RangePixel> find_ranges(const TrainingSet& data, const View& view) {
-  constexpr std::int64_t kApart_ns = 150'000'000;
-  constexpr int kCell = 8;          // pixels
-  constexpr float kBehind = 0.14f;  // of the distance: farther is hidden, as a logarithm
-  const RigCamera& rig = data.scene.rig[view.camera];
-  const std::int64_t t_ns = data.scene.frames[view.frame].t_ns + rig.time_offset_ns;
-  const ShutterPoses poses = data.scene.shutter_poses(view);
-  const Rigid3d middle = poses.at(0.5), camera_from_world = middle.inverse(Eigen::Isometry);
-  const LidarReturns& lidar = data.lidar;
-  std::vector<RangePixel> all;
-  const auto add = [&](const Eigen::Vector3d& at) {
-    Eigen::Vector3d in_camera = camera_from_world * at;
-    auto pixel = rig.camera.project(in_camera);
-    if (pixel && poses.is_rolling()) {
-      const double row = row_fraction(pixel->y(), rig.camera.height);
-      in_camera = poses.at(row).inverse(Eigen::Isometry) * at;
-      pixel = rig.camera.project(in_camera);
-    }
-    if (!pixel) return;
-    const int x = static_cast<int>(std::floor(pixel->x() + 0.5)),
-              y = static_cast<int>(std::floor(pixel->y() + 0.5));
-    if (x < 0 || y < 0 || x >= rig.camera.width || y >= rig.camera.height) return;
-    all.push_back({x, y, static_cast<float>(std::log(in_camera.norm()))});
-  };
-  std::vector<MovingBox> boxes;
-  std::vector<std::pair<std::int64_t, Rigid3d>> actors;  // by id: world_from_actor
-  for (const MovingObject& actor : data.scene.actors)
-    if (const auto world_from_actor = actor.world_from_box(t_ns)) {
-      boxes.push_back({actor.id, world_from_actor->inverse(Eigen::Isometry), actor.size_m / 2});
-      actors.emplace_back(actor.id, *world_from_actor);
-    }
-  const Eigen::Vector3d eye = middle.translation();
-  for (std::size_t i = 0; i < lidar.n; ++i) {
-    if (data.scene.metric && std::abs(lidar.t_ns[i] - t_ns) > kApart_ns) continue;
-    Eigen::Vector3d at;
-    for (int k = 0; k < 3; ++k)
-      at[k] = double(lidar.origin[k * lidar.n + i]) +
-              double(lidar.range_m[i]) * double(lidar.direction[k * lidar.n + i]);
-    // An actor may hide by now what the sensor saw then.
-    if (std::ranges::none_of(boxes,
-                             [&](const MovingBox& box) { return box.intersects(eye, at - eye); }))
-      add(at);
-  }
-  for (const LidarReturns::OnObject& at : lidar.on_objects) {
-    if (std::abs(at.t_ns - t_ns) > kApart_ns) continue;
-    const auto actor = std::ranges::find(actors, at.id, &std::pair<std::int64_t, Rigid3d>::first);
-    if (actor != actors.end()) add(actor->second * at.in_box.cast<double>());
-  }
-  const int across = rig.camera.width / kCell + 1, down = rig.camera.height / kCell + 1;
-  std::vector<float> nearest(static_cast<std::size_t>(across) * down, 1e9f);
-  for (const RangePixel& p : all) {
-    float& least = nearest[static_cast<std::size_t>(p.y / kCell) * across + p.x / kCell];
-    least = std::min(least, p.log_range);
-  }
-  std::erase_if(all, [&](const RangePixel& p) {
-    for (int dy = -1; dy <= 1; ++dy)
-      for (int dx = -1; dx <= 1; ++dx) {
-        const int cx = p.x / kCell + dx, cy = p.y / kCell + dy;
-        if (cx < 0 || cy < 0 || cx >= across || cy >= down) continue;
-        if (nearest[static_cast<std::size_t>(cy) * across + cx] < p.log_range - kBehind)
-          return true;
-      }
-    return false;
-  });
-  return all;
-}
-
 /// Returns the mean transmittance of the pixels that are not masked; the others' tiles are not
 /// drawn. Writes its derivatives times `weight`.
 double mean_transmittance(const kernels::RasterImage& drawn, const Image8& image,
@@ -228,6 +155,7 @@ void SplatModel::initialize(std::uint64_t) {
   gaussians = first_gaussians = 0;
   actor_ids.clear();
   actor_ends.clear();
+  actor_keys.clear();
   parameters = Buffer<float>(size());
 }
 
@@ -263,57 +191,19 @@ void SplatModel::set_gaussians(std::span<const GaussianList> lists,
   const GaussianLayout layout = layout_of(lists);
   gaussians = static_cast<int>(layout.world);
   actor_ids.clear();
-  for (const MovingObject& actor : actors) actor_ids.push_back(actor.id);
+  actor_keys.clear();
+  for (const MovingObject& actor : actors) {
+    actor_ids.push_back(actor.id);
+    actor_keys.push_back((actor_keys.empty() ? 0 : actor_keys.back()) + std::ssize(actor.keys));
+  }
   actor_ends = layout.actor_ends;
   first_gaussians = 0;
   for (const GaussianList& list : lists) first_gaussians += static_cast<int>(list.size());
   parameters = Buffer<float>(size());
   write_blocks(lists, layout, &parameters);
-  float* bound = parameters.data() + (size() - bounds_size());
+  float* bound = parameters.data() + (blocks_size() + gains.size());
   for (const MovingObject& actor : actors)
     for (int k = 0; k < 3; ++k) *bound++ = static_cast<float>(actor.size_m[k] / 2) + kBeyondBox_m;
-}
-
-SplatModel::DrawnActors SplatModel::drawn_actors(const ShutterPoses& poses) const {
-  DrawnActors out{all(), {}, {}};
-  const GaussianLayout layout = this->layout();
-  std::vector<bool> shown(actor_ids.size());
-  bool as_trained = true;
-  for (const ShutterPoses::Actor& actor : poses.actors()) {
-    const auto body = std::ranges::find(actor_ids, actor.body) - actor_ids.begin();
-    if (body == std::ssize(actor_ids)) continue;
-    as_trained &= !shown[body] && actor.gain == std::array<float, 3>{1, 1, 1};
-    shown[body] = true;
-  }
-  if (as_trained) {
-    for (std::size_t a = 0; a < actor_ids.size(); ++a) {
-      const auto seen = std::ranges::find(poses.actors(), actor_ids[a], &ShutterPoses::Actor::body);
-      out.parts.push_back({layout.first_block(a), {}});
-      if (seen != poses.actors().end()) out.parts.back().part_from_camera = seen->actor_from_camera;
-    }
-    return out;
-  }
-  std::vector<float> numbers(parameters.data(),
-                             parameters.data() + layout.world_blocks() * kBlockSize);
-  for (const ShutterPoses::Actor& actor : poses.actors()) {
-    const auto a =
-        static_cast<std::size_t>(std::ranges::find(actor_ids, actor.body) - actor_ids.begin());
-    if (a == actor_ids.size()) continue;
-    out.parts.push_back({numbers.size() / kBlockSize, actor.actor_from_camera});
-    const float* const first = parameters.data() + layout.first_block(a) * kBlockSize;
-    for (const float* block = first;
-         block < parameters.data() + layout.first_block(a + 1) * kBlockSize; block += kBlockSize) {
-      numbers.insert(numbers.end(), block, block + kBlockSize);
-      float* const copied = &*(numbers.end() - kBlockSize);
-      for (int row = kColourRow; row < kDistanceRow; ++row)
-        for (int lane = 0; lane < kGaussianBlock; ++lane)
-          copied[row * kGaussianBlock + lane] *= actor.gain[(row - kColourRow) % 3];
-    }
-  }
-  out.copied = Buffer<float>(numbers.size());
-  std::ranges::copy(numbers, out.copied.data());
-  out.gaussians = {numbers.size() / kBlockSize * kGaussianBlock, out.copied.span()};
-  return out;
 }
 
 std::int64_t SplatModel::steps_per_epoch(const TrainingSet& data, int world_size) const {
@@ -376,7 +266,7 @@ int SplatModel::set_ranges(const TrainingSet& data, const WindowStep& step,
   if (range_weight == 0 || data.lidar.n == 0) return 0;
   SplatBuffers& own = static_cast<SplatBuffers&>(*buffers);
   auto& ranges = own.ranges[step.window.view];
-  if (!ranges) ranges = find_ranges(data, data.scene.views[step.window.view]);
+  if (!ranges) ranges = find_range_pixels(data, data.scene.views[step.window.view]);
   const kernels::RasterSize size = kernels::raster_size(step.window.width, step.window.height);
   own.log_range.assign(size.plane(), kernels::kNoRange);
   own.d_range.assign(size.plane(), 0);
@@ -409,7 +299,10 @@ void SplatModel::step_window(kernels::Backend& backend, const TrainingSet& data,
   const Window& window = step.window;
   const View& view = data.scene.views[window.view];
   const Image8& image = step.image;
-  const ShutterPoses poses = data.scene.shutter_poses(view);
+  ShutterPoses poses = data.scene.shutter_poses(view);
+  const std::int64_t t_ns =
+      data.scene.frames[view.frame].t_ns + data.scene.rig[view.camera].time_offset_ns;
+  correct_poses(data.scene, t_ns, &poses);
   const DrawnActors actors = drawn_actors(poses);  // as trained
   const kernels::GaussianCamera camera = camera_of(step.whole, window, poses, actors.parts);
   find_tiles(image, window, &own.tiles);
@@ -448,7 +341,9 @@ void SplatModel::step_window(kernels::Backend& backend, const TrainingSet& data,
   const double transmittance =
       mean_transmittance(own.image, image, window, loss.pixels, opaque, &own.d_transmittance);
   std::vector<GaussianPoseGradient<NumberMath<double>>> d_poses(
-      request.pose_gradients ? 1 + actors.parts.size() : 0);
+      request.pose_gradients || (motion_rate > 0 && !poses.actors().empty())
+          ? 1 + actors.parts.size()
+          : 0);
   double range_loss = 0;
   for (std::size_t i = 0; returns > 0 && i < size.plane(); ++i)
     if (own.d_range[i] > 0) range_loss += double(own.d_range[i]) * double(own.image.range_error[i]);
@@ -461,6 +356,9 @@ void SplatModel::step_window(kernels::Backend& backend, const TrainingSet& data,
     gains.add_changes(gain_parameters(), exposure, size, part, loss.patches,
                       static_cast<float>(std::pow(last_rate, std::min(request.progress, 1.0))),
                       gradients.subspan(blocks_size(), gains.size()));
+
+  if (motion_rate > 0 && request.progress > double(kMotionsFrom))
+    add_motion_gradients(data.scene, t_ns, poses, d_poses, gradients);
 
   sums->opacity += weight * (1 - transmittance);
   sums->rgb_mse += weight * loss.mse;
@@ -501,10 +399,16 @@ void SplatModel::update(kernels::Backend& backend, double learning_rate, std::in
   backend.gaussians().update_gaussians(
       update, all().n, gradients.first(blocks), parameters.span().first(blocks),
       adam->first_moment.span().first(blocks), adam->second_moment.span().first(blocks));
-  for (std::size_t i = blocks; i < gradients.size(); ++i) {
-    parameters[i] += gradients[i];
-    gradients[i] = 0;
+  const std::size_t motions = blocks + gains.size() + bounds_size();
+  for (std::size_t i = blocks; i < motions; ++i) parameters[i] += gradients[i];
+  for (std::size_t a = 0; motion_rate > 0 && a < actor_ids.size(); ++a) {
+    const auto [first, n] = motions_of(a);
+    update_motions(update.step, static_cast<float>(learning_rate) * motion_rate,
+                   gradients.subspan(first, n), parameters.span().subspan(first, n),
+                   adam->first_moment.span().subspan(first, n),
+                   adam->second_moment.span().subspan(first, n));
   }
+  std::ranges::fill(gradients.subspan(blocks), 0.0f);
 }
 
 void SplatModel::finish_step(kernels::Backend&, const StepRequest& request, const StepOutput&,
@@ -516,12 +420,12 @@ void SplatModel::finish_step(kernels::Backend&, const StepRequest& request, cons
       first_gaussians + grown * std::max(0, most_gaussians() - first_gaussians));
   options.min_opacity = min_opacity;
   std::vector<Eigen::Vector3f> bounds;
-  for (std::size_t i = size() - bounds_size(); i < size(); i += 3)
+  for (std::size_t a = 0, i = blocks_size() + gains.size(); a < actor_ids.size(); ++a, i += 3)
     bounds.emplace_back(parameters[i], parameters[i + 1], parameters[i + 2]);
   options.actor_bounds = bounds;
   GaussianLayout layout = this->layout();
   densify(options, random_key(request.seed, kStreamDensify, static_cast<std::uint64_t>(step)),
-          gains.size() + bounds_size(), &layout, &parameters, adam);
+          gains.size() + actors_size(), &layout, &parameters, adam);
   gaussians = static_cast<int>(layout.world);
   actor_ends = std::move(layout.actor_ends);
 }

@@ -7,10 +7,13 @@
 #pragma once
 
 #include <algorithm>
+#include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "redrive/kernels/gaussian_stages.h"
+#include "redrive/model/actor_motion.h"
 #include "redrive/model/densify_gaussians.h"
 #include "redrive/model/image_gains.h"
 #include "redrive/model/initial_gaussians.h"
@@ -33,6 +36,7 @@ struct SplatModel final : Model {
   float opacity_weight = 0.02f;            ///< of transmittance, unless a background is given
   int lidar_rays = 1;                      ///< 0: LiDAR is not used
   int actors = 1;                          ///< 0: moving objects are not drawn
+  float motion_rate = 0.1f;                ///< of tracks' corrections; rotations: a tenth, rad
   float min_scale = 2e-4f, max_scale = 1;  ///< of the two larger axes, of the distance
   float min_opacity = 0.01f;               ///< of Gaussians that are kept
   int densify_every = 100;                 ///< steps
@@ -45,6 +49,7 @@ struct SplatModel final : Model {
   int first_gaussians = 0;  ///< at the start, with those of actors
   /// By actor: MovingObject::id, and the end of its blocks (GaussianLayout).
   std::vector<std::int64_t> actor_ids, actor_ends;
+  std::vector<std::int64_t> actor_keys;  ///< by actor: the end of its track's keys (actor_motion.h)
   float background[3] = {0.5f, 0.5f, 0.5f};  ///< where no Gaussian is: the images' mean colour
 
   const char* method() const override { return "splat"; }
@@ -54,13 +59,15 @@ struct SplatModel final : Model {
   void visit_state(HyperparameterVisitor& visit) override;
   void check(const HyperparameterFailure& fail) const override;
   void configure(const Scene& scene) override;
-  std::size_t size() const override { return blocks_size() + gains.size() + bounds_size(); }
+  std::size_t size() const override { return blocks_size() + gains.size() + actors_size(); }
   std::size_t max_size() const override;
   std::vector<ModelTensor> tensors() const override;
   void initialize(std::uint64_t seed) override;
   void initialize_from(const TrainingSet& data, std::uint64_t seed, ThreadPool& pool) override;
   bool uses_lidar() const override { return lidar_rays > 0; }
   bool draws_actors() const override { return actors > 0; }
+  void correct_actors(const std::filesystem::path& recording,
+                      std::vector<MovingObject>* objects) const override;
   std::string describe_batch() const override { return "1 image"; }
   std::int64_t steps_per_epoch(const TrainingSet& data, int world_size) const override;
   StepOutput step(kernels::Backend& backend, const TrainingSet& data, const StepRequest& request,
@@ -129,6 +136,20 @@ struct SplatModel final : Model {
     return parameters.span().subspan(blocks_size(), gains.size());
   }
   std::size_t bounds_size() const { return 3 * actor_ids.size(); }
+  /// Bounds, then corrections of the tracks.
+  std::size_t actors_size() const {
+    return bounds_size() +
+           (actor_keys.empty() ? 0 : kMotionSize * static_cast<std::size_t>(actor_keys.back()));
+  }
+  std::optional<std::size_t> actor_index(std::int64_t id) const;
+  /// Offset and size of an actor's corrections in `parameters`.
+  std::pair<std::size_t, std::size_t> motions_of(std::size_t actor) const;
+  /// Corrects where the camera sees the actors at t_ns; tracks of the scene that are corrected
+  /// already stay.
+  void correct_poses(const Scene& scene, std::int64_t t_ns, ShutterPoses* poses) const;
+  void add_motion_gradients(const Scene& scene, std::int64_t t_ns, const ShutterPoses& poses,
+                            std::span<const GaussianPoseGradient<NumberMath<double>>> d_poses,
+                            std::span<float> gradients) const;
 
   mutable kernels::RasterImage rendered_;  ///< kept from image to image
   mutable std::vector<float> rendered_gains_;

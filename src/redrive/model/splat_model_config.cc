@@ -94,6 +94,8 @@ void SplatModel::visit_hyperparameters(HyperparameterVisitor& visit) {
   visit(Hyperparameter{"lidar_rays", "0: LiDAR is not used", 0, 65536}.as_option("lidar-rays"),
         lidar_rays);
   visit({"actors", "1: annotated moving objects are drawn; 0: they are masked", 0, 1}, actors);
+  visit({"motion_rate", "learning rate of moving objects' tracks, m; 0: they stay", 0, 1},
+        motion_rate);
   visit(Hyperparameter{"min_scale", "of the two larger axes, of the distance", 0, 1}.exclusive(),
         min_scale);
   visit(Hyperparameter{"max_scale", "of an axis, of the distance", 0, 1000}.exclusive(), max_scale);
@@ -138,6 +140,7 @@ void SplatModel::visit_state(HyperparameterVisitor& visit) {
   visit({"gaussians", "number of Gaussians of the world", 0, kMostGaussians}, gaussians);
   visit({"actor_ids", "annotated ids of the moving objects that are drawn"}, actor_ids);
   visit({"actor_ends", "ends of their blocks of Gaussians", 1, kMostGaussians}, actor_ends);
+  visit({"actor_keys", "ends of their tracks' keys", 1, kMostGaussians}, actor_keys);
   visit({"first_gaussians", "number of Gaussians at the start", 0, kMostGaussians},
         first_gaussians);
   visit({"background.r", "colour where no Gaussian is", 0, 1}, background[0]);
@@ -148,6 +151,8 @@ void SplatModel::visit_state(HyperparameterVisitor& visit) {
 void SplatModel::check(const HyperparameterFailure& fail) const {
   if (!(max_scale > min_scale))
     fail({"max_scale", ""}, std::to_string(max_scale), "must be above min_scale");
+  if (actor_ids.size() != actor_keys.size())
+    fail({"actor_keys", ""}, text_from_steps(actor_keys), "must be one for each of actor_ids");
   if (actor_ids.size() != actor_ends.size())
     fail({"actor_ends", ""}, text_from_steps(actor_ends), "must be one for each of actor_ids");
   if (!actor_ends.empty() &&
@@ -188,7 +193,7 @@ void SplatModel::configure(const Scene& scene) {
 std::size_t SplatModel::max_size() const {
   const std::size_t blocks = gaussian_blocks(static_cast<std::size_t>(most_gaussians()));
   return std::max(blocks + actor_ids.size(), layout().blocks()) * kBlockSize + gains.size() +
-         bounds_size();
+         actors_size();
 }
 
 std::vector<ModelTensor> SplatModel::tensors() const {
@@ -207,6 +212,10 @@ std::vector<ModelTensor> SplatModel::tensors() const {
     out.push_back({"actor_bounds",
                    {static_cast<std::int64_t>(actor_ids.size()), 3},
                    blocks_size() + gains.size()});
+  if (!actor_ids.empty())
+    out.push_back({"actor_motions",
+                   {actor_keys.back(), static_cast<std::int64_t>(kMotionSize)},
+                   blocks_size() + gains.size() + bounds_size()});
   return out;
 }
 

@@ -24,6 +24,7 @@ struct MovingObject {
   bool deforms = false;
   Eigen::Vector3d size_m = Eigen::Vector3d::Zero();  ///< along each axis, the largest of its boxes
   std::vector<Key> keys;                             ///< by time, at least one
+  bool is_refined = false;                           ///< the keys have a model's corrections
   // Changes (scene/edit_actors.h):
   std::optional<std::int64_t> body;    ///< id of the object whose Gaussians it shows; its own
   std::array<float, 3> gain{1, 1, 1};  ///< factors of r, g, b

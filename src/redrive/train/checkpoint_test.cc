@@ -87,6 +87,7 @@ TrainState example_splat_state(bool with_actors = false) {
   if (with_actors) {
     model->actor_ids = {-4, 9};
     model->actor_ends = {3, 5};
+    model->actor_keys = {2, 6};
   }
   model->max_gaussians = 2000;
   model->gains.appearance = {1, 3};
@@ -434,7 +435,9 @@ TEST(Checkpoint, RejectsDamageToActorsByName) {
            {"actor_ends", "3,4000000000", "__metadata__.actor_ends"},
            {"actor_ends", "3,x", "__metadata__.actor_ends"},
            {"actor_ends", "3,6", "adam.first_moment.shape"},
-           {"actor_ids", "-4", "__metadata__.actor_ends"},
+           {"actor_ids", "-4", "__metadata__.actor_keys"},
+           {"actor_keys", "2", "__metadata__.actor_keys"},
+           {"actor_keys", "2,7", "adam.first_moment.shape"},
            {"actor_ids", "9,-4", "__metadata__.actor_ids"},
            {"gaussians", "49", "__metadata__.actor_ends"}}) {
     Parts parts(good);

@@ -1,0 +1,53 @@
+// SPDX-License-Identifier: Apache-2.0
+// Corrections of the tracks of moving objects, which train along with their Gaussians: for each key
+// of a track (MovingObject::keys) a translation u (metres) and a rotation w (rad) in the object's
+// own axes, linear in time between keys. world_from_actor becomes world_from_actor exp(w) with the
+// origin moved by u.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+
+#include "redrive/field/gaussian.h"
+#include "redrive/optim/adam.h"
+#include "redrive/scene/moving_object.h"
+
+namespace redrive {
+
+constexpr std::size_t kMotionSize = 6;  ///< u, then w
+using ActorMotion = std::array<float, kMotionSize>;
+
+/// Largest |correction| of a coordinate.
+constexpr float kMaxMotion_m = 0.5f, kMaxMotion_rad = 0.1f;
+
+/// A time between two keys, or beyond them.
+struct KeyTime {
+  std::size_t before = 0, after = 0;  ///< keys
+  float part = 0;                     ///< of the way from one to the other, 0..1
+};
+KeyTime key_time(const MovingObject& object, std::int64_t t_ns);
+
+/// `motions`: [keys, kMotionSize].
+ActorMotion motion_at(std::span<const float> motions, const KeyTime& at);
+
+Rigid3d moved(const Rigid3d& world_from_actor, const ActorMotion& motion);
+
+/// Adds the derivative by the motions. d_pose: by the pose of a camera in the object's axes
+/// (GaussianPoseGradient); camera: its position there.
+void add_motion_gradient(const GaussianPoseGradient<NumberMath<double>>& d_pose,
+                         const Eigen::Vector3d& camera, const KeyTime& at,
+                         std::span<float> d_motions);
+
+/// A step of Adam on a track's corrections, of the keys that have a gradient, and of their
+/// smoothing towards those of the neighbouring keys and towards 0, within the bounds. Keys that
+/// never had one, of images that are held out, lie between their neighbours. All spans: [keys,
+/// kMotionSize]. rate: of translations, metres; a tenth of it, in rad, of rotations.
+void update_motions(AdamStep step, float rate, std::span<const float> gradients,
+                    std::span<float> motions, std::span<float> first_moment,
+                    std::span<float> second_moment);
+
+/// Applies the corrections to the keys.
+void correct_track(std::span<const float> motions, MovingObject* object);
+
+}  // namespace redrive
