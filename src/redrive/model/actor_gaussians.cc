@@ -14,7 +14,7 @@
 namespace redrive {
 namespace {
 
-constexpr std::size_t kPointsPerRange = 256;
+constexpr std::size_t kSightedPerRange = 256;
 constexpr std::size_t kFewReturns = 500;  ///< so many more are put on the box
 constexpr float kMirrorApart_m = 0.15f;   ///< a mirrored point has no return within it
 
@@ -122,7 +122,7 @@ GaussianList actor_gaussians(const TrainingSet& data, const MovingObject& actor,
                        Eigen::Vector3f::Zero()},
                       sightings[i % sightings.size()].t_ns});
   std::vector<std::uint8_t> seen(points.size());
-  pool.run_ranges(points.size(), kPointsPerRange, [&](std::size_t begin, std::size_t end) {
+  pool.run_ranges(points.size(), kSightedPerRange, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i)
       if (const auto rgb = colour_near(data, sightings, points[i].point.position, points[i].t_ns)) {
         points[i].point.rgb = *rgb;

@@ -12,7 +12,6 @@
 namespace redrive {
 namespace {
 
-constexpr std::size_t kPointsPerRange = 4096;
 constexpr std::size_t kNeighbours = 9;
 /// Least scale of a disc along its normal, of its smaller axis.
 constexpr float kFlattest = 0.15f;

@@ -36,6 +36,7 @@ struct Point {
 using Points = std::vector<Point>;
 
 constexpr float kPointOpacity = 0.5f, kRandomOpacity = 0.1f;  ///< of first Gaussians
+constexpr std::size_t kPointsPerRange = 4096;                 ///< of a thread
 
 /// Points for nanoflann.
 struct PointSet {

@@ -15,7 +15,6 @@
 namespace redrive {
 namespace {
 
-constexpr std::size_t kPointsPerRange = 4096;
 /// Extruded are returns this high above the lowest camera, by up to kExtrusion_m.
 constexpr float kExtrudedFrom_m = 0.5f, kExtrusion_m = 9;
 constexpr float kFar = 6;             ///< radius of the sky, in distances of the scene's points
