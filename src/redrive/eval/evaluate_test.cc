@@ -313,7 +313,7 @@ TEST(EvaluationJson, HasTheDocumentedKeys) {
       "outside": {"psnr_db": 22, "ssim": 0.5, "flip": 0.25, "depth_error": null, "images": 3,
         "left_out_pixels": 0},
       "objects": {"-7": {"type": "CAR", "psnr_db": 25, "images": 2}}},
-    "novel": {}, "held_out": false,
+    "lidar": null, "novel": {}, "held_out": false,
     "alignment": {"moved_m": 0.5, "turned_deg": 0.25, "rest_m": 0.125, "rest_deg": 1, "frames": 5},
     "view_alignment": {"moved_m": 0.25, "turned_deg": 0.5, "views": 8},
     "pose_changes": {"frames": {"moved_m": 0.75, "turned_deg": 180, "at_bound": 1},
