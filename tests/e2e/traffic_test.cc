@@ -86,6 +86,24 @@ TEST_F(Traffic, MovingObjectsAreDrawnScoredAndEdited) {
   EXPECT_FALSE(fs::exists(folder_ / "no.png"));
 }
 
+TEST_F(Traffic, InspectListsObjects) {
+  const std::string recording = REDRIVE_SAMPLES "/street_traffic";
+  const ProgramResult table = redrive({"inspect", recording, "--objects"});
+  EXPECT_EQ(table.exit_code, kExitOk) << table.err;
+  EXPECT_THAT(table.out, HasSubstr("parked"));
+  const ProgramResult ended = redrive({"inspect", recording, "--objects", "--json"});
+  const nlohmann::json objects = nlohmann::json::parse(ended.out).at("objects");
+  ASSERT_EQ(objects.size(), 3u);
+  EXPECT_EQ(objects[1].at("id"), 2);
+  EXPECT_EQ(objects[1].at("type"), "CAR");
+  EXPECT_EQ(objects[1].at("moves"), true);
+  EXPECT_EQ(objects[1].at("boxes"), 24);
+  EXPECT_GT(objects[1].at("driven_m"), 3);
+  EXPECT_GT(objects[1].at("images"), 20);
+  EXPECT_TRUE(
+      nlohmann::json::parse(redrive({"inspect", recording, "--json"}).out).at("objects").is_null());
+}
+
 TEST_F(Traffic, MovingObjectsAreMaskedWithoutActors) {
   const fs::path run = train("masked", 20, {"--set", "actors=0"});
   const ProgramResult scored = redrive({"eval", run.string(), "--json"});

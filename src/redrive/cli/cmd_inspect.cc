@@ -24,6 +24,7 @@
 #include "redrive/report/preflight_page.h"
 #include "redrive/scene/load_views.h"
 #include "redrive/scene/masks.h"
+#include "redrive/scene/object_summary.h"
 
 namespace redrive {
 namespace {
@@ -41,9 +42,10 @@ struct Inspection {
   Recording recording;
   std::optional<DriveSummary> drive;  ///< nothing for photographs
   std::vector<CameraReport> cameras;
-  std::vector<Finding> findings;       ///< odd, but the recording can be used
-  std::vector<Finding> problems;       ///< training would reject the recording
-  std::optional<Preflight> preflight;  ///< with --report
+  std::vector<Finding> findings;                      ///< odd, but the recording can be used
+  std::vector<Finding> problems;                      ///< training would reject the recording
+  std::optional<Preflight> preflight;                 ///< with --report
+  std::optional<std::vector<ObjectSummary>> objects;  ///< with --objects
 };
 
 /// Returns the angle between the optical axis and the direction at column u of the principal row,
@@ -239,6 +241,29 @@ nlohmann::ordered_json preflight_to_json(const Preflight& preflight) {
           {"cameras", cameras}};
 }
 
+nlohmann::ordered_json objects_to_json(const std::vector<ObjectSummary>& objects) {
+  nlohmann::ordered_json list = nlohmann::ordered_json::array();
+  for (const ObjectSummary& o : objects)
+    list.push_back(
+        {{"id", o.id},
+         {"type", o.type},
+         {"moves", o.moves},
+         {"boxes", o.boxes},
+         {"driven_m", o.driven_m},
+         {"nearest_m", std::isfinite(o.nearest_m) ? nlohmann::json(o.nearest_m) : nullptr},
+         {"images", o.images}});
+  return list;
+}
+
+void print_objects(const std::vector<ObjectSummary>& objects) {
+  std::printf("%-12s %-20s %-8s %6s %9s %10s %7s\n", "object", "type", "", "boxes", "driven m",
+              "nearest m", "images");
+  for (const ObjectSummary& o : objects)
+    std::printf("%-12lld %-20s %-8s %6zu %9.1f %10.1f %7zu\n", static_cast<long long>(o.id),
+                o.type.c_str(), o.moves ? "moves" : "parked", o.boxes, o.driven_m, o.nearest_m,
+                o.images);
+}
+
 nlohmann::json findings_to_json(const std::vector<Finding>& findings) {
   nlohmann::json list = nlohmann::json::array();
   for (const Finding& finding : findings)
@@ -292,6 +317,8 @@ nlohmann::ordered_json to_json(const Inspection& result) {
   }
   nlohmann::ordered_json preflight;  // null without --report
   if (result.preflight) preflight = preflight_to_json(*result.preflight);
+  nlohmann::ordered_json objects;  // null without --objects
+  if (result.objects) objects = objects_to_json(*result.objects);
   return {{"recording", recording.root.string()},
           {"format", recording.format},
           {"metric", recording.metric},
@@ -311,6 +338,7 @@ nlohmann::ordered_json to_json(const Inspection& result) {
           {"novel", novel},
           {"findings", findings_to_json(result.findings)},
           {"problems", findings_to_json(result.problems)},
+          {"objects", objects},
           {"preflight", preflight}};
 }
 
@@ -385,6 +413,7 @@ void print_inspection(const Inspection& result) {
   for (const NovelSet& set : recording.novel) novel += (novel.empty() ? "" : ", ") + set.name;
   std::printf("other sensors  %s\n", others.empty() ? "none" : others.c_str());
   std::printf("novel views    %s\n\n", novel.empty() ? "none" : novel.c_str());
+  if (result.objects) print_objects(*result.objects);
   if (result.preflight) print_preflight(*result.preflight);
   if (!result.findings.empty()) print_findings("findings", result.findings);
   if (!result.problems.empty()) print_findings("NOT USABLE", result.problems);
@@ -392,10 +421,19 @@ void print_inspection(const Inspection& result) {
     std::printf("nothing missing, nothing odd\n");
 }
 
-int run_inspect(const std::string& root, const std::string& frames, bool json,
-                const std::string& masks, const std::string& report) {
+struct InspectOptions {
+  std::string recording, frames, masks, report;
+  bool json = false, objects = false;
+};
+
+int run_inspect(const InspectOptions& options) {
+  const auto& [root, frames, masks, report, json, objects] = options;
   if (!report.empty()) require_empty_folder(report);
   Inspection result = inspect(root, frames);
+  if (objects && result.problems.empty()) {
+    const Scene scene = make_scene(result.recording, {});
+    result.objects = summarize_objects(scene, read_moving_objects(result.recording, scene));
+  }
   if (!masks.empty() && result.problems.empty()) write_masks(masks, &result);
   if (!report.empty() && result.problems.empty()) write_report(report, &result);
   if (json) {
@@ -413,14 +451,13 @@ int run_inspect(const std::string& root, const std::string& frames, bool json,
 }  // namespace
 
 Action configure_inspect(CLI::App& command) {
-  struct Options {
-    std::string recording, frames, masks, report;
-    bool json = false;
-  };
-  auto options = std::make_shared<Options>();
+  auto options = std::make_shared<InspectOptions>();
   command.add_option("RECORDING", options->recording, "folder of the recording")->required();
   add_frames_option(command, &options->frames);
   command.add_flag("--json", options->json, "JSON on standard output instead of the table");
+  command.add_flag("--objects", options->objects,
+                   "lists annotated objects: type, moving or parked, boxes, metres driven, least "
+                   "distance, images");
   command.add_option(
       "--masks", options->masks,
       "new folder for masks of pixels that training ignores: CAM.png, to be edited, and "
@@ -429,10 +466,7 @@ Action configure_inspect(CLI::App& command) {
       "--report", options->report,
       "new folder for a page (index.html) that checks calibration, poses and time offsets "
       "against the images");
-  return [options] {
-    return run_inspect(options->recording, options->frames, options->json, options->masks,
-                       options->report);
-  };
+  return [options] { return run_inspect(*options); };
 }
 
 }  // namespace redrive

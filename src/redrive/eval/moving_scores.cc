@@ -7,11 +7,11 @@
 namespace redrive {
 namespace {
 
-/// Returns the PSNR over the pixels of a mask; nothing where they are too few.
 struct MaskedScore {
   double psnr_db = 0;
   std::int64_t pixels = 0;
 };
+/// Returns the PSNR over the pixels of an object, as object_map numbers it.
 MaskedScore masked_psnr(const RenderedImage& rendered, const Image8& ground_truth,
                         const std::vector<std::uint32_t>& map, std::uint32_t object,
                         const Mask& of_camera) {

@@ -14,7 +14,7 @@ namespace redrive {
 /// Images with fewer pixels of an object, or of all of them, do not count.
 constexpr std::int64_t kLeastObjectPixels = 100;
 
-/// Adds up images that show moving objects. Their pixels are those whose rays meet a box, grown by
+/// Adds up scores of images. Pixels of moving objects are those whose rays meet a box, grown by
 /// kBoxMargin_m, also where the model does not draw them.
 class MovingScores {
  public:

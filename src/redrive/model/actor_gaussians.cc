@@ -112,7 +112,7 @@ GaussianList actor_gaussians(const TrainingSet& data, const MovingObject& actor,
   std::vector<TimedPoint> points;
   for (const LidarReturns::OnObject& at : data.lidar.on_objects)
     if (at.id == actor.id)
-      points.push_back({{at.in_box, Eigen::Vector3f::Zero(), at.seen_from}, at.t_ns});
+      points.push_back({{at.in_box, Eigen::Vector3f::Zero(), Eigen::Vector3f::Zero()}, at.t_ns});
   const std::size_t returns = points.size();
   add_mirrored(&points);
   const std::size_t on_returns = points.size();

@@ -36,11 +36,10 @@ struct Road : SplatScene {
   /// Returns on the left half of the rear.
   void add_returns(int n) {
     for (int i = 0; i < n; ++i)
-      lidar.on_objects.push_back(
-          {3, 100'000'000ll * (i % 4),
-           Eigen::Vector3f(-2, 0.3f + 0.6f * float(i % 30) / 30, -0.6f + 1.2f * float(i / 30) / 30),
-           Eigen::Vector3f(-12, 0, 1)});
-    lidar.on_objects.push_back({4, 0, Eigen::Vector3f(0, 0, 0), Eigen::Vector3f(-12, 0, 1)});
+      lidar.on_objects.push_back({3, 100'000'000ll * (i % 4),
+                                  Eigen::Vector3f(-2, 0.3f + 0.6f * float(i % 30) / 30,
+                                                  -0.6f + 1.2f * float(i / 30) / 30)});
+    lidar.on_objects.push_back({4, 0, Eigen::Vector3f(0, 0, 0)});
   }
   GaussianList gaussians(std::uint64_t key = 1, int threads = 2) {
     ThreadPool pool(threads);

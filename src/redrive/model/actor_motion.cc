@@ -13,22 +13,12 @@ constexpr float kSmoothing = 0.02f, kDecay = 0.002f;  // of an update
 
 }  // namespace
 
-KeyTime key_time(const MovingObject& object, std::int64_t t_ns) {
-  const auto& keys = object.keys;
-  const auto next = static_cast<std::size_t>(
-      std::ranges::upper_bound(keys, t_ns, {}, &MovingObject::Key::t_ns) - keys.begin());
-  if (next == 0) return {0, 0, 0};
-  if (next == keys.size()) return {next - 1, next - 1, 0};
-  return {next - 1, next,
-          static_cast<float>(t_ns - keys[next - 1].t_ns) /
-              static_cast<float>(keys[next].t_ns - keys[next - 1].t_ns)};
-}
-
-ActorMotion motion_at(std::span<const float> motions, const KeyTime& at) {
+ActorMotion motion_at(std::span<const float> motions, const MovingObject::KeyTime& at) {
   ActorMotion motion;
+  const auto part = static_cast<float>(at.part);
   for (std::size_t k = 0; k < kMotionSize; ++k)
-    motion[k] = (1 - at.part) * motions[kMotionSize * at.before + k] +
-                at.part * motions[kMotionSize * at.after + k];
+    motion[k] = (1 - part) * motions[kMotionSize * at.before + k] +
+                part * motions[kMotionSize * at.after + k];
   return motion;
 }
 
@@ -40,14 +30,16 @@ Rigid3d moved(const Rigid3d& world_from_actor, const ActorMotion& motion) {
 }
 
 void add_motion_gradient(const GaussianPoseGradient<NumberMath<double>>& d_pose,
-                         const Eigen::Vector3d& camera, const KeyTime& at,
-                         std::span<float> d_motions) {
-  // The camera moves against the object: by -u - w x camera, and turns by -w.
+                         const Eigen::Vector3d& camera, std::span<const float> motions,
+                         const MovingObject::KeyTime& at, std::span<float> d_motions) {
+  // The camera moves against the object: by -exp(-w) u and -w x camera, and turns by -w.
   const Eigen::Vector3d d_translation(d_pose.translation), d_rotation(d_pose.rotation);
-  const Eigen::Vector3d d_u = -d_translation, d_w = -camera.cross(d_translation) - d_rotation;
+  const Eigen::Matrix3d turned = moved(Rigid3d::Identity(), motion_at(motions, at)).linear();
+  const Eigen::Vector3d d_u = -turned * d_translation,
+                        d_w = -camera.cross(d_translation) - d_rotation;
+  const auto later = static_cast<float>(at.part);
   for (int k = 0; k < 3; ++k)
-    for (const auto& [key, part] :
-         {std::pair(at.before, 1 - at.part), std::pair(at.after, at.part)}) {
+    for (const auto& [key, part] : {std::pair(at.before, 1 - later), std::pair(at.after, later)}) {
       d_motions[kMotionSize * key + k] += part * static_cast<float>(d_u[k]);
       d_motions[kMotionSize * key + 3 + k] += part * static_cast<float>(d_w[k]);
     }

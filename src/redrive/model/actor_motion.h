@@ -21,23 +21,17 @@ using ActorMotion = std::array<float, kMotionSize>;
 /// Largest |correction| of a coordinate.
 constexpr float kMaxMotion_m = 0.5f, kMaxMotion_rad = 0.1f;
 
-/// A time between two keys, or beyond them.
-struct KeyTime {
-  std::size_t before = 0, after = 0;  ///< keys
-  float part = 0;                     ///< of the way from one to the other, 0..1
-};
-KeyTime key_time(const MovingObject& object, std::int64_t t_ns);
-
 /// `motions`: [keys, kMotionSize].
-ActorMotion motion_at(std::span<const float> motions, const KeyTime& at);
+ActorMotion motion_at(std::span<const float> motions, const MovingObject::KeyTime& at);
 
 Rigid3d moved(const Rigid3d& world_from_actor, const ActorMotion& motion);
 
-/// Adds the derivative by the motions. d_pose: by the pose of a camera in the object's axes
-/// (GaussianPoseGradient); camera: its position there.
+/// Adds the derivative by the motions; that by w to first order in w, which is 0.1 rad at most.
+/// d_pose: by the pose of a camera in the corrected object's axes (GaussianPoseGradient); camera:
+/// its position there.
 void add_motion_gradient(const GaussianPoseGradient<NumberMath<double>>& d_pose,
-                         const Eigen::Vector3d& camera, const KeyTime& at,
-                         std::span<float> d_motions);
+                         const Eigen::Vector3d& camera, std::span<const float> motions,
+                         const MovingObject::KeyTime& at, std::span<float> d_motions);
 
 /// A step of Adam on a track's corrections, of the keys that have a gradient, and of their
 /// smoothing towards those of the neighbouring keys and towards 0, within the bounds. Keys that

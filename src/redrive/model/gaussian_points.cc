@@ -103,6 +103,20 @@ void append_discs(const Points& points, const NearestCamera& cameras, float size
   });
 }
 
+void shuffle(std::size_t n, std::uint64_t key, GaussianList* list) {
+  std::vector<std::pair<std::uint64_t, std::uint32_t>> order(list->size());
+  for (std::size_t i = 0; i < order.size(); ++i)
+    order[i] = {random_bits(key, i), static_cast<std::uint32_t>(i)};
+  std::ranges::sort(order);
+  order.resize(std::min(n, order.size()));
+  GaussianList kept;
+  kept.rows.reserve(order.size() * kGaussianRows);
+  for (const auto& [unused, i] : order)
+    kept.rows.insert(kept.rows.end(), &list->rows[i * std::size_t{kGaussianRows}],
+                     &list->rows[i * std::size_t{kGaussianRows}] + kGaussianRows);
+  *list = std::move(kept);
+}
+
 NearestCamera::NearestCamera(const Scene& scene) {
   // Neighbouring frames are centimetres to metres apart: so many cameras stand for all.
   constexpr std::size_t kMost = 64;

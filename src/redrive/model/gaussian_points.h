@@ -88,4 +88,7 @@ void put_gaussian(const Point& point, const Eigen::Vector3f& scale,
 void append_discs(const Points& points, const NearestCamera& cameras, float size, float opacity,
                   ThreadPool& pool, GaussianList* list);
 
+/// Keeps `n` of the Gaussians, chosen and ordered at random.
+void shuffle(std::size_t n, std::uint64_t key, GaussianList* list);
+
 }  // namespace redrive

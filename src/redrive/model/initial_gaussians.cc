@@ -101,7 +101,7 @@ Points points_between(const TrainingSet& data, const Points& points, ThreadPool&
     for (const Point& point : points) {
       const Eigen::Vector3d at = camera_from_world * point.position.cast<double>();
       const auto pixel = camera.project(at);
-      if (!pixel || !visible_pixel(data.images[v], *pixel)) continue;
+      if (!pixel || !static_pixel(data.images[v], *pixel)) continue;
       float& nearest = distance[static_cast<int>(pixel->y() + 0.5) / kCell * across +
                                 static_cast<int>(pixel->x() + 0.5) / kCell];
       const auto here = static_cast<float>(at.norm());
@@ -123,7 +123,7 @@ Points points_between(const TrainingSet& data, const Points& points, ThreadPool&
       if (head < seeds) continue;
       const Eigen::Vector2d pixel(std::min(x * kCell + kCell / 2, camera.width - 1),
                                   std::min(y * kCell + kCell / 2, camera.height - 1));
-      const auto index = visible_pixel(data.images[v], pixel);
+      const auto index = static_pixel(data.images[v], pixel);
       const auto direction = camera.unproject(pixel);
       if (!index || !direction) continue;
       of_view[chunk].push_back(
@@ -147,7 +147,7 @@ std::optional<Eigen::Vector3f> colour_of(const TrainingSet& data, const Eigen::V
     const auto pixel = data.scene.rig[view.camera].camera.project(
         data.scene.world_from_camera(view).inverse() * position.cast<double>());
     if (!pixel) continue;
-    const auto index = visible_pixel(data.images[v], *pixel);
+    const auto index = static_pixel(data.images[v], *pixel);
     if (!index) continue;
     return colour_in(data.images[v], *index);
   }
@@ -194,21 +194,6 @@ void append_random(const NearestCamera& cameras, float half_side, int n, std::ui
                  kRandomOpacity, cameras.distance(point.position.data()),
                  &*(list->rows.end() - kGaussianRows));
   }
-}
-
-/// Keeps `n` of the Gaussians, chosen and ordered at random.
-void shuffle(std::size_t n, std::uint64_t key, GaussianList* list) {
-  std::vector<std::pair<std::uint64_t, std::uint32_t>> order(list->size());
-  for (std::size_t i = 0; i < order.size(); ++i)
-    order[i] = {random_bits(key, i), static_cast<std::uint32_t>(i)};
-  std::ranges::sort(order);
-  order.resize(std::min(n, order.size()));
-  GaussianList kept;
-  kept.rows.reserve(order.size() * kGaussianRows);
-  for (const auto& [unused, i] : order)
-    kept.rows.insert(kept.rows.end(), &list->rows[i * std::size_t{kGaussianRows}],
-                     &list->rows[i * std::size_t{kGaussianRows}] + kGaussianRows);
-  *list = std::move(kept);
 }
 
 }  // namespace

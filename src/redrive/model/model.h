@@ -35,6 +35,7 @@ struct TrainingSet {
   const LidarReturns& lidar;
   const PixelSampler& pixels;                ///< batches of rays through pixels
   const LidarSampler* lidar_rays = nullptr;  ///< batches of rays to returns; null: no LiDAR
+  const Scene* initial = nullptr;  ///< with the poses that training began with; null: `scene`
 };
 
 /// One rank's part of a training step.
@@ -158,10 +159,12 @@ class Model : public Configurable {
   virtual bool uses_error_map() const { return false; }
   /// Whether Scene::actors are drawn; otherwise annotated moving objects are masked.
   virtual bool draws_actors() const { return false; }
-  /// Applies what training corrected in the tracks of objects that it drew, for rendering. Throws
-  /// InputError naming `recording` where they have other times than in training.
-  virtual void correct_actors(const std::filesystem::path& /*recording*/,
-                              std::vector<MovingObject>*) const {}
+  /// Throws InputError naming `recording` unless these are the objects that training drew, with as
+  /// many boxes. Nothing before the first step.
+  virtual void check_actors(const std::filesystem::path& /*recording*/,
+                            const std::vector<MovingObject>&) const {}
+  /// Applies what training corrected in the tracks of objects, for rendering; once.
+  virtual void correct_actors(std::vector<MovingObject>*) const {}
   virtual std::string describe_batch() const = 0;  ///< the largest batch: "2048 rays"
   virtual std::int64_t steps_per_epoch(const TrainingSet& data, int world_size) const = 0;
   /// Writes losses to buffers->workspace.sums() and adds their derivatives to gradients [size()].

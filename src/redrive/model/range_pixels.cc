@@ -5,49 +5,49 @@
 #include <cmath>
 #include <utility>
 
+#include "redrive/scene/moving_objects.h"
+#include "redrive/scene/project_shutter.h"
+
 namespace redrive {
 
-std::vector<RangePixel> find_range_pixels(const TrainingSet& data, const View& view) {
+std::vector<RangePixel> find_range_pixels(const TrainingSet& data, std::size_t of_view) {
   constexpr std::int64_t kApart_ns = 150'000'000;
   constexpr int kCell = 8;          // pixels
   constexpr float kBehind = 0.14f;  // of the distance: farther is hidden, as a logarithm
-  const RigCamera& rig = data.scene.rig[view.camera];
-  const std::int64_t t_ns = data.scene.frames[view.frame].t_ns + rig.time_offset_ns;
-  const ShutterPoses poses = data.scene.shutter_poses(view);
+  // Poses that are refined meanwhile would make the result depend on when it is computed.
+  const Scene& scene = data.initial ? *data.initial : data.scene;
+  const View& view = scene.views[of_view];
+  const RigCamera& rig = scene.rig[view.camera];
+  const std::int64_t t_ns = scene.frames[view.frame].t_ns + rig.time_offset_ns;
+  const ShutterPoses poses = scene.shutter_poses(view);
   const Rigid3d middle = poses.at(0.5), camera_from_world = middle.inverse(Eigen::Isometry);
   const LidarReturns& lidar = data.lidar;
   std::vector<RangePixel> all;
   const auto add = [&](const Eigen::Vector3d& at) {
-    Eigen::Vector3d in_camera = camera_from_world * at;
-    auto pixel = rig.camera.project(in_camera);
-    if (pixel && poses.is_rolling()) {
-      const double row = row_fraction(pixel->y(), rig.camera.height);
-      in_camera = poses.at(row).inverse(Eigen::Isometry) * at;
-      pixel = rig.camera.project(in_camera);
-    }
-    if (!pixel) return;
-    const int x = static_cast<int>(std::floor(pixel->x() + 0.5)),
-              y = static_cast<int>(std::floor(pixel->y() + 0.5));
+    const auto seen = project_shutter(rig.camera, poses, camera_from_world, at);
+    if (!seen) return;
+    const int x = static_cast<int>(std::floor(seen->pixel.x() + 0.5)),
+              y = static_cast<int>(std::floor(seen->pixel.y() + 0.5));
     if (x < 0 || y < 0 || x >= rig.camera.width || y >= rig.camera.height) return;
-    all.push_back({x, y, static_cast<float>(std::log(in_camera.norm()))});
+    all.push_back({x, y, static_cast<float>(std::log(seen->in_camera.norm()))});
   };
   std::vector<MovingBox> boxes;
   std::vector<std::pair<std::int64_t, Rigid3d>> actors;  // by id: world_from_actor
-  for (const MovingObject& actor : data.scene.actors)
+  for (const MovingObject& actor : scene.actors)
     if (const auto world_from_actor = actor.world_from_box(t_ns)) {
       boxes.push_back({actor.id, world_from_actor->inverse(Eigen::Isometry), actor.size_m / 2});
       actors.emplace_back(actor.id, *world_from_actor);
     }
   const Eigen::Vector3d eye = middle.translation();
   for (std::size_t i = 0; i < lidar.n; ++i) {
-    if (data.scene.metric && std::abs(lidar.t_ns[i] - t_ns) > kApart_ns) continue;
+    if (scene.metric && std::abs(lidar.t_ns[i] - t_ns) > kApart_ns) continue;
     Eigen::Vector3d at;
     for (int k = 0; k < 3; ++k)
       at[k] = double(lidar.origin[k * lidar.n + i]) +
               double(lidar.range_m[i]) * double(lidar.direction[k * lidar.n + i]);
     // An actor may hide by now what the sensor saw then.
-    if (std::ranges::none_of(boxes,
-                             [&](const MovingBox& box) { return box.intersects(eye, at - eye); }))
+    if (std::ranges::none_of(
+            boxes, [&](const MovingBox& box) { return box.intersects(eye, at - eye, 1); }))
       add(at);
   }
   for (const LidarReturns::OnObject& at : lidar.on_objects) {

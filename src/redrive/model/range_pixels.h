@@ -16,7 +16,8 @@ struct RangePixel {
 
 /// Returns the LiDAR returns that a view's image shows: those of about the time of its exposure, so
 /// that what moves is where it was, and not behind nearer ones.
-/// Returns on moving objects are where the object is by then.
-std::vector<RangePixel> find_range_pixels(const TrainingSet& data, const View& view);
+/// Poses are those that training began with (TrainingSet::initial). Returns on moving objects are
+/// where the object is by then.
+std::vector<RangePixel> find_range_pixels(const TrainingSet& data, std::size_t of_view);
 
 }  // namespace redrive

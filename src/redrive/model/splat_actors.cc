@@ -68,8 +68,10 @@ void SplatModel::correct_poses(const Scene& scene, std::int64_t t_ns, ShutterPos
     const auto object = std::ranges::find(scene.actors, seen.body, &MovingObject::id);
     if (!a || object == scene.actors.end() || object->is_refined) continue;
     const auto [first, n] = motions_of(*a);
-    const Rigid3d own = moved(Rigid3d::Identity(), motion_at(parameters.span().subspan(first, n),
-                                                             key_time(*object, t_ns)));
+    const auto at = object->key_time(t_ns);
+    if (!at) continue;
+    const Rigid3d own =
+        moved(Rigid3d::Identity(), motion_at(parameters.span().subspan(first, n), *at));
     for (PlainPose& pose : seen.actor_from_camera)
       pose = plain(own.inverse(Eigen::Isometry) * rigid(pose));
   }
@@ -85,23 +87,36 @@ void SplatModel::add_motion_gradients(
     const auto object = std::ranges::find(scene.actors, seen.body, &MovingObject::id);
     if (!a || object == scene.actors.end() || object->is_refined) continue;
     const auto [first, n] = motions_of(*a);
+    const auto at = object->key_time(t_ns);
+    if (!at) continue;
     const PlainPose& middle = seen.actor_from_camera[seen.actor_from_camera.size() / 2];
-    add_motion_gradient(d_poses[1 + *a], rigid(middle).translation(), key_time(*object, t_ns),
-                        gradients.subspan(first, n));
+    add_motion_gradient(d_poses[1 + *a], rigid(middle).translation(),
+                        parameters.span().subspan(first, n), *at, gradients.subspan(first, n));
   }
 }
 
-void SplatModel::correct_actors(const std::filesystem::path& recording,
-                                std::vector<MovingObject>* objects) const {
+void SplatModel::check_actors(const std::filesystem::path& recording,
+                              const std::vector<MovingObject>& objects) const {
+  for (const MovingObject& object : objects)
+    if (!actor_index(object.id))
+      throw InputError(recording, "boxes of object " + std::to_string(object.id), "",
+                       "the object was not there when the run was trained");
+  for (std::size_t a = 0; a < actor_ids.size(); ++a) {
+    const auto object = std::ranges::find(objects, actor_ids[a], &MovingObject::id);
+    const std::size_t found = object == objects.end() ? 0 : object->keys.size(),
+                      trained = motions_of(a).second / kMotionSize;
+    if (found != trained)
+      throw InputError(recording, "boxes of object " + std::to_string(actor_ids[a]),
+                       std::to_string(found),
+                       "must be as many as when the run was trained, " + std::to_string(trained));
+  }
+}
+
+void SplatModel::correct_actors(std::vector<MovingObject>* objects) const {
   for (MovingObject& object : *objects) {
     const auto a = actor_index(object.id);
-    if (!a) continue;
+    if (!a || object.is_refined) continue;
     const auto [first, n] = motions_of(*a);
-    if (object.keys.size() * kMotionSize != n)
-      throw InputError(
-          recording, "boxes of object " + std::to_string(object.id),
-          std::to_string(object.keys.size()),
-          "must be as many as when the run was trained, " + std::to_string(n / kMotionSize));
     correct_track(parameters.span().subspan(first, n), &object);
   }
 }

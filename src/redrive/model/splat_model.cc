@@ -9,6 +9,7 @@
 #include "redrive/camera/plain_camera.h"
 #include "redrive/model/actor_gaussians.h"
 #include "redrive/model/gaussian_ply.h"
+#include "redrive/model/gaussian_points.h"
 #include "redrive/model/gaussian_spz.h"
 #include "redrive/model/range_pixels.h"
 #include "redrive/model/trace_gaussians.h"
@@ -19,7 +20,8 @@ namespace {
 enum SplatLossSlot { kL1Loss, kSsimLoss, kOpacityLoss, kRangeLoss };  // in StepSums::terms
 constexpr float kGainsFrom = 0.05f;                                   // progress
 constexpr float kMotionsFrom = 0.05f;                                 // progress
-constexpr float kBeyondBox_m = 0.2f;  // an actor's Gaussians may be so far out of its box
+constexpr double kShareOfActors = 0.5;  // of all Gaussians, at first, at most
+constexpr float kBeyondBox_m = 0.2f;    // an actor's Gaussians may be so far out of its box
 
 /// A part of a view's image.
 struct Window {
@@ -163,12 +165,18 @@ void SplatModel::initialize_from(const TrainingSet& data, std::uint64_t seed, Th
   InitialGaussianOptions options = initial;
   options.max_gaussians = most_gaussians();
   std::vector<GaussianList> lists(1);
+  std::size_t of_actors = 0;
   for (const MovingObject& actor : data.scene.actors) {
     lists.push_back(
         actor_gaussians(data, actor, options.voxel, random_key(seed, kStreamActors), pool));
-    options.max_gaussians =
-        std::max(options.max_gaussians - static_cast<int>(lists.back().size()), 0);
+    of_actors += lists.back().size();
   }
+  const auto most_of_actors = static_cast<std::size_t>(kShareOfActors * most_gaussians());
+  if (of_actors > most_of_actors)
+    for (std::size_t i = 1; i < lists.size(); ++i)
+      shuffle(lists[i].size() * most_of_actors / of_actors, random_key(seed, kStreamActors, i),
+              &lists[i]);
+  options.max_gaussians -= static_cast<int>(std::min(of_actors, most_of_actors));
   lists[0] = initial_gaussians(data, options, seed, pool);
   set_gaussians(lists, data.scene.actors);
   if (data.scene.background == Background::kNone) set_background(data);
@@ -266,7 +274,7 @@ int SplatModel::set_ranges(const TrainingSet& data, const WindowStep& step,
   if (range_weight == 0 || data.lidar.n == 0) return 0;
   SplatBuffers& own = static_cast<SplatBuffers&>(*buffers);
   auto& ranges = own.ranges[step.window.view];
-  if (!ranges) ranges = find_range_pixels(data, data.scene.views[step.window.view]);
+  if (!ranges) ranges = find_range_pixels(data, step.window.view);
   const kernels::RasterSize size = kernels::raster_size(step.window.width, step.window.height);
   own.log_range.assign(size.plane(), kernels::kNoRange);
   own.d_range.assign(size.plane(), 0);
@@ -472,10 +480,7 @@ RenderedImage SplatModel::render(kernels::Backend& backend, const RayTable& rays
 }
 
 RenderedRays SplatModel::trace(kernels::Backend& backend, const kernels::Rays& rays) const {
-  return trace_gaussians(backend.gaussians(),
-                         {static_cast<std::size_t>(gaussians),
-                          parameters.span().first(gaussian_blocks(gaussians) * kBlockSize)},
-                         rays);
+  return trace_gaussians(backend.gaussians(), world(), rays);
 }
 
 std::vector<ExportFormat> SplatModel::export_formats() const {

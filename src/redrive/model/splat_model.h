@@ -66,8 +66,9 @@ struct SplatModel final : Model {
   void initialize_from(const TrainingSet& data, std::uint64_t seed, ThreadPool& pool) override;
   bool uses_lidar() const override { return lidar_rays > 0; }
   bool draws_actors() const override { return actors > 0; }
-  void correct_actors(const std::filesystem::path& recording,
-                      std::vector<MovingObject>* objects) const override;
+  void check_actors(const std::filesystem::path& recording,
+                    const std::vector<MovingObject>& objects) const override;
+  void correct_actors(std::vector<MovingObject>* objects) const override;
   std::string describe_batch() const override { return "1 image"; }
   std::int64_t steps_per_epoch(const TrainingSet& data, int world_size) const override;
   StepOutput step(kernels::Backend& backend, const TrainingSet& data, const StepRequest& request,

@@ -70,8 +70,8 @@ TEST(TrafficEdit, NamesFileFieldAndValueOfWhatIsWrong) {
     EXPECT_THAT(message, HasSubstr("edit.json")) << change;
     EXPECT_THAT(message, HasSubstr(field)) << change;
   }
-  for (const char* text : {"[]", "{", R"({"actors": {"x": {}}})", R"({"cars": {}})",
-                           R"({"copies": [{"of": 1}]})", R"({"copies": {}})"})
+  for (const char* text : {"[]", "{", R"({"actors": {"x": {}}})", R"({"actors": {"07": {}}})",
+                           R"({"cars": {}})", R"({"copies": [{"of": 1}]})", R"({"copies": {}})"})
     EXPECT_THAT(testing::input_error([&] { parse_traffic_edit(text, "edit.json"); }),
                 HasSubstr("edit.json"))
         << text;

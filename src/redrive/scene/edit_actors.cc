@@ -32,6 +32,7 @@ std::int64_t ns_of(double seconds, const Scene& scene) {
 template <class PoseAt>
 std::vector<MovingObject::Key> keys_of(std::int64_t first_ns, double seconds,
                                        const PoseAt& pose_at) {
+  if (seconds <= 0) return {{first_ns, pose_at(0.0), Eigen::Vector3d::Zero()}};
   const int steps = std::max(1, static_cast<int>(std::ceil(seconds / kKeys_s)));
   std::vector<MovingObject::Key> keys;
   for (int i = 0; i <= steps; ++i) {

@@ -29,7 +29,7 @@ struct ColourView {
 
   std::optional<std::size_t> pixel_of(const Eigen::Vector3d& in_world) const {
     const auto seen = project_shutter(*camera, world_from_camera, camera_from_world, in_world);
-    return seen ? visible_pixel(*image, seen->pixel) : std::nullopt;
+    return seen ? static_pixel(*image, seen->pixel) : std::nullopt;
   }
 };
 

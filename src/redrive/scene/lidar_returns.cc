@@ -80,8 +80,7 @@ std::vector<Ray> rays_of(const std::vector<LidarPoint>& points,
       ++out->on_moving;
       const Eigen::Vector3d in_box = box->box_from_world * in_world;
       if (is_on_object(*box, in_box))
-        out->on_objects.push_back({box->id, point.t_ns, in_box.cast<float>(),
-                                   (box->box_from_world * origin).cast<float>()});
+        out->on_objects.push_back({box->id, point.t_ns, in_box.cast<float>()});
       continue;
     }
     const double range_m = (in_world - origin).norm();

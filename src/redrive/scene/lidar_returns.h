@@ -26,8 +26,8 @@ struct LidarReturns {
 
   /// Returns on annotated objects that move, in the axes of their boxes.
   struct OnObject {
-    std::int64_t id = 0, t_ns = 0;      ///< MovingObject::id; host clock
-    Eigen::Vector3f in_box, seen_from;  ///< metres; seen_from: position of the sensor
+    std::int64_t id = 0, t_ns = 0;  ///< MovingObject::id; host clock
+    Eigen::Vector3f in_box;         ///< metres
   };
   std::vector<OnObject> on_objects;
 

@@ -6,6 +6,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/scene/ego_outline.h"
+#include "redrive/scene/point_cloud.h"
 
 namespace redrive {
 namespace {
@@ -292,6 +293,20 @@ std::vector<std::uint32_t> object_map(const Scene& scene, const View& view,
       if (!mask.used[i]) map[i] = static_cast<std::uint32_t>(object - moving.objects().begin()) + 1;
   }
   return map;
+}
+
+void mark_objects(const Scene& scene, const MovingObjects& objects, ThreadPool& pool,
+                  std::vector<Image8>* images) {
+  pool.run(static_cast<int>(images->size()), [&](int i) {
+    const View& view = scene.views[i];
+    Image8& image = (*images)[i];
+    if (view.held_out) return;
+    const std::vector<std::uint32_t> map = object_map(scene, view, objects);
+    if (std::ranges::none_of(map, [](std::uint32_t object) { return object != 0; })) return;
+    if (image.used.empty()) image.used.assign(map.size(), 255);
+    for (std::size_t pixel = 0; pixel < map.size(); ++pixel)
+      if (map[pixel] != 0 && image.used[pixel] != 0) image.used[pixel] = kMovingPixel;
+  });
 }
 
 void apply_mask(const Mask& mask, Image8* image) {

@@ -61,10 +61,16 @@ std::vector<Mask> read_masks(const std::filesystem::path& folder, const Scene& s
 Mask view_mask(const Scene& scene, const View& view, const Mask& of_camera,
                const MovingObjects& moving);
 
-/// Returns which moving object the ray of each pixel meets first when `view` was exposed: its index
-/// in moving.objects() plus 1, 0 where it meets none; [height, width].
+/// Returns which moving object the ray of each pixel meets when `view` was exposed, of several the
+/// one whose centre is nearest: its index in moving.objects() plus 1, 0 where it meets none;
+/// [height, width].
 std::vector<std::uint32_t> object_map(const Scene& scene, const View& view,
                                       const MovingObjects& moving);
+
+/// Marks pixels that may show one of the objects in training views' images as kMovingPixel, unless
+/// they are masked.
+void mark_objects(const Scene& scene, const MovingObjects& objects, ThreadPool& pool,
+                  std::vector<Image8>* images);
 
 /// Adds the mask to the image's own (Image8::used): masked pixels are neither trained on nor
 /// scored.

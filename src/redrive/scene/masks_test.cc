@@ -6,6 +6,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/scene/load_views.h"
+#include "redrive/scene/point_cloud.h"
 #include "redrive/scene/scene_testing.h"
 
 namespace redrive {
@@ -127,6 +128,36 @@ TEST_F(MasksTest, MasksBlackCornersOfFisheyesOnly) {
 
 // The box's pixels against the projections of points all over it; both cameras, one of them exposed
 // 20 ms early.
+TEST_F(MasksTest, MarksPixelsOfDrawnObjects) {
+  load();
+  MovingObject car{.id = 3, .type = "CAR", .deforms = false, .size_m = {2, 2, 2}, .keys = {}};
+  const View& view = scene_.views[0];
+  const RigCamera& rig = scene_.rig[view.camera];
+  Rigid3d ahead = Rigid3d::Identity();
+  ahead.translation() = scene_.world_from_camera(view) * Eigen::Vector3d(0, 0, 8);
+  car.keys.push_back({scene_.frames[view.frame].t_ns, ahead, {0, 0, 0}});
+  const MovingObjects objects({car});
+  std::vector<Image8> images;
+  for (const View& of : scene_.views) {
+    const Camera& camera = scene_.rig[of.camera].camera;
+    const std::size_t n = static_cast<std::size_t>(camera.width) * camera.height;
+    images.push_back({camera.width, camera.height, std::vector<std::uint8_t>(3 * n)});
+  }
+  const Eigen::Vector2d at = *rig.camera.project({0, 0, 8});
+  const auto middle = static_cast<std::size_t>(std::lround(at.y())) * rig.camera.width +
+                      static_cast<std::size_t>(std::lround(at.x()));
+  images[0].used.assign(images[0].rgb.size() / 3, 255);
+  images[0].used[middle + 1] = 0;
+  ThreadPool pool(2);
+  mark_objects(scene_, objects, pool, &images);
+  EXPECT_EQ(images[0].used[middle], kMovingPixel);
+  EXPECT_EQ(images[0].used[middle + 1], 0) << "masked pixels stay so";
+  EXPECT_EQ(images[0].used[0], 255);
+  EXPECT_FALSE(static_pixel(images[0], at));
+  EXPECT_TRUE(visible_pixel(images[0], at));
+  EXPECT_TRUE(images.back().used.empty()) << "the object is not there yet";
+}
+
 TEST_F(MasksTest, MasksMovingObjectsAtEachImagesTime) {
   recording_.cameras[0].calibration.time_offset_ns = -20'000'000;
   load();

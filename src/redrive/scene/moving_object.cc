@@ -2,6 +2,7 @@
 #include "redrive/scene/moving_object.h"
 
 #include <algorithm>
+#include <cstdlib>
 
 namespace redrive {
 namespace {
@@ -11,24 +12,33 @@ constexpr std::int64_t kMaxExtrapolation_ns = 100'000'000;  // a missing revolut
 
 }  // namespace
 
+std::optional<MovingObject::KeyTime> MovingObject::key_time(std::int64_t t_ns) const {
+  const auto next =
+      static_cast<std::size_t>(std::ranges::upper_bound(keys, t_ns, {}, &Key::t_ns) - keys.begin());
+  if (next > 0 && next < keys.size()) {
+    const std::int64_t from_ns = keys[next - 1].t_ns, to_ns = keys[next].t_ns;
+    if (to_ns - from_ns <= kMaxGap_ns)
+      return KeyTime{next - 1, next,
+                     static_cast<double>(t_ns - from_ns) / static_cast<double>(to_ns - from_ns)};
+  }
+  const bool is_later =
+      next == keys.size() || (next > 0 && t_ns - keys[next - 1].t_ns < keys[next].t_ns - t_ns);
+  const std::size_t nearest = is_later ? next - 1 : next;
+  if (std::abs(t_ns - keys[nearest].t_ns) > kMaxExtrapolation_ns) return std::nullopt;
+  return KeyTime{nearest, nearest, 0};
+}
+
 std::optional<Rigid3d> MovingObject::world_from_box(std::int64_t t_ns) const {
   for (const auto& [from_ns, to_ns] : hidden_ns)
     if (from_ns <= t_ns && t_ns <= to_ns) return std::nullopt;
-  const auto after = std::ranges::lower_bound(keys, t_ns, {}, &Key::t_ns);
-  if (after != keys.begin() && after != keys.end()) {
-    const Key &a = *(after - 1), &b = *after;
-    if (b.t_ns - a.t_ns <= kMaxGap_ns)
-      return interpolate(a.world_from_box, b.world_from_box,
-                         static_cast<double>(t_ns - a.t_ns) / static_cast<double>(b.t_ns - a.t_ns));
-  }
-  auto nearest = after;
-  if (after == keys.end() ||
-      (after != keys.begin() && t_ns - (after - 1)->t_ns < after->t_ns - t_ns))
-    --nearest;
-  const std::int64_t later_ns = t_ns - nearest->t_ns;
-  if (std::abs(later_ns) > kMaxExtrapolation_ns) return std::nullopt;
-  Rigid3d pose = nearest->world_from_box;
-  pose.translation() += 1e-9 * static_cast<double>(later_ns) * nearest->velocity_in_world_m_per_s;
+  const auto at = key_time(t_ns);
+  if (!at) return std::nullopt;
+  const Key& before = keys[at->before];
+  if (at->after != at->before)
+    return interpolate(before.world_from_box, keys[at->after].world_from_box, at->part);
+  Rigid3d pose = before.world_from_box;
+  pose.translation() +=
+      1e-9 * static_cast<double>(t_ns - before.t_ns) * before.velocity_in_world_m_per_s;
   return pose;
 }
 

@@ -14,6 +14,11 @@
 namespace redrive {
 
 struct MovingObject {
+  /// Where a time is among the keys.
+  struct KeyTime {
+    std::size_t before = 0, after = 0;  ///< keys, the same one where it is extrapolated
+    double part = 0;                    ///< of the way from one to the other, 0..1
+  };
   struct Key {
     std::int64_t t_ns;
     Rigid3d world_from_box;
@@ -30,9 +35,11 @@ struct MovingObject {
   std::array<float, 3> gain{1, 1, 1};  ///< factors of r, g, b
   std::vector<std::pair<std::int64_t, std::int64_t>> hidden_ns;  ///< times at which it is not drawn
 
-  /// Returns the pose of the box at t_ns: between two keys at most 0.5 s apart interpolated as
-  /// trajectories are; otherwise within 0.1 s of a key, extrapolated by its velocity. Nothing at
-  /// other times, and while it is hidden.
+  /// Two keys at most 0.5 s apart, or the nearest one within 0.1 s; nothing at other times.
+  std::optional<KeyTime> key_time(std::int64_t t_ns) const;
+  /// Returns the pose of the box at t_ns: between the keys of key_time interpolated as
+  /// trajectories are, or extrapolated by the velocity. Nothing at other times, and while it is
+  /// hidden.
   std::optional<Rigid3d> world_from_box(std::int64_t t_ns) const;
 };
 

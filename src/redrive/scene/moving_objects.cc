@@ -8,9 +8,10 @@
 
 namespace redrive {
 
-bool MovingBox::intersects(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction) const {
+bool MovingBox::intersects(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction,
+                           double most) const {
   const Eigen::Vector3d o = box_from_world * origin, d = box_from_world.linear() * direction;
-  double enter = 0, leave = std::numeric_limits<double>::infinity();
+  double enter = 0, leave = most;
   for (int k = 0; k < 3; ++k) {
     if (d[k] == 0) {
       if (std::abs(o[k]) > half_size_m[k]) return false;
@@ -45,12 +46,8 @@ MovingObjects::MovingObjects(const std::vector<Box>& boxes, const std::vector<Fr
     const bool fast = std::ranges::any_of(object.keys, [](const MovingObject::Key& key) {
       return key.velocity_in_world_m_per_s.norm() > kMovingSpeed_m_per_s;
     });
-    if (!object.deforms && !fast) {
-      ++parked_;
-      continue;
-    }
     std::ranges::sort(object.keys, {}, &MovingObject::Key::t_ns);
-    objects_.push_back(std::move(object));
+    (object.deforms || fast ? objects_ : parked_).push_back(std::move(object));
   }
 }
 

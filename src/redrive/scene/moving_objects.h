@@ -4,6 +4,8 @@
 #pragma once
 
 #include <cstdint>
+#include <limits>
+#include <utility>
 #include <vector>
 
 #include "redrive/recording/recording_reader.h"
@@ -22,8 +24,9 @@ struct MovingBox {
     return ((box_from_world * in_world).cwiseAbs().array() <= half_size_m.array()).all();
   }
   /// Whether the ray from `origin` along `direction`, both in the world, intersects the box (slab
-  /// test).
-  bool intersects(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction) const;
+  /// test), before origin + most * direction.
+  bool intersects(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction,
+                  double most = std::numeric_limits<double>::infinity()) const;
 };
 
 /// Covers protruding mirrors and wheels, and errors of boxes, poses and exposure times.
@@ -41,17 +44,20 @@ class MovingObjects {
   MovingObjects(const std::vector<Box>& boxes, const std::vector<FramePose>& frames,
                 const Rigid3d& global_from_world);
 
+  /// `objects`: that move.
+  explicit MovingObjects(std::vector<MovingObject> objects) : objects_(std::move(objects)) {}
+
   /// Returns the box of each object that has a pose at t_ns.
   std::vector<MovingBox> at(std::int64_t t_ns) const;
 
   const std::vector<MovingObject>& objects() const& { return objects_; }  ///< by id
   /// Returns all but these.
   MovingObjects without(const std::vector<MovingObject>& others) const;
-  std::size_t parked() const { return parked_; }  ///< number of objects that do not move
+  const std::vector<MovingObject>& parked() const { return parked_; }  ///< that do not move
 
  private:
   std::vector<MovingObject> objects_;
-  std::size_t parked_ = 0;
+  std::vector<MovingObject> parked_;
 };
 
 /// Reads all box files. InputError as RecordingReader::read_boxes.

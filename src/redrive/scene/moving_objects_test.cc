@@ -66,6 +66,8 @@ TEST(MovingBox, IntersectsRaysThatHaveAPointInside) {
   EXPECT_GT(met, 50);
   EXPECT_LT(met, 450);
   EXPECT_TRUE(box.intersects({5, 3, 1}, {0, 0, 1}));  // from inside, along an axis
+  EXPECT_TRUE(box.intersects({-5, 3, 1}, {10, 0, 0}, 1));
+  EXPECT_FALSE(box.intersects({-5, 3, 1}, {5, 0, 0}, 1)) << "what ends before it";
 }
 
 TEST(MovingObjects, AParkedCarBesideATurningEgoVehicleIsParked) {
@@ -73,7 +75,7 @@ TEST(MovingObjects, AParkedCarBesideATurningEgoVehicleIsParked) {
   const MovingObjects objects(sightings(frames, 7, {30, 8, 0.8}, Vector3d::Zero()), frames,
                               Rigid3d::Identity());
   EXPECT_TRUE(objects.objects().empty());
-  EXPECT_EQ(objects.parked(), 1u);
+  EXPECT_EQ(objects.parked().size(), 1u);
   EXPECT_TRUE(objects.at(frames[5].t_ns).empty());
 }
 
@@ -83,7 +85,7 @@ TEST(MovingObjects, WhatDeformsMovesAtAnySpeed) {
   boxes[3].deforms = true;
   const MovingObjects objects(boxes, frames, Rigid3d::Identity());
   EXPECT_EQ(objects.objects().size(), 1u);
-  EXPECT_EQ(objects.parked(), 0u);
+  EXPECT_EQ(objects.parked().size(), 0u);
   EXPECT_EQ(objects.at(frames[5].t_ns).size(), 1u);
 }
 
@@ -91,7 +93,7 @@ TEST(MovingObjects, ExtrapolatesBoxesByTheirVelocity) {
   const auto frames = turning_drive();
   const Vector3d start(30, 8, 0.8), velocity(-3, 1, 0);
   const MovingObjects objects(sightings(frames, 7, start, velocity), frames, Rigid3d::Identity());
-  EXPECT_EQ(objects.parked(), 0u);
+  EXPECT_EQ(objects.parked().size(), 0u);
   for (const double t_s : {1.1, 1.43, 2.0, 2.849}) {
     const auto boxes = objects.at(std::llround(t_s * 1e9));
     ASSERT_EQ(boxes.size(), 1u) << t_s;

@@ -25,7 +25,7 @@ TEST_F(RealNight, CountsLidarReturns) {
   const Scene scene = make_scene(recording_, {});
   const MovingObjects moving = read_moving_objects(recording_, scene);
   EXPECT_EQ(moving.objects().size(), 8u);
-  EXPECT_EQ(moving.parked(), 0u);
+  EXPECT_EQ(moving.parked().size(), 0u);
   const LidarReturns returns = load_lidar_returns(recording_, scene, moving, pool_);
   EXPECT_GT(returns.n, 3'500'000u);
   EXPECT_NEAR(

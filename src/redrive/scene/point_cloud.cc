@@ -33,4 +33,9 @@ std::optional<std::size_t> visible_pixel(const Image8& image, const Eigen::Vecto
   return i;
 }
 
+std::optional<std::size_t> static_pixel(const Image8& image, const Eigen::Vector2d& pixel) {
+  const auto i = visible_pixel(image, pixel);
+  return i && !image.used.empty() && image.used[*i] == kMovingPixel ? std::nullopt : i;
+}
+
 }  // namespace redrive

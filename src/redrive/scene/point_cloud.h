@@ -31,9 +31,15 @@ struct ColouredPoint {
 /// Returns the points of all parts, one part after the other.
 PointCloud make_point_cloud(const std::vector<std::vector<ColouredPoint>>& parts);
 
+/// Value of Image8::used where a moving object that the model draws may be: used, but not of the
+/// static world.
+constexpr std::uint8_t kMovingPixel = 128;
+
 /// Returns the index of the pixel whose area holds `pixel` (integer coordinates are centres), or
 /// nothing where that is outside the image, masked or not opaque.
 std::optional<std::size_t> visible_pixel(const Image8& image, const Eigen::Vector2d& pixel);
+/// Likewise nothing where a moving object may be.
+std::optional<std::size_t> static_pixel(const Image8& image, const Eigen::Vector2d& pixel);
 
 /// Returns the colour of pixel `index`.
 inline std::array<std::uint8_t, 3> colour_at(const Image8& image, std::size_t index) {

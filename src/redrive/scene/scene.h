@@ -87,7 +87,7 @@ struct Scene {
   Background background = Background::kNone;
   bool random_background = false;  ///< SceneOptions::random_background
   bool metric = true;              ///< Recording::metric: metres and seconds
-  /// Moving objects that the model draws, by id; empty where it draws none.
+  /// Moving objects that the model draws; empty where it draws none.
   std::vector<MovingObject> actors;
 
   int camera_index(const std::string& name) const;  ///< -1 if there is none

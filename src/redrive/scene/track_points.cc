@@ -74,7 +74,7 @@ cv::Mat grey_of(const Image8& image) {
 cv::Mat usable_pixels(const Image8& image, int factor) {
   cv::Mat usable(image.height, image.width, CV_8U, cv::Scalar(255));
   for (std::size_t i = 0; i < usable.total(); ++i)
-    if ((!image.used.empty() && image.used[i] == 0) ||
+    if ((!image.used.empty() && (image.used[i] == 0 || image.used[i] == kMovingPixel)) ||
         (!image.alpha.empty() && image.alpha[i] != 255))
       usable.data[i] = 0;
   const int size = 2 * kMargin_px * factor + 1;
@@ -244,7 +244,7 @@ class CameraTracker {
   /// Adds the ray of an observation to the track; false where the pixel must not be used.
   bool add_ray(const TrackImage& image, const cv::Point2f& at, TrackRays* track) const {
     const Eigen::Vector2d pixel = full_pixel(at);
-    if (!visible_pixel(*image.image, pixel)) return false;
+    if (!static_pixel(*image.image, pixel)) return false;
     const auto direction = camera_.unproject(pixel);
     if (!direction) return false;
     const Rigid3d pose = image.world_from_camera.at(row_fraction(pixel.y(), camera_.height));

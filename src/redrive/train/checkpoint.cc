@@ -15,7 +15,7 @@ namespace {
 
 constexpr const char* kCellErrors = "cell_errors";
 constexpr const char* kPoses[] = {"poses", "poses.first_moment", "poses.second_moment"};
-constexpr const char* kFormat = "redrive-13";
+constexpr const char* kFormat = "redrive-14";
 constexpr const char* kHoldsOutLidar = "holds_out_lidar";  // missing in runs of earlier builds
 
 /// Visits the scalars of a state, without its model's, once each by name; writing and reading share

@@ -160,7 +160,9 @@ Run open_run(const std::filesystem::path& root, bool to_resume) {
     check_belongs(run);
     check_shown_hyperparameters(run, config);
     load_actors(&run);  // in the poses that training began with, as it did
-    if (!to_resume) run.state.model->correct_actors(run.recording.root, &run.scene.actors);
+    if (run.state.step > 0 || !to_resume)
+      run.state.model->check_actors(run.recording.root, run.scene.actors);
+    if (!to_resume) run.state.model->correct_actors(&run.scene.actors);
     if (!to_resume && run.state.poses.refines()) {
       const Scene initial = run.scene;
       run.recording.frames =

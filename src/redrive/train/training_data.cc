@@ -37,6 +37,8 @@ std::filesystem::path mask_folder(const Run& run) {
 TrainingData applied(const Run& run, ThreadPool& pool, Exclusions left_out,
                      std::vector<Image8> images) {
   apply_masks(run.scene, left_out.masks, left_out.moving, pool, &images);
+  if (!run.scene.actors.empty())
+    mark_objects(run.scene, MovingObjects(run.scene.actors), pool, &images);
   LidarReturns lidar;
   if (run.state.model->uses_lidar()) {
     const MovingObjects moving =

@@ -37,6 +37,7 @@ LiveView::LiveView(Run* run, kernels::Backend& backend, const std::atomic<bool>&
   shown_->options = run->options;
   shown_->recording = run->recording;
   shown_->scene = run->scene;
+  annotated_ = run->scene.actors;
   const Loan loan(run, shown_.get());
   viewer_ = std::make_unique<Viewer>(shown_, backend);
   viewer_->set_training({true, run->state.step, run->state.seconds});
@@ -47,6 +48,12 @@ void LiveView::refresh(const Run& run) {
   refresh_at_ = Clock::now() + kRefresh;
   viewer_->set_training({true, run.state.step, run.state.seconds});
   viewer_->show_again();
+}
+
+/// Shows moving objects where training has them by now; the model has been lent.
+void LiveView::correct_actors() {
+  shown_->scene.actors = annotated_;
+  shown_->state.model->correct_actors(&shown_->scene.actors);
 }
 
 void LiveView::between_steps(Run& run, const Scene& scene, const std::vector<FramePose>& frames) {
@@ -63,7 +70,10 @@ void LiveView::between_steps(Run& run, const Scene& scene, const std::vector<Fra
   const Loan loan(&run, shown_.get());
   if (std::exchange(model_, shown_->state.model.get()) != shown_->state.model.get())
     viewer_->drop_jobs();  // of the model before a roll-back
-  if (refreshes) refresh(run);
+  if (refreshes) {
+    correct_actors();
+    refresh(run);
+  }
   while (!stop_ && (credit_s_ > 0 || viewer_->paused())) {
     const Clock::time_point start = Clock::now();
     const bool worked = viewer_->work(viewer_->paused());
@@ -82,6 +92,7 @@ void LiveView::serve(Run& run) {
                                                  run.state.poses.corrections, &shown_->scene);
   }
   const Loan loan(&run, shown_.get());
+  correct_actors();
   viewer_->drop_jobs();
   viewer_->set_training({false, run.state.step, run.state.seconds});
   viewer_->show_again();

@@ -33,9 +33,11 @@ class LiveView : public StepObserver {
   using Clock = std::chrono::steady_clock;
   class Loan;
   void refresh(const Run& run);
+  void correct_actors();
 
   const std::atomic<bool>& stop_;
-  std::shared_ptr<Run> shown_;  ///< has the model while images are made
+  std::vector<MovingObject> annotated_;  ///< Scene::actors without corrections
+  std::shared_ptr<Run> shown_;           ///< has the model while images are made
   std::unique_ptr<Viewer> viewer_;
   const Model* model_ = nullptr;  ///< of the last images
   Clock::time_point returned_, refresh_at_;

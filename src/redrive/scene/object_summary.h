@@ -1,0 +1,26 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a recording shows of each annotated object.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "redrive/scene/moving_objects.h"
+
+namespace redrive {
+
+struct ObjectSummary {
+  std::int64_t id = 0;
+  std::string type;
+  bool moves = false;  ///< as MovingObjects has it
+  std::size_t boxes = 0;
+  double driven_m = 0;     ///< between its boxes, in a straight line from each to the next
+  double nearest_m = 0;    ///< least distance of its centre from the ego vehicle's origin
+  std::size_t images = 0;  ///< that show its centre, unless something hides it
+};
+
+/// By id. Images: of the scene.
+std::vector<ObjectSummary> summarize_objects(const Scene& scene, const MovingObjects& objects);
+
+}  // namespace redrive
