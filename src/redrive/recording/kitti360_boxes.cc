@@ -62,7 +62,7 @@ std::optional<Identity> identity_of(const XmlElement& object, bool moves,
     const ObjectClass* what = find_class(semantic);
     if (!what && !moves) return std::nullopt;
     const std::int64_t label = what ? what->label_id : kInstances + semantic;
-    return Identity{kInstances * label + object.child("instanceId").integer(0, kMaxId),
+    return Identity{kInstances * label + object.child("instanceId").integer(0, kInstances - 1),
                     what ? std::string(what->name) : "class " + std::to_string(semantic),
                     what && what->deforms};
   }
@@ -128,13 +128,20 @@ const ObjectClass* find_class(int semantic_id) {
   return found == kClasses.end() ? nullptr : &*found;
 }
 
-const ObjectClass& class_named(std::string_view name) {
+const ObjectClass& class_named(std::string_view name, bool deforms) {
   std::string lower(name);
   std::ranges::transform(lower, lower.begin(), [](unsigned char c) { return std::tolower(c); });
+  constexpr std::string_view kVehicle = "vehicle.";  // of nuScenes, as "vehicle.bus.rigid"
+  if (lower.starts_with(kVehicle)) {
+    lower.erase(0, kVehicle.size());
+    lower.resize(std::min(lower.find('.'), lower.size()));
+  }
+  if (lower.starts_with("human.")) lower = "person";
   for (const auto& [other, ours] : kSynonyms)
     if (lower == other) lower = ours;
   const auto found = std::ranges::find(kClasses, lower, &ObjectClass::name);
-  return found == kClasses.end() ? kClasses[0] : *found;
+  if (found != kClasses.end()) return *found;
+  return deforms ? class_named("person") : kClasses[0];
 }
 
 std::vector<Object> parse_objects(std::string_view text, const std::filesystem::path& file) {
@@ -169,7 +176,7 @@ std::string make_objects(const std::vector<Object>& objects) {
   std::string text = "<?xml version=\"1.0\"?>\n<opencv_storage>\n";
   int index = 0;
   for (const Object& object : objects) {
-    const ObjectClass& what = class_named(object.type);
+    const ObjectClass& what = class_named(object.type, object.deforms);
     const std::string element = "object" + std::to_string(++index);
     text += "<" + element + ">\n";
     add_element("index", std::to_string(index), &text);

@@ -150,6 +150,17 @@ kitti360::Object made_object(std::int64_t id, const std::string& type, std::int6
   return object;
 }
 
+TEST(Kitti360Classes, AreFoundByNamesOfOtherDataSets) {
+  const auto class_of = [](const char* name) { return kitti360::class_named(name).name; };
+  EXPECT_EQ(class_of("Van"), "car");
+  EXPECT_EQ(class_of("vehicle.car"), "car");
+  EXPECT_EQ(class_of("vehicle.bus.rigid"), "bus");
+  EXPECT_EQ(class_of("vehicle.bicycle"), "bicycle");
+  EXPECT_EQ(class_of("human.pedestrian.adult"), "person");
+  EXPECT_EQ(class_of("animal"), "unknown vehicle");
+  EXPECT_EQ(kitti360::class_named("animal", /*deforms=*/true).name, "person");
+}
+
 TEST_F(Kitti360, ReadsObjectsThatMoveAndThatStand) {
   folder_.write(boxes_, kitti360::make_objects(
                             {made_object(26001, "car", 2, 20), made_object(26001, "car", 3, 21.5),

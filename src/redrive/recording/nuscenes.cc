@@ -198,7 +198,12 @@ Recording open(const fs::path& root, PoseSource source) {
     const std::string& name = sensor.calibration.name;
     if (sensor.modality != "camera") recording.other_sensors.push_back(name);
     if (name == kLidar) recording.body_from_lidar = sensor.calibration.body_from_sensor;
-    if (sensor.modality == "camera" && (first == scene.sensors.size() || name == kFirstCamera))
+    // CAM_FRONT, or the first camera by name.
+    const auto before = [&](const std::string& other) {
+      return std::pair(name != kFirstCamera, name) < std::pair(other != kFirstCamera, other);
+    };
+    if (sensor.modality == "camera" &&
+        (first == scene.sensors.size() || before(scene.sensors[first].calibration.name)))
       first = s;
   }
   std::ranges::sort(recording.other_sensors);

@@ -96,6 +96,12 @@ TEST(NuScenesTables, RejectInvalidValues) {
   EXPECT_THAT(message([](NuScenesTables& t) { t["ego_pose"].push_back(t["ego_pose"][0]); }),
               HasSubstr("a second record of this token"));
   EXPECT_THAT(message([](NuScenesTables& t) {
+                nlohmann::json& record = t["ego_pose"][0];  // keys are written by name
+                record["a"] = {{"token", record["token"]}};
+                record["token"] = "other";
+              }),
+              HasSubstr("record 0.token = \"other\": a second one, inside of the record, is"));
+  EXPECT_THAT(message([](NuScenesTables& t) {
                 t["sample_annotation"].push_back(t["sample_annotation"][0]);
               }),
               HasSubstr("a second box of this object"));
