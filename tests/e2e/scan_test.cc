@@ -78,6 +78,8 @@ TEST_F(Scan, RendersScoresAndExports) {
            {"--lidar", "recorded", "--frame", "77", "--out", (folder_ / "a.las").string()},
            {"--lidar", "recorded", "--out", (folder_ / "a.las").string()},
            {"--lidar", "recorded", "--frame", "1001", "--out", velodyne_.string()},
+           {"--lidar", "64", "--actors", "none", "--frame", "1001", "--out", "a.las"},
+           {"--lidar", "recorded", "--rate", "20", "--frame", "1001", "--out", "a.las"},
            {"--lidar", "recorded", "--range", "5:2", "--frame", "1001", "--out",
             (folder_ / "a.pcd").string()},
            {"--lidar", "recorded", "--lens", kScanCamera, "--mount", "0,0,2,0,0,0", "--frame",

@@ -290,10 +290,12 @@ Action configure_render(CLI::App& command) {
   command.add_option("--seconds", options->seconds, "duration of --path (default: the path's own)")
       ->check(CLI::Range(0.001, kMaxPath_s))
       ->needs(path);
-  command.add_option("--actors", options->actors,
-                     "moving objects to draw: all, none, or the ids of some, such as 3,17");
-  command.add_option("--edit", options->edit,
-                     "EDIT.json: moves, removes, hides, copies and recolours moving objects");
+  CLI::Option* actors =
+      command.add_option("--actors", options->actors,
+                         "moving objects to draw: all, none, or the ids of some, such as 3,17");
+  CLI::Option* edit =
+      command.add_option("--edit", options->edit,
+                         "EDIT.json: moves, removes, hides, copies and recolours moving objects");
   CLI::Option* camera =
       command
           .add_option("--camera", options->camera,
@@ -323,15 +325,17 @@ Action configure_render(CLI::App& command) {
           ->excludes(poses)
           ->excludes(path)
           ->excludes(camera)
-          ->excludes(lens);
+          ->excludes(lens)
+          ->excludes(actors)
+          ->excludes(edit);
   command.add_option("--azimuth-steps", options->azimuth_steps, "of a revolution of --lidar")
       ->check(CLI::Range(1, 36000))
       ->needs(lidar)
-      ->capture_default_str();
+      ->default_str("1800");
   command.add_option("--rate", options->rate_hz, "revolutions a second of --lidar")
       ->check(CLI::Range(0.1, 1000.0))
       ->needs(lidar)
-      ->capture_default_str();
+      ->default_str("10");
   command
       .add_option("--range", options->range,
                   "MIN:MAX in metres: returns of --lidar outside are dropped")
@@ -389,6 +393,7 @@ Action configure_render(CLI::App& command) {
           "exposure, white balance and shading of the image: own (those of the view's "
           "camera at its frame; of a path those of the frame nearest to its middle, for all "
           "images), none (the field's colours unchanged) or those of CAMERA:FRAME")
+      ->excludes(lidar)
       ->capture_default_str();
   command
       .add_option("--out", options->out,

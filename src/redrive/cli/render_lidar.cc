@@ -14,6 +14,7 @@
 #include "redrive/cli/output_file.h"
 #include "redrive/cli/render_options.h"
 #include "redrive/cli/training.h"
+#include "redrive/math/angles.h"
 #include "redrive/render/lidar_scan.h"
 #include "redrive/train/memory.h"
 
@@ -70,7 +71,12 @@ LidarRequest lidar_request(const RenderOptions& options) {
   if (options.lidar != "recorded") {
     const auto beams = parse_beams(options.lidar);
     if (!beams) throw UsageError("--lidar", options.lidar, kBeamsRule);
-    request.spinning = SpinningLidar{*beams, options.azimuth_steps, options.rate_hz};
+    request.spinning = SpinningLidar{*beams};
+    if (options.azimuth_steps) request.spinning->azimuth_steps = *options.azimuth_steps;
+    if (options.rate_hz) request.spinning->rate_hz = *options.rate_hz;
+  } else if (options.azimuth_steps || options.rate_hz) {
+    throw UsageError("--lidar", options.lidar,
+                     "has its own --azimuth-steps and --rate: leave them out");
   }
   if (!options.mount.empty()) {
     request.mount = parse_mount(options.mount);
@@ -105,16 +111,25 @@ SensorMotion sensor_motion(const RenderOptions& options, const LidarRequest& req
   return motion;
 }
 
-void print_scan(const std::string& name, const LidarScan& scan, std::size_t firings) {
-  std::printf("%s: %zu points of %zu rays; dropped: %zu of low opacity, %zu out of range\n",
-              name.c_str(), scan.points.size(), firings, scan.transparent, scan.out_of_range);
-}
+/// Counts of all scans.
+struct ScanCounts {
+  std::size_t rays = 0, points = 0, transparent = 0, out_of_range = 0;
+
+  void add(const LidarScan& scan, std::size_t firings) {
+    rays += firings;
+    points += scan.points.size();
+    transparent += scan.transparent;
+    out_of_range += scan.out_of_range;
+  }
+};
 
 /// Files of a folder as KITTI's velodyne_points.
 class KittiFolder {
  public:
   explicit KittiFolder(const fs::path& folder) : folder_(folder) {
-    fs::create_directory(folder / "data");
+    std::error_code error;
+    fs::create_directory(folder / "data", error);
+    if (error) throw IoError(folder / "data", error.message());
   }
   /// By ascending id.
   void add(std::int64_t id, std::int64_t t_ns, const LidarFirings& firings, const LidarScan& scan) {
@@ -159,20 +174,25 @@ int render_lidar(const RenderOptions& options) {
   const std::int64_t wanted = format ? parse_frame("--frame", options.frame) : -1;
 
   const Run run = open_run(options.run);
+  const std::int64_t last_id = run.scene.frames.back().id;
+  if (!format && last_id >= kMaxKittiTimes)
+    throw InputError(run.recording.root, "frame id", std::to_string(last_id),
+                     "KITTI has files of a line for every number; a million fit");
   const SensorMotion motion = sensor_motion(options, request, run);
   const auto backend = make_backend_of(run, options.backend);
   std::printf("%s\n", kernels::describe(*backend).c_str());
   check_device_memory(run, *backend, run.state.model->rendering_work());
   ThreadPool pool(backend->threads());
-  std::size_t rays = 0;
+  ScanCounts counts;
   /// Nothing where the recorded revolution of a frame is missing.
   const auto firings_of = [&](std::int64_t id, std::int64_t t_ns) {
     return request.spinning ? std::optional(request.spinning->revolution(t_ns))
                             : recorded_firings(run.recording, run.scene, id, pool);
   };
   const auto scan_of = [&](const LidarFirings& firings) {
-    rays += firings.size();
-    return render_scan(*backend, *run.state.model, firings, motion, request.scan);
+    LidarScan scan = render_scan(*backend, *run.state.model, firings, motion, request.scan);
+    counts.add(scan, firings.size());
+    return scan;
   };
   if (format) {
     const auto frame = std::ranges::find(run.recording.frames, wanted, &FramePose::id);
@@ -180,14 +200,10 @@ int render_lidar(const RenderOptions& options) {
     const auto firings = firings_of(frame->id, frame->t_ns);
     if (!firings)
       throw UsageError("--frame", options.frame, "the run has no LiDAR revolution of this frame");
-    const LidarScan scan = scan_of(*firings);
-    const std::string bytes = format->make(scan.points);
-    write_file(out, bytes);
-    print_scan(options.out, scan, rays);
+    write_file(out, format->make(scan_of(*firings).points));
   } else {
     const std::atomic<bool>& stop = stop_on_signal();
     const auto progress = image_progress("rendered", "frames");
-    LidarScan all;
     int scans = 0;
     write_output_folder(out, [&](const fs::path& folder) {
       KittiFolder files(folder);
@@ -195,11 +211,7 @@ int render_lidar(const RenderOptions& options) {
       for (const Frame& frame : run.scene.frames) {
         if (stop) throw Interrupted();
         if (const auto firings = firings_of(frame.id, frame.t_ns)) {
-          LidarScan scan = scan_of(*firings);
-          files.add(frame.id, frame.t_ns, *firings, scan);
-          all.transparent += scan.transparent;
-          all.out_of_range += scan.out_of_range;
-          std::ranges::move(scan.points, std::back_inserter(all.points));
+          files.add(frame.id, frame.t_ns, *firings, scan_of(*firings));
           ++scans;
         }
         if (progress) progress(++done, static_cast<int>(run.scene.frames.size()));
@@ -208,8 +220,10 @@ int render_lidar(const RenderOptions& options) {
       files.finish();
     });
     std::printf("%d revolutions\n", scans);
-    print_scan(options.out, all, rays);
   }
+  std::printf("%s: %zu points of %zu rays; dropped: %zu of low opacity, %zu out of range\n",
+              options.out.c_str(), counts.points, counts.rays, counts.transparent,
+              counts.out_of_range);
   std::printf("intensity: %s, since training does not model it\n",
               format ? format->intensity : "0");
   return kExitOk;

@@ -17,8 +17,8 @@ struct RenderOptions {
   std::string run, camera, mount, lens, frame,
       translate = "0,0,0", axes = "body", exposure = "own", out, depth, opacity, normals, poses,
       path, actors = "all", edit, lidar, range = "0.5:200", points_in = "sensor";
-  int azimuth_steps = SpinningLidar{}.azimuth_steps;
-  double rate_hz = SpinningLidar{}.rate_hz;
+  std::optional<int> azimuth_steps;  ///< of a SpinningLidar; nothing: its own
+  std::optional<double> rate_hz;     ///< likewise
   double yaw_deg = 0, pitch_deg = 0;
   double fps = 0, seconds = 0;  ///< of a path; 0: the path's own
   bool relative = false, force = false;

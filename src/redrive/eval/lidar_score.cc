@@ -57,7 +57,8 @@ std::vector<std::int64_t> held_out_revolutions(const Run& run) {
   if (!run.state.holds_out_lidar || !run.recording.body_from_lidar) return frames;
   const std::set<std::int64_t> held_out = held_out_frames(run.scene);
   for (const FrameFile& file : run.recording.lidar_files)
-    if (held_out.contains(file.frame_id)) frames.push_back(file.frame_id);
+    if (held_out.contains(file.frame_id) && (frames.empty() || frames.back() != file.frame_id))
+      frames.push_back(file.frame_id);
   return frames;
 }
 

@@ -89,6 +89,9 @@ TEST_F(LidarScoreTest, HasNoRangeErrorWithoutAReturn) {
 
 TEST_F(LidarScoreTest, OnlyRevolutionsThatDidNotTrainAreScored) {
   EXPECT_EQ(held_out_revolutions(run_), std::vector<std::int64_t>{12});
+  std::vector<FrameFile>& files = run_.recording.lidar_files;
+  files.insert(files.begin() + 2, files[2]);
+  EXPECT_EQ(held_out_revolutions(run_), std::vector<std::int64_t>{12}) << "two of the frame";
   run_.state.holds_out_lidar = false;
   EXPECT_TRUE(held_out_revolutions(run_).empty());
   run_.state.holds_out_lidar = true;

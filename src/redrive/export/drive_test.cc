@@ -34,7 +34,8 @@ class MadeReader : public RecordingReader {
       LidarPoint point;
       point.in_body_m = (body_from_lidar * in_lidar).cast<float>();
       point.intensity = static_cast<std::uint16_t>(c % 256);
-      point.t_ns = frame(file.frame_id).t_ns + std::llround((fraction - 0.5) * 1e8);
+      point.t_ns = frame(file.frame_id).t_ns + std::llround((fraction - 0.5) * 1e8) +
+                   (file.path == "later" ? 100'000'000 : 0);
       points.push_back(point);
     }
     return points;
@@ -152,6 +153,18 @@ TEST_F(DriveTest, AimotiveComesBack) {
   }
 }
 
+TEST_F(DriveTest, AimotiveJoinsRevolutionsOfAFrame) {
+  recording_.lidar_files.insert(recording_.lidar_files.begin() + 1,
+                                {recording_.frames[0].id, "later"});
+  const Recording now = written(write_aimotive);
+  ASSERT_EQ(now.lidar_files.size(), 5u);
+  const auto points = now.reader->read_lidar(now.lidar_files[0]);
+  ASSERT_EQ(points.size(), 2u * kColumns);
+  EXPECT_TRUE(std::ranges::is_sorted(points, {}, &LidarPoint::t_ns));
+  EXPECT_EQ(now.reader->read_lidar(now.lidar_files[1]).size(), std::size_t{kColumns});
+  EXPECT_THAT(notes_.changed, Contains(HasSubstr("revolutions of the same frame")));
+}
+
 // Times of today's clocks lose nanoseconds as seconds in a double.
 TEST_F(DriveTest, AimotiveTimesAreExact) {
   constexpr std::int64_t kToday_ns = 1'369'730'762'904'519'681;
@@ -218,6 +231,30 @@ TEST_F(DriveTest, Kitti360KeepsLidarPointsWhereTheyAre) {
     EXPECT_LT(moved, kColumns / 20);
   }
   EXPECT_THAT(notes_.changed, Contains(HasSubstr("ms off their own")));
+}
+
+TEST_F(DriveTest, Kitti360HasTheNearestRevolutionOfAFrame) {
+  recording_.lidar_files.insert(recording_.lidar_files.begin() + 1,
+                                {recording_.frames[1].id, "later"});
+  const Recording now = written(write_kitti360);
+  ASSERT_EQ(now.lidar_files.size(), 5u);
+  for (std::size_t f = 0; f < 5; ++f)
+    EXPECT_LT(std::abs(*middle_ns(now.reader->read_lidar(now.lidar_files[f])) -
+                       recording_.frames[f].t_ns),
+              20'000'000)
+        << f;
+  EXPECT_THAT(notes_.left_out, Contains("1 LiDAR revolution of a frame to which another one is "
+                                        "nearer"));
+}
+
+TEST_F(DriveTest, Kitti360LeavesOutRevolutionsOfOtherTimes) {
+  const auto reader = std::make_shared<MadeReader>();
+  reader->frames = recording_.frames;
+  for (FramePose& frame : reader->frames) frame.t_ns += 1'000'000'000;
+  recording_.reader = reader;
+  recording_.box_files.clear();
+  EXPECT_TRUE(written(write_kitti360).lidar_files.empty());
+  EXPECT_THAT(notes_.left_out, Contains(HasSubstr("5 LiDAR revolutions without a pose")));
 }
 
 TEST_F(DriveTest, Kitti360KeepsObjects) {

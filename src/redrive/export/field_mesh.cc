@@ -60,11 +60,14 @@ double median_depth(const std::vector<DepthImage>& images) {
 }
 
 /// Throws UsageError where the images take more than is allowed.
-std::uint64_t bytes_of(const std::vector<DepthImage>& images, std::uint64_t most_bytes) {
+std::uint64_t bytes_of(const std::vector<DepthImage>& images, const Run& run,
+                       std::uint64_t most_bytes) {
   std::uint64_t bytes = 0;
   for (const DepthImage& image : images) bytes += image.bytes();
   if (bytes > most_bytes)
-    throw UsageError("--memory", "", memory_text(bytes, most_bytes) + " for images of depth");
+    throw UsageError("--memory", run.options.memory,
+                     "of the run: " + memory_text(bytes, most_bytes) +
+                         " for images of depth; train with a larger --memory");
   return bytes;
 }
 
@@ -104,7 +107,7 @@ std::vector<DepthImage> render_depth_images(const Run& run, kernels::Backend& ba
     });
     for (auto& image : made) images.push_back(std::move(*image));
     first += made.size();
-    bytes_of(images, options.most_bytes);
+    bytes_of(images, run, options.most_bytes);
     if (options.progress) options.progress(static_cast<int>(first), static_cast<int>(views.size()));
   }
   return images;
@@ -121,7 +124,7 @@ FieldMesh field_mesh(const Run& run, kernels::Backend& backend, const MeshOption
                 : run.scene.metric  ? kVoxel_m
                                     : median_depth(images) / kVoxelsPerMedianDepth;
   out.range_m = kRangeVoxels * out.voxel_m;
-  TsdfVolume volume(out.voxel_m, options.most_bytes - bytes_of(images, options.most_bytes));
+  TsdfVolume volume(out.voxel_m, options.most_bytes - bytes_of(images, run, options.most_bytes));
   volume.fuse(images, out.range_m, pool);
   images.clear();
   if (run.scene.metric) {

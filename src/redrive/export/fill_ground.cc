@@ -28,8 +28,17 @@ constexpr Column kNeighbours[] = {{-1, -1}, {-1, 0}, {-1, 1}, {0, -1},
                                   {0, 1},   {1, -1}, {1, 0},  {1, 1}};
 Column operator+(const Column& a, const Column& b) { return {a[0] + b[0], a[1] + b[1]}; }
 
-/// Returns the body's height at each column of the corridor: that of the nearest position.
-std::map<Column, double> corridor(std::span<const Eigen::Vector3d> driven, double voxel_m) {
+/// Returns the body's height at each column of the corridor in which the volume has blocks: that of
+/// the nearest position.
+std::map<Column, double> corridor(std::span<const Eigen::Vector3d> driven,
+                                  const TsdfVolume& volume) {
+  const double voxel_m = volume.voxel_m();
+  std::set<Column> of_blocks;  // their first columns
+  for (const auto& block : volume.blocks()) of_blocks.insert({block->first.x(), block->first.y()});
+  const auto has_block = [&](const Column& column) {
+    constexpr int kSide = TsdfBlock::kSide;
+    return of_blocks.contains({column[0] & -kSide, column[1] & -kSide});  // rounds down
+  };
   struct Nearest {
     double distance_squared, height;
   };
@@ -41,8 +50,9 @@ std::map<Column, double> corridor(std::span<const Eigen::Vector3d> driven, doubl
     for (int i = -reach; i <= reach; ++i)
       for (int j = -reach; j <= reach; ++j) {
         const double squared = static_cast<double>(i) * i + static_cast<double>(j) * j;
-        if (squared > static_cast<double>(reach) * reach) continue;
-        Nearest& here = nearest.try_emplace(centre + Column{i, j}, Nearest{1e30, 0}).first->second;
+        const Column column = centre + Column{i, j};
+        if (squared > static_cast<double>(reach) * reach || !has_block(column)) continue;
+        Nearest& here = nearest.try_emplace(column, Nearest{1e30, 0}).first->second;
         if (squared < here.distance_squared) here = {squared, position.z()};
       }
   };
@@ -194,7 +204,7 @@ void write_ground(bool gap, const Column& column, const Ground& ground, TsdfVolu
 
 std::size_t fill_ground(std::span<const Eigen::Vector3d> driven, TsdfVolume* volume) {
   REDRIVE_CHECK(!driven.empty());
-  std::map<Column, Ground> ground = find_ground(*volume, corridor(driven, volume->voxel_m()));
+  std::map<Column, Ground> ground = find_ground(*volume, corridor(driven, *volume));
   const int radius = static_cast<int>(std::ceil(0.5 * kGroundGap_m / volume->voxel_m()));
   const std::vector<Column> added = close_gaps(radius, &ground);
   const std::set<Column> gaps(added.begin(), added.end());

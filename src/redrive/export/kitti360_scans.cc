@@ -5,7 +5,6 @@
 #include <chrono>
 #include <cmath>
 #include <cstdio>
-#include <optional>
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
@@ -48,11 +47,18 @@ std::vector<LidarPoint> new_points(const Recording& drive, const Scan& scan, Cou
   return points;
 }
 
-/// Middle of the times of a scan's points; nothing without points.
-std::optional<std::int64_t> middle_ns(const std::vector<LidarPoint>& points) {
-  if (points.empty()) return std::nullopt;
-  const auto [first, last] = std::ranges::minmax_element(points, {}, &LidarPoint::t_ns);
-  return first->t_ns + (last->t_ns - first->t_ns) / 2;
+/// Keeps of each frame the scan with the least time `off_ns(scan)` from it. Returns how many others
+/// there were.
+template <class OffNs>
+std::size_t keep_nearest(const OffNs& off_ns, std::vector<Scan>* scans) {
+  std::vector<Scan> nearest;
+  for (const Scan& scan : *scans)
+    if (nearest.empty() || nearest.back().id != scan.id)
+      nearest.push_back(scan);
+    else if (off_ns(scan) < off_ns(nearest.back()))
+      nearest.back() = scan;
+  scans->swap(nearest);
+  return nearest.size() - scans->size();
 }
 
 /// Records of the points where they were seen at the time of their azimuth.
@@ -110,6 +116,7 @@ std::string kitti360_timestamps(const std::vector<std::pair<std::int64_t, std::i
   std::string text;
   std::int64_t line = 0;
   for (const auto& [frame_id, t_ns] : times) {
+    REDRIVE_CHECK(line <= frame_id);
     for (; line < frame_id; ++line) text += "\n";
     const std::chrono::sys_time<std::chrono::nanoseconds> time{std::chrono::nanoseconds(t_ns)};
     const auto midnight = std::chrono::floor<std::chrono::days>(time);
@@ -149,10 +156,18 @@ void write_kitti360_scans(const kitti360::Layout& layout, const Recording& drive
     const auto frame = std::ranges::lower_bound(frames, scan.id, {}, &FramePose::id);
     scan.middle_ns = middle_ns(new_points(drive, scan, &ignored)).value_or(frame->t_ns);
   });
-  left_out += std::erase_if(scans, [&](const Scan& scan) {
+  const auto off_ns = [&](const Scan& scan) {
     const auto frame = std::ranges::lower_bound(frames, scan.id, {}, &FramePose::id);
-    return std::abs(scan.middle_ns - frame->t_ns) > kSameFrame_ns;
-  });
+    return std::abs(scan.middle_ns - frame->t_ns);
+  };
+  left_out += std::erase_if(scans, [&](const Scan& scan) { return off_ns(scan) > kSameFrame_ns; });
+  if (left_out > 0)
+    notes->left_out.push_back(counted(left_out, "LiDAR revolution") +
+                              " without a pose, or 0.2 s off the images of its frame");
+  if (const std::size_t others = keep_nearest(off_ns, &scans); others > 0)
+    notes->left_out.push_back(counted(others, "LiDAR revolution") +
+                              " of a frame to which another one is nearer");
+  if (scans.empty()) return;
   std::vector<std::pair<std::int64_t, std::int64_t>> times;
   for (const Scan& scan : scans) times.emplace_back(scan.id, scan.middle_ns);
   make_folders(layout.velodyne() / "data");
@@ -204,9 +219,6 @@ void write_kitti360_scans(const kitti360::Layout& layout, const Recording& drive
   if (sum.unseen > 0)
     notes->left_out.push_back(counted(sum.unseen, "LiDAR point") +
                               " behind the car, where one revolution ends and the next begins");
-  if (left_out > 0)
-    notes->left_out.push_back(counted(left_out, "LiDAR revolution") +
-                              " without a pose, or 0.2 s off the images of its frame");
 }
 
 }  // namespace redrive

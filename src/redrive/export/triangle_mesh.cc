@@ -77,11 +77,11 @@ void compute_normals(TriangleMesh* mesh) {
 }
 
 std::string make_obj(const TriangleMesh& mesh) {
-  std::string text = "# redrive: metres, x y z and r g b of each vertex\n";
+  std::string text = "# redrive: x y z and r g b of each vertex\n";
   char line[128];
   for (const PlyPoint& vertex : mesh.vertices) {
     const Eigen::Vector3f& p = vertex.position;
-    std::snprintf(line, sizeof line, "v %.4f %.4f %.4f %.4f %.4f %.4f\n", double(p.x()),
+    std::snprintf(line, sizeof line, "v %.7g %.7g %.7g %.4f %.4f %.4f\n", double(p.x()),
                   double(p.y()), double(p.z()), vertex.rgb[0] / 255.0, vertex.rgb[1] / 255.0,
                   vertex.rgb[2] / 255.0);
     text += line;

@@ -56,7 +56,7 @@ TEST(TriangleMesh, PlyHasFacesBehindThePoints) {
 
 TEST(TriangleMesh, ObjCountsFromOne) {
   const std::string text = make_obj(example());
-  EXPECT_THAT(text, HasSubstr("v 9.0000 0.0000 3.0000 1.0000 0.0000 0.7373\n"));
+  EXPECT_THAT(text, HasSubstr("v 9 0 3 1.0000 0.0000 0.7373\n"));
   EXPECT_THAT(text, HasSubstr("f 5 6 7\n"));
 }
 

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 #include <cstdio>
+#include <iterator>
+#include <map>
 
 #include <nlohmann/json.hpp>
 
@@ -58,8 +60,12 @@ void write_boxes(const fs::path& folder, const Recording& drive, std::int64_t ea
     const std::int64_t t_ns = same && !boxes.empty() ? boxes.front().t_ns : frame->t_ns;
     const Rigid3d body_from_global = pose_at(drive.frames, t_ns).inverse(Eigen::Isometry);
     for (Box& box : boxes)
-      if (box.t_ns != t_ns)
+      if (box.t_ns != t_ns) {
+        const Eigen::Vector3d velocity = velocity_in_global(box, drive.frames);
         box.body_from_box = body_from_global * global_from_box_at(box, drive.frames, t_ns);
+        box.velocity_in_body_m_per_s =
+            body_from_global.linear() * (velocity - velocity_at(drive.frames, t_ns));
+      }
     write_file(folder / ("frame_" + padded(file.frame_id) + ".json"),
                aimotive::boxes_to_json(t_ns - earlier_ns, boxes).dump(1) + "\n");
   }
@@ -110,13 +116,22 @@ DriveNotes write_aimotive(const fs::path& folder, const Recording& drive, Thread
   if (drive.body_from_lidar && !drive.lidar_files.empty()) {
     const fs::path scans = folder / "dynamic/raw-revolutions";
     make_folders(scans);
-    pool.run(static_cast<int>(drive.lidar_files.size()), [&](int f) {
+    std::map<std::int64_t, std::vector<FrameFile>> of_frame;
+    for (const FrameFile& file : drive.lidar_files) of_frame[file.frame_id].push_back(file);
+    const std::vector<std::pair<std::int64_t, std::vector<FrameFile>>> revolutions(of_frame.begin(),
+                                                                                   of_frame.end());
+    pool.run(static_cast<int>(revolutions.size()), [&](int r) {
       if (stop) throw Interrupted();
-      const FrameFile& file = drive.lidar_files[static_cast<std::size_t>(f)];
-      std::vector<LidarPoint> points = drive.reader->read_lidar(file);
+      const auto& [frame_id, files] = revolutions[static_cast<std::size_t>(r)];
+      std::vector<LidarPoint> points;
+      for (const FrameFile& file : files)
+        std::ranges::copy(drive.reader->read_lidar(file), std::back_inserter(points));
+      if (files.size() > 1) std::ranges::stable_sort(points, {}, &LidarPoint::t_ns);
       for (LidarPoint& point : points) point.t_ns -= earlier_ns;
-      write_file(scans / ("frame_" + padded(file.frame_id) + ".las"), make_las(points));
+      write_file(scans / ("frame_" + padded(frame_id) + ".las"), make_las(points));
     });
+    if (revolutions.size() < drive.lidar_files.size())
+      notes.changed.emplace_back("LiDAR revolutions of the same frame are one file");
   }
   if (!drive.box_files.empty()) {
     write_boxes(folder / "dynamic/box/3d_body", drive, earlier_ns);

@@ -15,6 +15,7 @@
 #include "redrive/recording/kitti.h"
 #include "redrive/recording/kitti360.h"
 #include "redrive/recording/kitti360_boxes.h"
+#include "redrive/recording/scan_files.h"
 #include "redrive/recording/trajectory.h"
 #include "redrive/recording/wording.h"
 #include "redrive/scene/moving_objects.h"
@@ -24,8 +25,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::int64_t kMaxLines = 1'000'000;  // of a file of times
-constexpr int kMaxInstances = 999;             // of a class
+constexpr int kMaxInstances = 999;  // of a class
 constexpr double kExact_m = 1e-6;
 
 std::string formatted(const char* format, auto... values) {
@@ -267,6 +267,7 @@ std::vector<kitti360::Object> objects_of(const Recording& drive,
           box.deforms || velocity_in_global(box, drive.frames).norm() > kMovingSpeed_m_per_s;
       kitti360::Object object;
       object.type = box.type;
+      object.deforms = box.deforms;
       object.frame_id = object.first_frame = object.last_frame = id;
       object.world_from_box =
           world_from_global * global_from_box_at(box, drive.frames, frame->t_ns);
@@ -279,7 +280,8 @@ std::vector<kitti360::Object> objects_of(const Recording& drive,
   std::vector<kitti360::Object> objects;
   std::size_t dropped = 0;
   for (auto& [id, track] : tracks) {
-    const kitti360::ObjectClass& what = kitti360::class_named(track.boxes.front().type);
+    const kitti360::ObjectClass& what =
+        kitti360::class_named(track.boxes.front().type, track.boxes.front().deforms);
     if (track.boxes.front().type != what.name)
       renamed.insert(track.boxes.front().type + " as " + std::string(what.name));
     const int instance = ++instances[what.label_id];
@@ -322,8 +324,8 @@ DriveNotes write_kitti360(const fs::path& folder, const Recording& drive, Thread
   DriveNotes notes;
   const Slots slots = assign_slots(drive, &notes);
   const std::int64_t first_id = drive.frames.front().id, last_id = drive.frames.back().id;
-  const std::int64_t earlier_ids = last_id < kMaxLines ? 0 : first_id;
-  if (last_id - earlier_ids >= kMaxLines)
+  const std::int64_t earlier_ids = last_id < kMaxKittiTimes ? 0 : first_id;
+  if (last_id - earlier_ids >= kMaxKittiTimes)
     throw InputError(drive.root, "frame id", std::to_string(last_id),
                      "KITTI-360 has files of a line for every number; a million fit");
   if (earlier_ids != 0)

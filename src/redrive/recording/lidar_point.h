@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
+#include <optional>
+#include <span>
 
 #include <Eigen/Core>
 
@@ -13,5 +16,12 @@ struct LidarPoint {
   std::uint16_t intensity = 0;  ///< on the sensor's own scale; fractions are scaled to 0..255
   std::int64_t t_ns = 0;        ///< host clock
 };
+
+/// Middle of the times of the points; nothing without points.
+inline std::optional<std::int64_t> middle_ns(std::span<const LidarPoint> points) {
+  if (points.empty()) return std::nullopt;
+  const auto [first, last] = std::ranges::minmax_element(points, {}, &LidarPoint::t_ns);
+  return first->t_ns + (last->t_ns - first->t_ns) / 2;
+}
 
 }  // namespace redrive

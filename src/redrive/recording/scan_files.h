@@ -32,6 +32,8 @@ std::string make_pcd(std::span<const ScanPoint> points);
 /// Returns a scan of KITTI: x, y, z and a reflectance of 0 as float.
 std::string make_kitti_scan(std::span<const ScanPoint> points);
 
+/// Most lines of a file of times, one for each number of a frame, that is written.
+constexpr std::int64_t kMaxKittiTimes = 1'000'000;
 /// Returns a time as KITTI's timestamps.txt has it: "2011-09-26 13:10:51.175862102", UTC.
 std::string kitti_timestamp(std::int64_t t_ns);
 

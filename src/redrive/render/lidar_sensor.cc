@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/render/lidar_sensor.h"
 
+#include <algorithm>
 #include <charconv>
 #include <cmath>
 #include <numbers>
@@ -28,6 +29,26 @@ std::optional<std::vector<double>> numbers_in(std::string_view text, char separa
     if (*next != separator) return std::nullopt;
     at = next + 1;
   }
+}
+
+/// Returns the file of the revolution of a frame whose middle is nearest to the frame; null if
+/// there is none.
+const FrameFile* nearest_revolution(const Recording& recording, std::int64_t frame_id) {
+  const auto frame = std::ranges::lower_bound(recording.frames, frame_id, {}, &FramePose::id);
+  if (frame == recording.frames.end() || frame->id != frame_id) return nullptr;
+  std::vector<const FrameFile*> files;
+  for (const FrameFile& file : recording.lidar_files)
+    if (file.frame_id == frame_id) files.push_back(&file);
+  if (files.size() < 2) return files.empty() ? nullptr : files[0];
+  const FrameFile* nearest = nullptr;
+  std::int64_t least_ns = 0;
+  for (const FrameFile* file : files) {
+    const auto middle = middle_ns(recording.reader->read_lidar(*file));
+    if (!middle) continue;
+    const std::int64_t off_ns = std::abs(*middle - frame->t_ns);
+    if (!nearest || off_ns < least_ns) nearest = file, least_ns = off_ns;
+  }
+  return nearest;
 }
 
 }  // namespace
@@ -69,10 +90,16 @@ LidarFirings SpinningLidar::revolution(std::int64_t t_ns) const {
 
 std::optional<LidarFirings> recorded_firings(const Recording& recording, const Scene& scene,
                                              std::int64_t frame_id, ThreadPool& pool) {
-  if (recording.lidar_files.empty()) return std::nullopt;
+  const FrameFile* const file = nearest_revolution(recording, frame_id);
+  if (!file) return std::nullopt;
+  Recording revolution;
+  revolution.frames = recording.frames;
+  revolution.body_from_lidar = recording.body_from_lidar;
+  revolution.reader = recording.reader;
+  revolution.lidar_files = {*file};
   const LidarReturns returns = load_lidar_returns(
-      recording, scene, MovingObjects({}, recording.frames, scene.global_from_world), pool,
-      {[&](std::int64_t id) { return id == frame_id; }, /*repeated=*/true});
+      revolution, scene, MovingObjects({}, recording.frames, scene.global_from_world), pool,
+      {{}, /*repeated=*/true});
   if (returns.n == 0) return std::nullopt;
   const Rigid3d world_from_global = scene.global_from_world.inverse(Eigen::Isometry);
   LidarFirings out;

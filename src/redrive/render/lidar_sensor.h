@@ -41,9 +41,10 @@ inline constexpr const char* kBeamsRule =
     "degrees; at most 256 within -90..90, e.g. 64:-24.8:2";
 
 /// Returns the firings of the recorded revolution of a frame: those of which a return is recorded,
-/// without returns on the vehicle itself. Nothing where the recording has no revolution of the
-/// frame, or none of its points has a pose. Axes are those of Recording::body_from_lidar, which
-/// must be known. InputError for a damaged file.
+/// without returns on the vehicle itself; of several revolutions the one whose middle is nearest to
+/// the frame. Nothing where the recording has no revolution or no pose of the frame, or none of the
+/// points has a pose. Axes are those of Recording::body_from_lidar, which must be known. InputError
+/// for a damaged file.
 std::optional<LidarFirings> recorded_firings(const Recording& recording, const Scene& scene,
                                              std::int64_t frame_id, ThreadPool& pool);
 
