@@ -348,13 +348,13 @@ Recording with_alignment(Recording recording, const AlignResult& result) {
   return recording;
 }
 
-/// Time offsets without which edges of the LiDAR's depth lie better on the images. Small errors
-/// that all images share look like a time offset where the car hardly turns.
+/// Returns the time offsets without which edges of the LiDAR's depth lie better on the images.
+/// Where the car hardly turns, small errors that all images share look like a time offset.
 std::vector<UnobservableTimeOffset> offsets_against_edges(const Recording& recording,
                                                           const AlignResult& result,
                                                           const ContrastData& source,
                                                           ThreadPool& pool) {
-  constexpr double kMinGain = 0.015;  // of the score: more than its noise over 1000 edges
+  constexpr double kMinGain = 0.015;  // difference of scores above their noise over 1000 edges
   RigModel model = make_rig_model(with_alignment(recording, result));
   for (std::size_t c = 0; c < model.cameras.size(); ++c)
     model.cameras[c].offset_s = result.camera_corrections[c].initial_offset_s;

@@ -32,7 +32,7 @@ struct Correction {
 struct CameraCorrection {
   std::string name;
   Vector6d extrinsics = Vector6d::Zero();  ///< as Correction::value
-  /// Of these; nothing: unobservable, the initial value is kept.
+  /// Standard deviations of `extrinsics`; nothing: unobservable, the initial value is kept.
   std::array<std::optional<double>, 6> extrinsic_sigmas;
   double offset_s = 0, initial_offset_s = 0;  ///< exposure minus time of the pose
   std::optional<double> offset_sigma_s;       ///< nothing: unobservable, the initial value is kept

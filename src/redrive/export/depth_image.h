@@ -19,7 +19,7 @@ struct PixelDirections {
 };
 std::shared_ptr<const PixelDirections> pixel_directions(const RayTable& table);
 
-/// What a camera sees: a piece of a plane in each pixel.
+/// The surfaces that a camera sees: a piece of a plane in each pixel.
 struct DepthImage {
   std::shared_ptr<const PixelDirections> directions;
   ShutterPoses world_from_camera;

@@ -17,7 +17,7 @@ struct RenderedImage {
   std::vector<std::uint8_t> valid;  ///< [height, width]
 };
 
-/// What a model renders along single rays.
+/// Depth and opacity along single rays.
 struct RenderedRays {
   std::vector<float> depth;    ///< [n], metres from the origin along the ray, median
   std::vector<float> opacity;  ///< [n]

@@ -21,8 +21,8 @@ struct ObjectClass {
 };
 /// Returns null for buildings, poles and everything else that stands, and for unknown numbers.
 const ObjectClass* find_class(int semantic_id);
-/// By a name, in upper or lower case, also of other data sets: "Pedestrian" is a person. For
-/// unknown names an unknown vehicle, or a person if it deforms.
+/// Returns the class of a name, in upper or lower case, also of other data sets: "Pedestrian" is a
+/// person. An unknown name is an unknown vehicle, or a person if it deforms.
 const ObjectClass& class_named(std::string_view name, bool deforms = false);
 
 constexpr std::int64_t kStatic = -1;

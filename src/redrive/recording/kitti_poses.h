@@ -34,9 +34,9 @@ std::vector<std::int64_t> parse_times(std::string_view text, const std::filesyst
 /// matrix. InputError: no line, other numbers of values, no rigid transform, further than 1e7 m.
 std::vector<Rigid3d> parse_poses(std::string_view text, const std::filesystem::path& file);
 
-/// By line, a frame's number and its pose as the rows of a 3 x 4 matrix, or of a 4 x 4 one whose
-/// last row is not read: poses.txt and cam0_to_world.txt of KITTI-360. Times are 0. InputError as
-/// parse_poses, and frames that do not increase.
+/// Parses lines of a frame's number and its pose, the rows of a 3 x 4 matrix, or of a 4 x 4 one
+/// whose last row is not read: poses.txt and cam0_to_world.txt of KITTI-360. Times are 0.
+/// InputError as parse_poses, and frames that do not increase.
 std::vector<FramePose> parse_frame_poses(std::string_view text, const std::filesystem::path& file);
 
 }  // namespace redrive::kitti

@@ -17,7 +17,7 @@ namespace redrive::nuscenes {
 
 constexpr std::size_t kScanRecordBytes = 20;
 
-/// What a revolution's points need beyond their file.
+/// Extrinsics and time of a revolution, which its file does not have.
 struct Revolution {
   Rigid3d body_from_lidar;
   std::int64_t end_ns = 0;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the tables of nuScenes say of one scene (docs/schema_nuscenes.md of
+// The records of one scene in the tables of nuScenes (docs/schema_nuscenes.md of
 // nutonomy/nuscenes-devkit): scene, sample, sample_data, calibrated_sensor, sensor, ego_pose,
 // sample_annotation, instance and category. Tables of all scenes together have gigabytes: records
 // of other scenes are not parsed.

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a recording shows of each annotated object.
+// Summary of each annotated object of a recording.
 #pragma once
 
 #include <cstdint>
@@ -20,7 +20,7 @@ struct ObjectSummary {
   std::size_t images = 0;  ///< that show its centre, unless something hides it
 };
 
-/// By id. Images: of the scene.
+/// Returns summaries by id; `images` counts those of the scene.
 std::vector<ObjectSummary> summarize_objects(const Scene& scene, const MovingObjects& objects);
 
 }  // namespace redrive

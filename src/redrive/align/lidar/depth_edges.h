@@ -53,9 +53,9 @@ EdgeScore score_depth_edges(const cv::Mat& grey, const cv::Mat& usable,
                             const std::vector<DepthEdge>& edges,
                             const Eigen::Vector2d& shift = Eigen::Vector2d::Zero());
 
-/// By camera, over at most 16 of its images, downscaled to at most 640 pixels of width: for each
-/// the returns within 50 ms of it. Nothing where there are less than 200 edges: the LiDAR is too
-/// sparse.
+/// Returns the score of each camera over at most 16 of its images, downscaled to at most 640 pixels
+/// of width, with the returns within 50 ms of each. Nothing where there are less than 200 edges:
+/// the LiDAR is too sparse.
 std::vector<std::optional<EdgeScore>> depth_edge_scores(const RigModel& model,
                                                         const ContrastData& source,
                                                         ThreadPool& pool);
