@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Times `redrive view` over loopback, without a browser:
 //   node bench/view.mjs REDRIVE RUN NODE_MODULES [CAMERA] [--clients N] [--seconds S]
+//       [--drive SPEED]
 // NODE_MODULES is src/redrive/view/page/node_modules in the build folder. Prints JSON.
 //   page_gz_bytes: the page with all its files, compressed
 //   start_ms: from the start of the program to the first image, of a camera of the run
@@ -13,6 +14,8 @@
 //       message's arrival to the image on its way, medians; without any, the machine is too slow
 //   crowd: N pages (8) that move all the time for S seconds (60): images a second of all, the
 //     slowest one's, and the program's memory at a tenth of the time and at the end, in MB
+//   drive: with --drive alone, of the whole drive at SPEED times its own: images a second, the
+//     longest time without a new one (a frame's own distance included), and the most memory, in MB
 import {spawn} from "node:child_process";
 import fs from "node:fs";
 import http from "node:http";
@@ -26,6 +29,7 @@ function option(name, usual) {
 }
 const clients = option("--clients", 8);
 const crowdSeconds = option("--seconds", 60);
+const speed = option("--drive", 0);
 const [redrive, run, modules, wanted] = words;
 const {WebSocket} = createRequire(path.resolve(modules, "x.js"))("ws");
 const seconds = 5;
@@ -72,9 +76,8 @@ class Client {
   }
 
   /** Asks for the camera, or for a pinhole in its place, up to 0.5 m to the left of the car. */
-  ask(pinhole) {
+  ask(pinhole, frame = this.hello.frames[Math.floor(this.hello.frames.length / 2)]) {
     const camera = this.camera();
-    const frame = this.hello.frames[Math.floor(this.hello.frames.length / 2)];
     const m = camera.body_from_sensor;
     const yaw = (Math.atan2(m[6], m[2]) * 180) / Math.PI;
     this.socket.send(JSON.stringify({
@@ -167,6 +170,30 @@ async function crowd(address, pid) {
     slowest_images_per_s: +(Math.min(...counts) / crowdSeconds).toFixed(1), early_mb, late_mb};
 }
 
+/** Drives from the first frame to the last. */
+async function drive(client, pid) {
+  const {frames} = client.hello;
+  const arrivals = [];
+  let most_mb = 0;
+  client.onImage = () => {
+    arrivals.push(performance.now());
+    most_mb = Math.max(most_mb, memory_mb(pid));
+  };
+  const began = performance.now();
+  for (const frame of frames) {
+    const ahead = (1000 * (frame.t_s - frames[0].t_s)) / speed - (performance.now() - began);
+    if (ahead > 0) await wait(ahead);
+    client.ask(null, frame);
+  }
+  await wait(1000);
+  const driven = arrivals.filter((at) => at < began + (1000 * frames.at(-1).t_s) / speed);
+  const gaps = driven.slice(1).map((at, i) => at - driven[i]);
+  return {frames: frames.length, seconds: frames.at(-1).t_s / speed,
+    images_per_s: +((1000 * driven.length) / (driven.at(-1) - began)).toFixed(1),
+    longest_gap_ms: Math.round(Math.max(...gaps)), p95_gap_ms: Math.round(quantile(gaps, 0.95)),
+    most_mb};
+}
+
 /** Size of a file of the page as it is sent. */
 function bytesOf(address) {
   return new Promise((resolve) => {
@@ -201,9 +228,11 @@ try {
   for (const file of ["", "viewer.js", "viewer.css"])
     page_gz_bytes += await bytesOf(new URL(file, address));
   const result = {run, method: client.hello.method, camera, page_gz_bytes, start_ms, sizes: {}};
-  for (const pinhole of sizes) result.sizes[pinhole] = await measure(client, pinhole);
+  if (speed > 0) result.drive = await drive(client, program.pid);
+  for (const pinhole of speed > 0 ? [] : sizes)
+    result.sizes[pinhole] = await measure(client, pinhole);
   client.socket.terminate();
-  if (clients > 0) result.crowd = await crowd(address, program.pid);
+  if (clients > 0 && speed === 0) result.crowd = await crowd(address, program.pid);
   console.log(JSON.stringify(result, null, 2));
   failed = false;
 } finally {

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # The Debian packages (scripts/package): redrive has what src/redrive/cli installs, redrive-samples
-# the sample street.
+# the sample street, redrive-mpi the library for several processes, which alone depends on MPI.
 install(FILES LICENSE DESTINATION ${CMAKE_INSTALL_DOCDIR} RENAME copyright COMPONENT program)
 install(FILES README.md CHANGELOG.md DESTINATION ${CMAKE_INSTALL_DOCDIR} COMPONENT program)
 install(DIRECTORY samples/street DESTINATION ${CMAKE_INSTALL_DATADIR}/redrive/samples 
@@ -13,6 +13,15 @@ set(CPACK_PACKAGE_CONTACT "redrive maintainers")
 set(CPACK_PACKAGING_INSTALL_PREFIX /usr)
 set(CPACK_STRIP_FILES ON)
 set(CPACK_COMPONENTS_ALL program samples)
+if(TARGET redrive_mpi)
+  list(APPEND CPACK_COMPONENTS_ALL mpi)
+  set(CPACK_DEBIAN_MPI_PACKAGE_NAME redrive-mpi)
+  set(CPACK_DEBIAN_MPI_FILE_NAME DEB-DEFAULT)
+  set(CPACK_DEBIAN_MPI_PACKAGE_SHLIBDEPS ON)
+  set(CPACK_DEBIAN_MPI_PACKAGE_DEPENDS "redrive (= ${PROJECT_VERSION}), openmpi-bin")
+  set(CPACK_COMPONENT_MPI_DESCRIPTION "several processes of redrive by MPI
+ The library that redrive loads when mpirun starts it.")
+endif()
 set(CPACK_DEB_COMPONENT_INSTALL ON)
 set(CPACK_DEBIAN_PACKAGE_SECTION science)
 set(CPACK_DEBIAN_PROGRAM_PACKAGE_NAME redrive)
@@ -22,7 +31,7 @@ set(CPACK_DEBIAN_PROGRAM_PACKAGE_RECOMMENDS "gnuplot-nox, fonts-dejavu-core")  #
 if(REDRIVE_FFMPEG_PACKAGES)  # redrive render --path
   string(APPEND CPACK_DEBIAN_PROGRAM_PACKAGE_RECOMMENDS ", ${REDRIVE_FFMPEG_PACKAGES}")
 endif()
-set(CPACK_DEBIAN_PROGRAM_PACKAGE_SUGGESTS redrive-samples)
+set(CPACK_DEBIAN_PROGRAM_PACKAGE_SUGGESTS "redrive-samples, redrive-mpi")
 set(CPACK_COMPONENT_PROGRAM_DESCRIPTION "radiance fields from the recordings of sensor cars
  Turns cameras, LiDAR and egomotion of a drive into a radiance field and renders new images of it.")
 set(CPACK_DEBIAN_SAMPLES_PACKAGE_NAME redrive-samples)

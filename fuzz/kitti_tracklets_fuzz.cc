@@ -10,7 +10,7 @@
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const std::string_view text(reinterpret_cast<const char*>(data), size);
   try {
-    for (const redrive::kitti::Label& label : redrive::kitti::parse_tracklets(text, "t.xml"))
+    for (const redrive::Label& label : redrive::kitti::parse_tracklets(text, "t.xml"))
       if (!redrive::rigid_obstacle(label.sensor_from_box.matrix()).empty() ||
           !(label.size_m.minCoeff() >= 0.01))
         __builtin_trap();

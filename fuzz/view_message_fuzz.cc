@@ -30,6 +30,11 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
         __builtin_trap();
     if (const auto* const load = std::get_if<redrive::view::LoadPath>(&message))
       if (!redrive::view::valid_path_name(load->name)) __builtin_trap();
+    if (const auto* const drag = std::get_if<redrive::view::DragMessage>(&message))
+      for (const double u : {drag->from[0], drag->from[1], drag->to[0], drag->to[1]})
+        if (!(u >= 0 && u <= 1) || !(std::abs(drag->turn_deg) <= 360)) __builtin_trap();
+    if (const auto* const edit = std::get_if<redrive::view::EditMessage>(&message))
+      if (edit->file.size() > 256) __builtin_trap();
   } catch (const redrive::InputError&) {
   }
   return 0;

@@ -111,7 +111,8 @@ INSTANTIATE_TEST_SUITE_P(Docs, Documents,
                                          "docs/evaluation.md", "docs/experiments.md",
                                          "docs/methods.md", "docs/poses.md", "docs/recordings.md",
                                          "docs/viewer.md", "samples/README.md",
-                                         "tools/object/README.md", "tools/street/README.md"),
+                                         "tools/drive/README.md", "tools/object/README.md",
+                                         "tools/street/README.md"),
                          [](const auto& info) {
                            std::string name = info.param;
                            for (char& c : name)

@@ -35,6 +35,12 @@ TEST_F(EndToEnd, AlignTakesReadoutTimesAsTrainDoes) {
   EXPECT_EQ(ended.exit_code, kExitInsufficientData) << ended.err << "the folder is no readout";
 }
 
+TEST_F(EndToEnd, AlignRejectsWindowsOfFewFrames) {
+  const ProgramResult ended = redrive({"align", drive_.string(), "--window", "9"});
+  EXPECT_EQ(ended.exit_code, kExitUsage);
+  EXPECT_THAT(ended.err, HasSubstr("--window 9: must be 0 or 10 frames at least"));
+}
+
 TEST_F(EndToEnd, TrainKeepsInitialPoses) {
   const fs::path aligned = folder_ / "aligned", run = folder_ / "run";
   write_pose_files(aligned, read_pose_files(open_recording(drive_), drive_));

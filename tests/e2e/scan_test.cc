@@ -78,7 +78,7 @@ TEST_F(Scan, RendersScoresAndExports) {
            {"--lidar", "recorded", "--frame", "77", "--out", (folder_ / "a.las").string()},
            {"--lidar", "recorded", "--out", (folder_ / "a.las").string()},
            {"--lidar", "recorded", "--frame", "1001", "--out", velodyne_.string()},
-           {"--lidar", "64", "--actors", "none", "--frame", "1001", "--out", "a.las"},
+           {"--lidar", "64", "--actors", "5", "--frame", "1001", "--out", "a.las"},
            {"--lidar", "recorded", "--rate", "20", "--frame", "1001", "--out", "a.las"},
            {"--lidar", "recorded", "--range", "5:2", "--frame", "1001", "--out",
             (folder_ / "a.pcd").string()},

@@ -10,8 +10,10 @@
 #include <gtest/gtest.h>
 
 #include "redrive/eval/novel_ground_truth.h"
+#include "redrive/image/image_io.h"
 #include "redrive/math/angles.h"
 #include "redrive/recording/recording_reader.h"
+#include "redrive/recording/traffic_edit.h"
 #include "redrive/recording/trajectory.h"
 #include "redrive/scene/lidar_returns.h"
 #include "redrive/scene/load_views.h"
@@ -326,6 +328,40 @@ TEST(Street, MasksCoverOnlyTheBonnet) {
         EXPECT_NEAR(share_left_out(mask, 0, mask.height), 0.12, 0.01);
         EXPECT_EQ(mask.used[std::size_t(mask.height / 2) * mask.width + mask.width / 2], 1);
       }
+    }
+  }
+}
+
+// Edited images differ from the recorded ones where their masks say so; elsewhere by JPEG and by
+// the noise of indirect light.
+TEST(StreetTraffic, EditsChangeTheirImagesWhereTheMasksSay) {
+  constexpr const char* kCamera = "F_MIDLONGRANGECAM_CL";
+  for (const char* name : {"removed", "shifted", "turned"}) {
+    const std::filesystem::path folder = kTraffic / "edited" / name;
+    const TrafficEdit edit = read_traffic_edit(folder / "edit.json");
+    ASSERT_EQ(edit.actors.size(), 1u) << name;
+    const ActorChange& change = edit.actors.at(2);
+    EXPECT_EQ(change.remove, std::string(name) == "removed");
+    EXPECT_EQ(change.shift_m[1], std::string(name) == "shifted" ? 2 : 0);
+    EXPECT_EQ(change.turn_deg, std::string(name) == "turned" ? 20 : 0);
+    for (const int id : {1000, 1006, 1012, 1018}) {
+      const std::string stem = std::string(kCamera) + "_000" + std::to_string(id);
+      const Image8 edited = read_image(folder / (stem + ".jpg")),
+                   changed = read_image(folder / (stem + "_changed.png")),
+                   recorded = read_image(kTraffic / "sensor/camera" / kCamera / (stem + ".jpg"));
+      ASSERT_EQ(edited.rgb.size(), recorded.rgb.size());
+      ASSERT_EQ(edited.rgb.size(), changed.rgb.size());
+      double inside = 0, outside = 0, share = 0;
+      for (std::size_t i = 0; i < edited.rgb.size(); ++i) {
+        const int difference = std::abs(int(edited.rgb[i]) - int(recorded.rgb[i]));
+        (changed.rgb[i] > 127 ? inside : outside) += difference;
+        share += changed.rgb[i] > 127;
+      }
+      const auto n = static_cast<double>(edited.rgb.size());
+      EXPECT_GT(share / n, 0.02) << stem;
+      EXPECT_LT(share / n, 0.2) << stem;
+      EXPECT_GT(inside / share, 10) << stem;
+      EXPECT_LT(outside / (n - share), 1) << stem;
     }
   }
 }

@@ -13,6 +13,9 @@ EXPOSURE = 1.08
 SHOULDER = 0.6  # linear up to here, then an exponential roll-off to 1
 BRIGHTEST = 2.0  # highlights are clipped at this radiance, so that the cubic filter cannot ring around them
 JPEG_QUALITY = 88
+CHANGE_BLUR_PX = 1.5  # averages the noise of paths that met the changed object later
+LEAST_CHANGE = 4  # of 255
+CHANGE_MARGIN_PX = 2
 
 
 def read_exr(path):
@@ -66,3 +69,13 @@ def write_image(path, image, *options):
 
 def develop(camera, exr, jpeg):
     write_image(jpeg, tone(resample(camera, read_exr(exr))), cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY)
+
+
+def changed(camera, exr, unedited_exr):
+    """Returns [h, w], 255 where two renders with the same noise differ by more than the noise of indirect light."""
+    a, b = (tone(resample(camera, read_exr(file))).astype(np.float32) for file in (exr, unedited_exr))
+    difference = np.abs(cv2.GaussianBlur(a - b, (0, 0), CHANGE_BLUR_PX)).max(2)
+    mask = np.where(difference > LEAST_CHANGE, 255, 0).astype(np.uint8)
+    disc = lambda radius: cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1,) * 2)
+    mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, disc(2))
+    return cv2.dilate(mask, disc(2 + CHANGE_MARGIN_PX))

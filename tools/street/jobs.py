@@ -5,7 +5,8 @@ from pathlib import Path
 
 import cameras
 import trajectory
-from settings import FIRST_ID, NOVEL_PLACES, NOVEL_VIEWS, ROLLING_READOUT_S, frame_time_s
+from settings import EDITED_INDICES, FIRST_ID, NOVEL_PLACES, NOVEL_VIEWS, ROLLING_READOUT_S, frame_time_s
+from traffic import EDITS, NO_EDIT
 
 
 @dataclass(frozen=True)
@@ -14,6 +15,7 @@ class Job:
     camera: str
     index: int  # frame
     novel: str = ""  # key of NOVEL_VIEWS
+    edit: str = ""  # key of EDITS
 
     @property
     def frame_id(self):
@@ -25,7 +27,24 @@ class Job:
 
     @property
     def key(self):
-        return "+".join(p for p in (self.variant, self.novel, self.name) if p)
+        return "+".join(p for p in (self.variant, self.novel, self.edit, self.name) if p)
+
+    @property
+    def unedited(self):
+        return Job("traffic", self.camera, self.index)
+
+    @property
+    def seed_text(self):
+        """An edited image has the noise of the unedited one, so that they differ where the scene does."""
+        return self.unedited.key if self.edit else self.key
+
+    @property
+    def has_traffic(self):
+        return self.variant.startswith("traffic")
+
+    @property
+    def change(self):
+        return EDITS.get(self.edit, NO_EDIT)
 
     @property
     def readout_s(self):
@@ -42,8 +61,14 @@ class Job:
 
     def image(self, settings):
         folder = settings.folder(self.variant)
-        folder = folder / "novel" / self.novel if self.novel else folder / "sensor" / "camera" / self.camera
+        if self.novel:
+            folder = folder / "novel" / self.novel
+        else:
+            folder = folder / self.edit if self.edit else folder / "sensor" / "camera" / self.camera
         return folder / f"{self.name}.jpg"
+
+    def changed(self, settings):
+        return self.image(settings).with_name(f"{self.name}_changed.png")
 
     def depth(self, settings):
         return self.image(settings).with_name(f"{self.name}_depth.png")
@@ -71,4 +96,12 @@ def all_jobs(settings):
     for variant in ("traffic", "rolling"):
         if variant in settings.variants:
             jobs += [Job(variant, c, i) for i in range(settings.frames_of(variant)) for c in cameras_of(variant)]
+    if "traffic_edited" in settings.variants:
+        edited = [
+            Job("traffic_edited", cameras.NOVEL_CAMERA, i, edit=e)
+            for i in EDITED_INDICES
+            if i < settings.frames_of("traffic_edited")
+            for e in EDITS
+        ]
+        jobs += [j for j in dict.fromkeys(e.unedited for e in edited) if j not in jobs] + edited
     return jobs

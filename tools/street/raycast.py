@@ -136,7 +136,7 @@ def raycast(settings):
     bpy.ops.wm.open_mainfile(filepath=f"{settings.work}/street.blend")
     static = Caster(_static())
     for variant in settings.variants:
-        if variant == "rolling":
+        if variant in ("rolling", "traffic_edited"):
             continue  # cameras only
         moving = []
         if variant == "traffic":

@@ -104,9 +104,9 @@ def _dress(job):
     for vehicle in TRAFFIC:
         name = f"traffic_{vehicle.object_id}"
         for item in (bpy.data.objects[name], bpy.data.objects[name + "_plate"]):
-            item.hide_render = job.variant != "traffic"
-        if job.variant == "traffic":
-            bpy.data.objects[name].matrix_world = to_matrix(vehicle.world_from_car(job.exposure_s))
+            item.hide_render = not job.has_traffic or job.change.hides(vehicle)
+        if job.has_traffic:
+            bpy.data.objects[name].matrix_world = to_matrix(job.change.world_from_car(vehicle, job.exposure_s))
     bonnet = bpy.data.objects["ego bonnet"]
     bonnet.hide_render = job.camera != cameras.BONNET_CAMERA
     bonnet.matrix_world = to_matrix(job.world_from_body(job.exposure_s))
@@ -130,7 +130,7 @@ def render_job(job, settings, lens, rig, target, seed_of=""):
     else:
         lens.still(job.world_from_body(job.exposure_s))
     start, cpu = time.time(), time.process_time()
-    expose(target, job.key + seed_of)
+    expose(target, job.seed_text + seed_of)
     seconds = f"{time.time() - start:.1f} s, {time.process_time() - cpu:.1f} CPU s"
     print(f"JOB {job.key} {plan.size_px[0]}x{plan.size_px[1]} {seconds}", flush=True)
 

@@ -14,7 +14,10 @@ SHORT_FRAMES = 24  # length of the traffic and rolling variants at most
 NOVEL_PLACES = 6
 ROLLING_READOUT_S = 0.030
 
-VARIANTS = {"street": "", "traffic": "_traffic", "rolling": "_rolling"}  # -> suffix of the recording's folder
+EDITED_INDICES = (0, 6, 12, 18)  # frames of the edited traffic
+
+# -> suffix of the recording's folder
+VARIANTS = {"street": "", "traffic": "_traffic", "traffic_edited": "_traffic/edited", "rolling": "_rolling"}
 
 # name -> (forward, left, up) in metres and yaw to the left in degrees, in body axes
 NOVEL_VIEWS = {

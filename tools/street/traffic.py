@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The three annotated vehicles of the traffic variant: one parked, one ahead, one oncoming."""
+"""The three annotated vehicles of the traffic variant: one parked, one ahead, one oncoming; changes to them."""
 import math
 from dataclasses import dataclass
+
+import numpy as np
 
 import road
 
@@ -51,3 +53,48 @@ TRAFFIC = (
     Vehicle(2, "sedan", COLORS[8], 27.0, -road.LANE_T - 0.05, 9.2),
     Vehicle(3, "van", COLORS[2], 58.0, road.LANE_T, -9.8),
 )
+
+
+@dataclass(frozen=True)
+class Edit:
+    """A change to one vehicle, as redrive's EDIT.json has it."""
+
+    object_id: int
+    shift_m: tuple = (0.0, 0.0, 0.0)  # along the axes of its box: ahead, left, up
+    turn_deg: float = 0.0  # to the left, about the up axis through the box's centre
+    remove: bool = False
+
+    def to_json(self):
+        change = {"remove": True} if self.remove else {}
+        change |= {"shift_m": list(self.shift_m)} if any(self.shift_m) else {}
+        change |= {"turn_deg": self.turn_deg} if self.turn_deg else {}
+        return {"actors": {str(self.object_id): change}}
+
+    def world_from_car(self, vehicle, time_s):
+        """Moves the box: its centre, not the car's origin on the ground below, is what the edit turns about."""
+        pose = vehicle.world_from_car(time_s)
+        if vehicle.object_id != self.object_id:
+            return pose
+        car_from_box, box_motion = np.eye(4), np.eye(4)
+        car_from_box[:3, 3] = np.mean(vehicle.bounds, 0)
+        c, s = math.cos(math.radians(self.turn_deg)), math.sin(math.radians(self.turn_deg))
+        box_motion[:2, :2] = [[c, -s], [s, c]]
+        box_motion[:3, 3] = self.shift_m
+        return pose @ car_from_box @ box_motion @ np.linalg.inv(car_from_box)
+
+    def hides(self, vehicle):
+        return self.remove and vehicle.object_id == self.object_id
+
+
+NO_EDIT = Edit(0)
+SHIFT_LEFT_M = 2.0
+_AHEAD = TRAFFIC[1]
+EDITS = {
+    "removed": Edit(_AHEAD.object_id, remove=True),
+    # Up with the camber of the road, so that the wheels stay on it.
+    "shifted": Edit(
+        _AHEAD.object_id,
+        (0.0, SHIFT_LEFT_M, round(road.cross_z(_AHEAD.t + SHIFT_LEFT_M) - road.cross_z(_AHEAD.t), 6)),
+    ),
+    "turned": Edit(_AHEAD.object_id, turn_deg=20.0),
+}

@@ -11,7 +11,7 @@ import jobs as job_list
 import lidar
 import trajectory
 from settings import FIRST_ID, FIRST_TIME_S, NOVEL_VIEWS, ROLLING_READOUT_S, frame_time_s
-from traffic import TRAFFIC, TYPE_NAMES
+from traffic import EDITS, TRAFFIC, TYPE_NAMES
 
 LICENSE = """Made by tools/street of this repository; nothing in it comes from elsewhere.
 
@@ -158,8 +158,14 @@ def _images(settings):
         exr, jpeg = job.render(settings), job.image(settings)
         if not exr.exists():
             missing.append(job.key)
+        elif job.variant not in settings.variants:
+            continue  # rendered to be compared with
         elif not jpeg.exists() or jpeg.stat().st_mtime < exr.stat().st_mtime:
             develop.develop(rig[job.camera], exr, jpeg)
+            unedited = job.unedited.render(settings)
+            if job.edit and unedited.exists():
+                mask = develop.changed(rig[job.camera], exr, unedited)
+                develop.write_image(job.changed(settings), mask, develop.cv2.IMWRITE_PNG_COMPRESSION, 9)
     if missing:
         print(f"write: {len(missing)} images are not rendered yet, the first is {missing[0]}")
 
@@ -167,6 +173,10 @@ def _images(settings):
 def write(settings):
     for variant in settings.variants:
         folder, frames = settings.folder(variant), settings.frames_of(variant)
+        if variant == "traffic_edited":
+            for name, edit in EDITS.items():
+                _dump(edit.to_json(), folder / name / "edit.json")
+            continue  # the rest is that of the traffic
         for suffix, exact in (("", False), ("_true", True)):
             _dump(calibration(settings, variant, exact), folder / "sensor/calibration" / f"calibration{suffix}.json")
             _dump(_egomotion(settings, frames, exact), folder / "sensor/gnssins" / f"egomotion2{suffix}.json")

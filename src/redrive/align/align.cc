@@ -12,6 +12,7 @@
 
 #include "redrive/align/bundle/unobservable_extrinsics.h"
 #include "redrive/align/bundle/unobservable_time_offsets.h"
+#include "redrive/align/windows.h"
 #include "redrive/base/error.h"
 #include "redrive/math/angles.h"
 #include "redrive/math/so3.h"
@@ -35,7 +36,6 @@ constexpr double kMaxExtrinsics_m = 0.3,
 constexpr double kMaxOffset_s = 0.1;          // beyond, the image belongs to another frame
 constexpr double kMaxReadoutSigma_s = 0.004;  // rows usually take 15 to 35 ms
 constexpr double kMinReach_m = 1;
-constexpr std::size_t kMaxPlaneSamples = 800'000;
 constexpr int kMinTracks = 30, kMinLidarPoints = 1000;
 
 std::string text(const char* format, ...) __attribute__((format(printf, 1, 2)));
@@ -168,16 +168,21 @@ std::string unobservable_text(const CameraCorrection& camera, const Unobservable
       1e3 * max_observable_sigma_s(priors.offset_s), 1e3 * camera.offset_s);
 }
 
-AlignResult describe(const RigModel& model, BundleResult bundle, const Vector6d& priors,
+AlignResult describe(const RigModel& model, BundleResult bundle, const BundlePriors& priors,
                      bool scale_is_given) {
   AlignResult result;
   const int n = static_cast<int>(model.initial_frames.size()),
             cameras = static_cast<int>(model.cameras.size());
   result.frames = model.corrected_frames();
-  const Eigen::MatrixXd shape =
-      without_common_motion(model, bundle.covariance.topLeftCorner(6 * n, 6 * n), scale_is_given);
+  const auto shape = [&](const Eigen::MatrixXd& covariance) {
+    return Eigen::VectorXd(
+        without_common_motion(model, covariance.topLeftCorner(6 * n, 6 * n), scale_is_given)
+            .diagonal());
+  };
+  const Eigen::VectorXd variance =
+      shape(bundle.covariance).cwiseMax(shape(bundle.robust_covariance));
   for (int f = 0; f < n; ++f)
-    result.corrections.push_back({model.corrections[f], sigmas_at(shape.diagonal(), 6 * f)});
+    result.corrections.push_back({model.corrections[f], sigmas_at(variance, 6 * f)});
   for (int c = 0; c < cameras; ++c) {
     const RigModelCamera& camera = model.cameras[c];
     result.cameras.push_back(model.corrected_calibration(c));
@@ -185,10 +190,11 @@ AlignResult describe(const RigModel& model, BundleResult bundle, const Vector6d&
     correction.name = camera.initial.name;
     correction.extrinsics = extrinsics_in_body(camera);
     for (int axis = 0; axis < kExtrinsicAxes; ++axis)
-      correction.extrinsic_sigmas[axis] = extrinsic_sigma(model, bundle, priors, c, axis);
+      correction.extrinsic_sigmas[axis] =
+          extrinsic_sigma(model, bundle, priors.extrinsics, c, axis);
     correction.offset_s = camera.offset_s;
     correction.initial_offset_s = camera.initial_offset_s();
-    correction.offset_sigma_s = sigma_at(bundle, bundle.offset_index[c]);
+    correction.offset_sigma_s = time_offset_sigma(model, bundle, priors.offset_s, c);
     correction.readout_s = camera.readout_s;
     correction.initial_readout_s = camera.initial_readout_s();
     correction.readout_sigma_s = sigma_at(bundle, bundle.readout_index[c]);
@@ -287,6 +293,14 @@ std::string obstacle(const Recording& recording, const AlignResult& result, bool
 
 }  // namespace
 
+void register_with_ground_truth(const Recording& recording, AlignResult* result) {
+  if (recording.ground_truth_frames.empty()) return;
+  result->initial_vs_ground_truth =
+      register_trajectories(recording.frames, recording.ground_truth_frames, recording.root);
+  result->aligned_vs_ground_truth =
+      register_trajectories(result->frames, recording.ground_truth_frames, recording.root);
+}
+
 AlignResult align_with(const Recording& recording, const std::vector<Track>& tracks,
                        const std::vector<LidarSample>& lidar, const AlignOptions& options,
                        ThreadPool& pool, const ContrastData* contrast) {
@@ -311,8 +325,7 @@ AlignResult align_with(const Recording& recording, const std::vector<Track>& tra
     remarks.insert(remarks.end(), unobservable.begin(), unobservable.end());
     bundle = adjust_bundle(&model, tracks, lidar, contrast, bundle_options, pool);
   }
-  AlignResult result =
-      describe(model, std::move(bundle), options.bundle.priors.extrinsics, lidar.empty());
+  AlignResult result = describe(model, std::move(bundle), options.bundle.priors, lidar.empty());
   result.remarks = std::move(remarks);
   for (const UnobservableTimeOffset& offset : result.bundle.unobservable)
     result.remarks.push_back(
@@ -329,12 +342,7 @@ AlignResult align_with(const Recording& recording, const std::vector<Track>& tra
       result.remarks.push_back(
           result.cameras[c].name +
           ": no image point to use; its extrinsics and time offset keep their initial values");
-  if (!recording.ground_truth_frames.empty()) {
-    result.initial_vs_ground_truth =
-        register_trajectories(recording.frames, recording.ground_truth_frames, recording.root);
-    result.aligned_vs_ground_truth =
-        register_trajectories(result.frames, recording.ground_truth_frames, recording.root);
-  }
+  register_with_ground_truth(recording, &result);
   return result;
 }
 
@@ -354,7 +362,7 @@ std::vector<UnobservableTimeOffset> offsets_against_edges(const Recording& recor
                                                           const AlignResult& result,
                                                           const ContrastData& source,
                                                           ThreadPool& pool) {
-  constexpr double kMinGain = 0.015;  // difference of scores above their noise over 1000 edges
+  constexpr double kMinGain = 0.01;  // differences have a noise of 0.006 over 1000 edges
   RigModel model = make_rig_model(with_alignment(recording, result));
   for (std::size_t c = 0; c < model.cameras.size(); ++c)
     model.cameras[c].offset_s = result.camera_corrections[c].initial_offset_s;
@@ -371,23 +379,34 @@ std::vector<UnobservableTimeOffset> offsets_against_edges(const Recording& recor
 
 }  // namespace
 
+std::vector<LidarSample> load_align_samples(const Recording& recording, const AlignOptions& options,
+                                            ThreadPool& pool) {
+  if (!options.lidar || !recording.body_from_lidar) return {};
+  const Scene scene = make_scene(recording, {});
+  return load_lidar_samples(recording, scene, read_moving_objects(recording, scene), pool);
+}
+
 AlignResult align(const Recording& recording, const AlignOptions& options, ThreadPool& pool) {
-  const auto start = std::chrono::steady_clock::now();
   if (!recording.metric)
     throw InsufficientDataError(
         recording.root, "photographs have neither an egomotion nor times; align is for drives",
         recording.format);
+  const bool is_long =
+      options.window > 0 && recording.frames.size() > static_cast<std::size_t>(options.window);
+  return is_long ? align_in_windows(recording, options, pool)
+                 : align_whole(recording, options, pool);
+}
+
+AlignResult align_whole(const Recording& recording, const AlignOptions& options, ThreadPool& pool,
+                        std::vector<Track>* kept_tracks) {
+  const auto start = std::chrono::steady_clock::now();
   std::optional<RigImages> images;
   std::vector<Track> tracks;
   if (options.images) {
     images = load_track_images(recording, pool, options.tracks);
     tracks = find_tracks(*images, pool, options.tracks);
   }
-  std::vector<LidarSample> lidar;
-  if (options.lidar && recording.body_from_lidar) {
-    const Scene scene = make_scene(recording, {});
-    lidar = load_lidar_samples(recording, scene, read_moving_objects(recording, scene), pool);
-  }
+  const std::vector<LidarSample> lidar = load_align_samples(recording, options, pool);
   std::optional<ContrastData> contrast;
   if (images && !lidar.empty()) contrast.emplace(*images, lidar);
   const std::vector<LidarSample> of_planes = subsample_evenly(lidar, kMaxPlaneSamples);
@@ -406,6 +425,7 @@ AlignResult align(const Recording& recording, const AlignOptions& options, Threa
     if (!again.bundle.held_offsets.empty()) result = align_by(again);
     result.initial_edges = depth_edge_scores(make_rig_model(recording), *contrast, pool);
   }
+  if (kept_tracks) *kept_tracks = std::move(tracks);
   result.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   return result;
 }

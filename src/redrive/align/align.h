@@ -21,21 +21,31 @@ struct AlignOptions {
   bool images = true, lidar = true;  ///< whether to use them where the recording has them
   TrackOptions tracks;
   BundleOptions bundle;
+  /// Frames that are aligned at a time: a longer drive is cut into windows that overlap
+  /// (windows.h), so that time and memory are linear in its length. At least kMinWindow; 0: never
+  /// cut.
+  int window = 400;
 };
+inline constexpr int kMinWindow = 10;
 
 /// The correction of one frame's pose, with its standard deviation: forward, left, up (m), roll,
 /// pitch, yaw (rad), in the axes of the body.
 struct Correction {
+  /// sigma^2: of the residuals, at least as correlated within a point, patch, image or scan
+  /// (reduced_covariance.h), without motions of the whole; for rotations plus (0.004 degrees)^2,
+  /// the error that the tracks of neighbouring frames share.
   Vector6d value = Vector6d::Zero(), sigma = Vector6d::Zero();
 };
 
 struct CameraCorrection {
   std::string name;
   Vector6d extrinsics = Vector6d::Zero();  ///< as Correction::value
-  /// Standard deviations of `extrinsics`; nothing: unobservable, the initial value is kept.
+  /// Standard deviations of `extrinsics` (extrinsic_sigma); nothing: unobservable, the initial
+  /// value is kept.
   std::array<std::optional<double>, 6> extrinsic_sigmas;
   double offset_s = 0, initial_offset_s = 0;  ///< exposure minus time of the pose
-  std::optional<double> offset_sigma_s;       ///< nothing: unobservable, the initial value is kept
+  /// Standard deviation (time_offset_sigma); nothing: unobservable, the initial value is kept.
+  std::optional<double> offset_sigma_s;
   double readout_s = 0, initial_readout_s = 0;  ///< of a rolling shutter
   std::optional<double> readout_sigma_s;        ///< where the readout was estimated
   Eigen::Vector3d intrinsics =
@@ -60,10 +70,26 @@ struct AlignResult {
   double seconds = 0;
 };
 
+/// Aligns a drive, in windows where it is longer than one (align_in_windows), or as a whole.
 /// Throws InsufficientDataError with reason and figures where images and LiDAR do not determine the
 /// poses: too few observations, no motion, observations that contradict each other, or corrections
 /// larger than the errors of an egomotion. InputError as find_tracks and load_lidar_returns.
 AlignResult align(const Recording& recording, const AlignOptions& options, ThreadPool& pool);
+
+/// As align, all frames in one bundle adjustment. `tracks`: nullptr, or receives the tracks.
+AlignResult align_whole(const Recording& recording, const AlignOptions& options, ThreadPool& pool,
+                        std::vector<Track>* tracks = nullptr);
+
+/// All LiDAR samples that `options` allow to use.
+std::vector<LidarSample> load_align_samples(const Recording& recording, const AlignOptions& options,
+                                            ThreadPool& pool);
+
+/// The most LiDAR samples that planes are found in.
+inline constexpr std::size_t kMaxPlaneSamples = 800'000;
+
+/// Registers the initial poses and those of `result` with the ground truth, where the recording
+/// ships it.
+void register_with_ground_truth(const Recording& recording, AlignResult* result);
 
 /// Aligns from tracks and LiDAR samples. `contrast`: nullptr where images are not available.
 AlignResult align_with(const Recording& recording, const std::vector<Track>& tracks,

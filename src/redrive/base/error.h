@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Exceptions and exit codes. Library code throws one of these errors; cli/main.cc alone catches
-// them and maps each to its exit code. A broken invariant of redrive itself is a REDRIVE_CHECK
+// Exceptions and exit codes. Library code throws one of these errors; cli/failure.cc alone maps
+// each to its exit code. A broken invariant of redrive itself is a REDRIVE_CHECK
 // instead.
 #pragma once
 

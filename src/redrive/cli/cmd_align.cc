@@ -26,6 +26,9 @@ struct AlignArguments {
 };
 
 int run_align(AlignArguments arguments) {
+  if (const int window = arguments.options.window; window != 0 && window < kMinWindow)
+    throw UsageError("--window", std::to_string(window),
+                     "must be 0 or " + std::to_string(kMinWindow) + " frames at least");
   if (!arguments.out.empty()) check_run_is_new(arguments.out);  // before minutes of work
   arguments.options.images = !arguments.no_images;
   arguments.options.lidar = !arguments.no_lidar;
@@ -69,6 +72,12 @@ Action configure_align(CLI::App& command) {
                   "(default: readout_s of the calibration)")
       ->delimiter(',')
       ->allow_extra_args(false);
+  command
+      .add_option("--window", arguments->options.window,
+                  "frames that are aligned at a time; a longer drive is aligned in windows that "
+                  "overlap by a fifth and joined; 0: never")
+      ->check(CLI::Range(0, 1'000'000))
+      ->capture_default_str();
   command.add_option("--threads", arguments->threads, "0: all that this process may use")
       ->check(CLI::Range(0, 1024));
   return [arguments] { return run_align(*arguments); };

@@ -13,8 +13,11 @@
 #include "redrive/cli/backend_options.h"
 #include "redrive/cli/command.h"
 #include "redrive/cli/image_progress.h"
+#include "redrive/eval/edited_score.h"
 #include "redrive/eval/evaluate.h"
 #include "redrive/eval/other_cameras.h"
+#include "redrive/render/divided_model.h"
+#include "redrive/render/open_to_render.h"
 #include "redrive/train/memory.h"
 
 namespace redrive {
@@ -24,6 +27,7 @@ struct EvalCommandOptions {
   std::string run;
   bool json = false;
   std::vector<std::string> cameras;  ///< that were not trained on
+  std::string edited;                ///< folder of edited ground truth
   EvalOptions eval;
   kernels::BackendChoice backend;
 };
@@ -42,12 +46,15 @@ void print_evaluation(const Evaluation& evaluation) {
               "px masked");
   for (const auto& [name, score] : evaluation.cameras) print_row(name, score);
   print_row("all", evaluation.overall);
+  for (const auto& [name, part] : evaluation.parts)
+    if (part.overall.images > 0) print_row("  block " + name, part.overall);
   if (const auto& moving = evaluation.moving) {
     print_row("moving objects", moving->inside);
     print_row("beside moving objects", moving->outside);
     for (const auto& [id, object] : moving->objects)
-      std::printf("%-28s %6d %8.2f\n", ("  " + object.type + " " + std::to_string(id)).c_str(),
-                  object.images, object.psnr_db);
+      std::printf("%-28s %6d %8.2f %8.4f\n",
+                  ("  " + object.type + " " + std::to_string(id)).c_str(), object.score.images,
+                  object.score.psnr_db, object.score.ssim);
   }
   if (const auto& changes = evaluation.pose_changes)
     if (const std::string which = at_bound(*changes); !which.empty())
@@ -64,6 +71,14 @@ void print_evaluation(const Evaluation& evaluation) {
         "error %.1f cm (median), chamfer distance %.1f cm\n",
         lidar->revolutions, static_cast<long long>(lidar->returns), 100 * lidar->hit_rate,
         100 * lidar->near_hit_rate, kNearHit_m, 100 * lidar->range_error_m, 100 * lidar->chamfer_m);
+  if (evaluation.lidar && evaluation.lidar->moving) {
+    const RangeScore& moving = *evaluation.lidar->moving;
+    std::printf(
+        "of them on moving objects, %lld returns: %.1f %% rendered, %.1f %% within %.1f m; range "
+        "error %.1f cm (median)\n",
+        static_cast<long long>(moving.returns), 100 * moving.hit_rate, 100 * moving.near_hit_rate,
+        kNearHit_m, 100 * moving.range_error_m);
+  }
   if (evaluation.novel.empty()) return;
   if (const auto& alignment = evaluation.alignment)
     std::printf(
@@ -73,7 +88,12 @@ void print_evaluation(const Evaluation& evaluation) {
         alignment->residual_deg);
   std::printf("%-28s %6s %8s %8s %8s %10s %14s\n", "novel views", "images", "PSNR dB", "SSIM",
               "FLIP", "px masked", "depth error %");
-  for (const auto& [name, score] : evaluation.novel) print_row(name, score);
+  for (const auto& [name, score] : evaluation.novel) {
+    print_row(name, score);
+    for (const auto& [block, part] : evaluation.parts)
+      if (const auto of_block = part.novel.find(name); of_block != part.novel.end())
+        print_row("  block " + block, of_block->second);
+  }
 }
 
 void print_other_cameras(const std::map<std::string, OtherCameraScore>& scores) {
@@ -90,12 +110,33 @@ void print_other_cameras(const std::map<std::string, OtherCameraScore>& scores) 
   }
 }
 
+void print_edited(const std::map<std::string, EditedScore>& scores) {
+  std::printf("%-28s %6s %8s %8s %8s %10s\n", "edit", "images", "PSNR dB", "SSIM", "FLIP",
+              "px masked");
+  for (const auto& [name, score] : scores) {
+    print_row(name + ", changed region", score.inside);
+    print_row(name + ", beside it", score.outside);
+  }
+}
+
 int run_eval(EvalCommandOptions options) {
-  const Run run = open_run(options.run);
+  if (!options.cameras.empty()) refuse_divided(options.run, "eval --cameras");
+  if (!options.edited.empty()) refuse_divided(options.run, "eval --edited");
+  const Run run = open_to_render(options.run);
   const auto backend = make_backend_of(run, options.backend);
   if (!options.json) std::printf("%s\n", kernels::describe(*backend).c_str());
   check_device_memory(run, *backend, work_of_evaluation(run, !options.cameras.empty()));
   options.eval.progress = image_progress("scored");
+  if (!options.edited.empty()) {
+    const auto scores = score_edited(run, *backend, options.edited, options.eval);
+    if (options.json)
+      std::printf("%s\n", edited_to_json(scores).dump(2).c_str());
+    else
+      print_edited(scores);
+    return kExitOk;
+  }
+  if (const auto* const divided = dynamic_cast<const DividedModel*>(run.state.model.get()))
+    options.eval.part_of = [divided](std::int64_t id) { return divided->drive().block_of(id); };
   if (!options.cameras.empty()) {
     const auto scores = score_other_cameras(run, *backend, options.cameras, options.eval);
     if (options.json)
@@ -109,11 +150,6 @@ int run_eval(EvalCommandOptions options) {
     std::printf("%s\n", evaluation_to_json(evaluation).dump(2).c_str());
   else
     print_evaluation(evaluation);
-  if (!options.json && !run.state.holds_out_lidar && !run.recording.lidar_files.empty() &&
-      evaluation.held_out)
-    std::printf(
-        "LiDAR is not scored: an earlier build trained this run on revolutions of held-out frames, "
-        "too\n");
   return kExitOk;
 }
 
@@ -123,11 +159,18 @@ Action configure_eval(CLI::App& command) {
   auto options = std::make_shared<EvalCommandOptions>();
   command.add_option("RUN", options->run, "run folder, as train makes it")->required();
   command.add_flag("--json", options->json, "JSON on standard output instead of the table");
+  auto* cameras =
+      command
+          .add_option("--cameras", options->cameras,
+                      "cameras of the recording that were not trained on, to score instead: each "
+                      "image after gains for red, green and blue that fit the camera's images best")
+          ->delimiter(',');
   command
-      .add_option("--cameras", options->cameras,
-                  "cameras of the recording that were not trained on, to score instead: each image "
-                  "after gains for red, green and blue that fit the camera's images best")
-      ->delimiter(',');
+      .add_option("--edited", options->edited,
+                  "folder of ground truth of edited moving objects, to score instead: edit.json "
+                  "beside images CAM_<frame id>.jpg and CAM_<frame id>_changed.png, or folders of "
+                  "these")
+      ->excludes(cameras);
   auto* limit = command
                     .add_option("--max-images", options->eval.max_images,
                                 "number of images to score per camera and per novel set, "

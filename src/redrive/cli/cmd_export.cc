@@ -2,6 +2,7 @@
 // redrive export: writes a run or a recording in a format of other programs.
 #include <cstdio>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -23,8 +24,11 @@
 #include "redrive/export/surface_mesh.h"
 #include "redrive/export/write_photo_set.h"
 #include "redrive/model/method.h"
+#include "redrive/recording/las.h"
 #include "redrive/recording/scan_files.h"
 #include "redrive/recording/wording.h"
+#include "redrive/render/open_to_render.h"
+#include "redrive/scene/edit_actors.h"
 #include "redrive/scene/lidar_points.h"
 #include "redrive/scene/lidar_returns.h"
 #include "redrive/scene/load_views.h"
@@ -40,6 +44,7 @@ struct ExportCommandOptions {
   std::string from, format, out, frames, poses;
   bool force = false;
   ExportOptions encode;
+  std::optional<std::int64_t> actor;
   double voxel_m = 0;
   kernels::BackendChoice backend;
 };
@@ -62,7 +67,7 @@ Source open_source(const ExportCommandOptions& options) {
   if (!is_run_folder(options.from))
     return {false, open_without_model(options.from, kDownscale, options.frames, options.poses)};
   refuse_part_of_run(options);
-  return {true, open_run(options.from)};
+  return {true, open_to_render(options.from)};
 }
 
 const char* poses_of(const ExportCommandOptions& options, const Source& source) {
@@ -193,7 +198,7 @@ int export_mesh(const ExportCommandOptions& options) {
   refuse_part_of_run(options);
   const auto write = mesh_writer(options.out);
   if (const auto obstacle = mesh_obstacle()) throw UsageError("--to", "mesh", *obstacle);
-  const Run run = open_run(options.from);
+  const Run run = open_to_render(options.from);
   const auto backend = make_backend_of(run, options.backend);
   check_device_memory(run, *backend, run.state.model->rendering_work());
   const FieldMesh field = field_mesh(
@@ -222,7 +227,7 @@ int export_las(const ExportCommandOptions& options) {
   ThreadPool pool(options.backend.threads > 0 ? options.backend.threads : hardware_threads());
   const LidarReturns returns = load_lidar_returns(
       run.recording, run.scene, read_moving_objects(run.recording, run.scene), pool);
-  std::vector<ScanPoint> points(returns.n);
+  std::vector<LidarRecord> points(returns.n);
   for (std::size_t i = 0; i < returns.n; ++i) {
     for (int k = 0; k < 3; ++k)
       points[i].position_m[k] =
@@ -244,6 +249,7 @@ int export_las(const ExportCommandOptions& options) {
 int export_html(const ExportCommandOptions& options) {
   check_output_file("OUT", options.out, options.force);
   refuse_part_of_run(options);
+  refuse_divided(options.from, "export --to html");
   const std::string bytes = view::scene_page(open_run(options.from), options.encode.sh_degree);
   write_file(options.out, bytes);
   std::printf("%s: %.1f MB\n", options.out.c_str(), 1e-6 * static_cast<double>(bytes.size()));
@@ -265,9 +271,17 @@ ExportFormat find_format(const Model& model, const std::string& name) {
 int export_model(const ExportCommandOptions& options) {
   check_output_file("OUT", options.out, options.force);
   refuse_part_of_run(options);
-  const Run run = open_run(options.from);
-  const std::string bytes = find_format(*run.state.model, options.format).encode(options.encode);
+  const Run run = open_to_render(options.from);
+  const ExportFormat format = find_format(*run.state.model, options.format);
+  ExportOptions encode = options.encode;
+  if (options.actor) encode.actor = &find_actor(run.scene, "--actor", *options.actor);
+  const std::string bytes = format.encode(encode);
   write_file(options.out, bytes);
+  if (const MovingObject* actor = encode.actor)
+    std::printf(
+        "%s of %.2f x %.2f x %.2f m (length, width, height); origin: the centre of its "
+        "box, x forward, y left, z up\n",
+        actor->type.c_str(), actor->size_m.x(), actor->size_m.y(), actor->size_m.z());
   std::printf("%s: %.1f MB\n", options.out.c_str(), 1e-6 * static_cast<double>(bytes.size()));
   return kExitOk;
 }
@@ -323,8 +337,12 @@ std::string formats_help() {
 }
 
 int run_export(const ExportCommandOptions& options) {
-  for (const Format& format : kFormats)
-    if (options.format == format.name) return format.run(options);
+  for (const Format& format : kFormats) {
+    if (options.format != format.name) continue;
+    if (options.actor)
+      throw UsageError("--actor", std::to_string(*options.actor), "is for splat-ply and splat-spz");
+    return format.run(options);
+  }
   return export_model(options);
 }
 
@@ -342,6 +360,9 @@ Action configure_export(CLI::App& command) {
                   "splat-ply a Gaussian takes 68 bytes with 0, 104 with 1")
       ->check(CLI::Range(0, 1))
       ->capture_default_str();
+  command.add_option("--actor", options->actor,
+                     "id of a moving object whose Gaussians splat-ply and splat-spz have instead "
+                     "of the world's, in the axes of its box; render --edit takes the PLY");
   command
       .add_option("--voxel", options->voxel_m,
                   "of meshes, the side of a voxel in metres, 0.001..100 (default: 0.1; of "

@@ -9,6 +9,7 @@
 #include "redrive/cli/backend_options.h"
 #include "redrive/cli/command.h"
 #include "redrive/cli/image_progress.h"
+#include "redrive/render/open_to_render.h"
 #include "redrive/report/report.h"
 #include "redrive/train/memory.h"
 
@@ -28,6 +29,8 @@ bool same_recording(const std::filesystem::path& a, const std::filesystem::path&
 }
 
 int run_figures(FiguresCommandOptions options) {
+  refuse_divided(options.run, "figures");
+  refuse_divided(options.compare, "figures --compare");
   const Run run = open_run(options.run);
   std::optional<Run> compared;
   if (!options.compare.empty()) {

@@ -22,6 +22,7 @@
 #include "redrive/recording/summary.h"
 #include "redrive/report/html.h"
 #include "redrive/report/preflight_page.h"
+#include "redrive/scene/find_moving.h"
 #include "redrive/scene/load_views.h"
 #include "redrive/scene/masks.h"
 #include "redrive/scene/object_summary.h"
@@ -179,15 +180,22 @@ void require_empty_folder(const std::filesystem::path& folder) {
 
 void write_report(const std::filesystem::path& folder, Inspection* result) {
   ThreadPool pool(static_cast<int>(std::max(1u, std::thread::hardware_concurrency())));
-  const RigImages images =
-      downscaled_to_width(load_rig_images(result->recording, {}, kPatchHalf, pool),
-                          kPreflightMaxWidth, kPatchHalf, pool);
+  RigImages images = downscaled_to_width(load_rig_images(result->recording, {}, kPatchHalf, pool),
+                                         kPreflightMaxWidth, kPatchHalf, pool);
   const LidarReturns lidar =
       load_lidar_returns(result->recording, images.scene, images.moving, pool);
   std::vector<LidarSample> samples;
   if (result->recording.metric && result->recording.body_from_lidar)
     samples = lidar_samples(result->recording, images.scene, lidar);
   result->preflight = check_recording(result->recording, images, samples, pool);
+  if (!result->recording.lidar_files.empty()) {
+    const std::vector<MovingObject> found = find_moving_objects(lidar, pool);
+    if (!found.empty())
+      result->findings.push_back(
+          {"moving objects", std::to_string(found.size()) +
+                                 " that nobody annotated, by the LiDAR; training masks them"});
+    images.moving = images.moving.with(found);
+  }
   std::error_code error;
   std::filesystem::create_directories(folder, error);
   if (error) throw IoError(folder, error.message());

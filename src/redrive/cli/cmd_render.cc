@@ -10,6 +10,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
+#include "redrive/cli/actor_options.h"
 #include "redrive/cli/backend_options.h"
 #include "redrive/cli/command.h"
 #include "redrive/cli/output_file.h"
@@ -19,6 +20,7 @@
 #include "redrive/math/angles.h"
 #include "redrive/recording/camera_path_file.h"
 #include "redrive/render/normals.h"
+#include "redrive/render/open_to_render.h"
 #include "redrive/render/renderer.h"
 #include "redrive/render/view_pose.h"
 #include "redrive/scene/edit_actors.h"
@@ -115,7 +117,8 @@ RigCamera chosen_camera(const RenderOptions& options, const Scene& scene) {
 Run open_edited_run(const RenderOptions& options) {
   std::optional<TrafficEdit> edit;
   if (!options.edit.empty()) edit = read_traffic_edit(options.edit);
-  Run run = open_run(options.run);
+  Run run = open_to_render(options.run);
+  if (edit) check_added(*edit, run.state.model->draws_actors());
   if (edit)
     for (const std::string& remark : edit_actors(*edit, &run.scene))
       std::printf("%s: %s\n", options.edit.c_str(), remark.c_str());
@@ -290,12 +293,7 @@ Action configure_render(CLI::App& command) {
   command.add_option("--seconds", options->seconds, "duration of --path (default: the path's own)")
       ->check(CLI::Range(0.001, kMaxPath_s))
       ->needs(path);
-  CLI::Option* actors =
-      command.add_option("--actors", options->actors,
-                         "moving objects to draw: all, none, or the ids of some, such as 3,17");
-  CLI::Option* edit =
-      command.add_option("--edit", options->edit,
-                         "EDIT.json: moves, removes, hides, copies and recolours moving objects");
+  add_actor_options(command, &options->actors, &options->edit);
   CLI::Option* camera =
       command
           .add_option("--camera", options->camera,
@@ -325,9 +323,7 @@ Action configure_render(CLI::App& command) {
           ->excludes(poses)
           ->excludes(path)
           ->excludes(camera)
-          ->excludes(lens)
-          ->excludes(actors)
-          ->excludes(edit);
+          ->excludes(lens);
   command.add_option("--azimuth-steps", options->azimuth_steps, "of a revolution of --lidar")
       ->check(CLI::Range(1, 36000))
       ->needs(lidar)

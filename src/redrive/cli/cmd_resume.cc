@@ -7,6 +7,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/cli/command.h"
+#include "redrive/cli/train_blocks.h"
 #include "redrive/cli/training.h"
 #include "redrive/train/run_lock.h"
 
@@ -29,22 +30,46 @@ TrainField field_named(const std::string& name) {
   throw std::logic_error("no training option " + name);
 }
 
-int run_resume(const ResumeArguments& arguments) {
+/// Goes on with the blocks that are not finished; with all of them where their limits changed.
+int resume_blocks(const ResumeArguments& arguments, ProcessGroup& processes) {
+  if (arguments.live.view)
+    throw UsageError("--view", "", "shows one run; this one has blocks, see redrive view RUN");
+  const RunLock lock(arguments.run);
+  DividedRun whole = open_divided_run(arguments.run);
+  for (const auto& [name, value] : arguments.given) field_named(name).parse(whole.options, value);
+  validate(whole.options);
+  check_blocks(whole, block_resources(processes, whole.options));
+  if (!arguments.given.empty()) write_config(whole.paths, whole.options);
+  for (const char* limit : {"epochs", "max-steps", "max-seconds"})
+    if (arguments.given.contains(limit))
+      for (Block& block : whole.blocks) block.finished = false;
+  write_blocks(whole.paths.root, whole.blocks);
+  return train_blocks(processes, &whole);
+}
+
+int lead_resuming(const ResumeArguments& arguments, ProcessGroup& processes) {
   check_live_view(arguments.live);
+  if (is_divided_run(arguments.run)) return resume_blocks(arguments, processes);
+  check_one_process(processes);
   const RunLock lock(arguments.run);
   Run run = open_run(arguments.run, /*to_resume=*/true);
   for (const auto& [name, value] : arguments.given) field_named(name).parse(run.options, value);
   validate(run.options);
   const kernels::BackendGroup group = make_backends(run.options);
   const std::atomic<bool>& stop = stop_on_signal();
-  check_run_memory(run, group);
+  const std::optional<std::uint64_t> cache = check_run_memory(run, group);
   const TrainingData training = [&] {
     ThreadPool pool(group.backends.front()->threads());
-    return load_training_data(run, pool);
+    return load_training_data(run, pool, cache);
   }();
   if (!arguments.given.empty()) write_config(run.paths, run.options, run.state.model.get());
   print_summary(run, training, group);
   return train_to_end(&run, training, group, stop, arguments.live);
+}
+
+int run_resume(const ResumeArguments& arguments) {
+  return with_processes(
+      arguments.run, [&](ProcessGroup& processes) { return lead_resuming(arguments, processes); });
 }
 
 }  // namespace

@@ -8,11 +8,13 @@
 #include "redrive/base/error.h"
 #include "redrive/cli/alignment.h"
 #include "redrive/cli/command.h"
+#include "redrive/cli/train_blocks.h"
 #include "redrive/cli/training.h"
 #include "redrive/recording/frame_range.h"
 #include "redrive/recording/pose_files.h"
 #include "redrive/recording/readout_options.h"
 #include "redrive/report/align_page.h"
+#include "redrive/train/memory.h"
 #include "redrive/train/run_lock.h"
 
 namespace redrive {
@@ -23,6 +25,7 @@ struct TrainArguments {
   /// that repeat have several.
   std::map<std::string, std::vector<std::string>> given;
   std::string out;
+  std::string blocks;  ///< "auto" or metres; empty: one run
   LiveViewOptions live;
 };
 
@@ -89,40 +92,76 @@ std::optional<ExternalPoses> load_external_poses(Run* run, int threads) {
   return own;
 }
 
-int run_train(const TrainArguments& arguments) {
+std::function<void(const RunPaths&)> write_poses(const std::optional<ExternalPoses>& poses) {
+  return [&poses](const RunPaths& paths) {
+    if (poses) write_pose_files(paths.poses(), poses->files);
+    if (poses && poses->alignment)
+      write_align_page(paths.poses(), poses->recording, *poses->alignment);
+  };
+}
+
+/// Trains the drive in blocks. Returns nothing if it is one block.
+std::optional<int> train_divided(const TrainArguments& arguments, ProcessGroup& processes,
+                                 const Run& run, const std::optional<ExternalPoses>& poses) {
+  DividedRun whole{{}, run.options, run.recording, run.scene, {}};
+  const BlockResources resources = block_resources(processes, run.options);
+  whole.blocks = divide_as_told(arguments.blocks, whole, resources);
+  if (whole.blocks.size() == 1) return std::nullopt;
+  std::printf("%s\n", memory_text(check_blocks(whole, resources), resources.memory).c_str());
+  std::fflush(stdout);
+  {
+    ThreadPool pool(resources.threads);
+    create_divided_run(arguments.out, &whole, pool, write_poses(poses));
+  }
+  const RunLock lock(whole.paths.root);
+  return train_blocks(processes, &whole);
+}
+
+int lead_training(const TrainArguments& arguments, ProcessGroup& processes) {
   Run run;
   run.options = parse_options(arguments);
   check_run_is_new(arguments.out);
   check_live_view(arguments.live);
-  const kernels::BackendGroup group = make_backends(run.options);
+  if (arguments.blocks.empty()) check_one_process(processes);
+  if (!arguments.blocks.empty() && arguments.live.view)
+    throw UsageError("--view", "", "shows one run; --blocks makes several, see redrive view RUN");
+  TrainOptions here = run.options;
+  here.threads = block_resources(processes, run.options).threads;
+  const kernels::BackendGroup group = make_backends(here);
   const int threads = group.backends.front()->threads();
   run.recording = open_recording(run.options);
+  if (!arguments.blocks.empty()) check_divisible(arguments.blocks, run.options, run.recording);
   const std::optional<ExternalPoses> poses = load_external_poses(&run, threads);
   resolve_cameras(&run.options, run.recording);
   resolve_bounds(&run.options, given_names(arguments), run.recording);
   run.scene = make_scene(run.recording, scene_options(run.options));
+  if (!arguments.blocks.empty())
+    if (const auto code = train_divided(arguments, processes, run, poses)) return *code;
   run.state = make_initial_state(run.options, run.scene);
   load_actors(&run);
   record_hyperparameters(*run.state.model, &run.options);
   const std::atomic<bool>& stop = stop_on_signal();
-  check_run_memory(run, group);
+  const std::optional<std::uint64_t> cache = check_run_memory(run, group);
   const TrainingData training = [&] {
     ThreadPool pool(threads);
-    return prepare_training_data(run, pool);
+    return prepare_training_data(run, pool, cache);
   }();
   // Nothing is written before the input has been checked.
   run.paths = create_run(
       arguments.out, run.options,
       [&](const RunPaths& paths) {
         write_run_masks(paths, training, run.scene);
-        if (poses) write_pose_files(paths.poses(), poses->files);
-        if (poses && poses->alignment)
-          write_align_page(paths.poses(), poses->recording, *poses->alignment);
+        write_poses(poses)(paths);
       },
       run.state.model.get());
   const RunLock lock(run.paths.root);
   print_summary(run, training, group);
   return train_to_end(&run, training, group, stop, arguments.live);
+}
+
+int run_train(const TrainArguments& arguments) {
+  return with_processes(
+      arguments.out, [&](ProcessGroup& processes) { return lead_training(arguments, processes); });
 }
 
 }  // namespace
@@ -152,6 +191,12 @@ Action configure_train(CLI::App& command) {
       command.add_option_function<std::string>("--" + field.name, take, field.help);
   }
   command.add_option("--out", arguments->out, "folder of the run; must not exist")->required();
+  command.add_option(
+      "--blocks", arguments->blocks,
+      "METRES or auto: divides the drive into blocks of so many metres at most, each "
+      "trained as a run of its own, one after the other or by the processes of "
+      "mpirun; auto: 200 m, or less by --memory. --max-seconds, --max-steps and "
+      "--epochs are those of each block");
   add_live_view_options(command, &arguments->live);
   return [arguments] { return run_train(*arguments); };
 }

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "redrive/base/error.h"
+#include "redrive/cli/actor_options.h"
 #include "redrive/cli/backend_options.h"
 #include "redrive/cli/command.h"
 #include "redrive/cli/training.h"
@@ -14,13 +15,14 @@
 #include "redrive/cli/without_model.h"
 #include "redrive/train/memory.h"
 #include "redrive/view/run_watch.h"
+#include "redrive/view/traffic.h"
 #include "redrive/view/viewer.h"
 
 namespace redrive {
 namespace {
 
 struct ViewOptions {
-  std::string run;
+  std::string run, actors = "all", edit;
   ViewServerOptions server;
   kernels::BackendChoice backend;
 };
@@ -28,6 +30,10 @@ struct ViewOptions {
 int run_view(const ViewOptions& options) {
   check_page("view", options.run);
   const bool is_run = is_run_folder(options.run);
+  if (!is_run && !(options.edit.empty() && options.actors == "all"))
+    throw UsageError(options.edit.empty() ? "--actors" : "--edit",
+                     options.edit.empty() ? options.actors : options.edit,
+                     "needs a run: a recording has its images alone");
   std::optional<view::RunWatch> watch;
   if (is_run) watch.emplace(options.run);
   auto run = is_run ? watch->run() : std::make_shared<const Run>(open_without_model(options.run));
@@ -35,10 +41,13 @@ int run_view(const ViewOptions& options) {
       is_run ? make_backend_of(*run, options.backend) : make_checked_backend(options.backend);
   std::printf("%s\n", kernels::describe(*backend).c_str());
   if (is_run) check_device_memory(*run, *backend, run->state.model->rendering_work());
+  const view::FirstEdit edit = view::first_edit(run->scene, options.actors, options.edit);
+  for (const std::string& remark : edit.remarks)
+    std::printf("%s: %s\n", options.edit.c_str(), remark.c_str());
   const std::atomic<bool>& stop = stop_on_signal();
   view::Viewer::Look look;
   if (watch) look = [&watch] { return watch->look(); };
-  view::Viewer viewer(std::move(run), *backend, look);
+  view::Viewer viewer(std::move(run), *backend, look, edit);
   const auto server = start_view_server(options.server, &viewer);
   viewer.serve(*server, stop);
   return kExitOk;
@@ -50,6 +59,7 @@ Action configure_view(CLI::App& command) {
   auto options = std::make_shared<ViewOptions>();
   command.add_option("RUN", options->run, "run folder, as train makes it, or a recording")
       ->required();
+  add_actor_options(command, &options->actors, &options->edit);
   add_view_server_options(command, &options->server);
   add_backend_options(command, &options->backend);
   return [options] { return run_view(*options); };

@@ -20,6 +20,7 @@ struct Command {
 
 Action configure_inspect(CLI::App& command);
 Action configure_align(CLI::App& command);
+Action configure_plan(CLI::App& command);
 Action configure_train(CLI::App& command);
 Action configure_resume(CLI::App& command);
 Action configure_eval(CLI::App& command);

@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// The table of commands. Errors become exit codes here only.
+// The table of commands.
 #include <sys/stat.h>
 #include <unistd.h>
 
 #include <cstdio>
-#include <exception>
 #include <filesystem>
 #include <map>
 #include <string>
@@ -15,6 +14,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/cli/command.h"
+#include "redrive/cli/failure.h"
 #include "redrive/cli/manual.h"
 
 namespace {
@@ -28,6 +28,7 @@ constexpr redrive::Command kCommands[] = {
      redrive::configure_align},
     {"train", "train a radiance field on a recording", redrive::configure_train},
     {"resume", "continue an interrupted run", redrive::configure_resume},
+    {"plan", "estimate what training a recording will cost", redrive::configure_plan},
     {"eval", "score a run: PSNR, SSIM, FLIP, and depth error where there is ground truth",
      redrive::configure_eval},
     {"render", "render images of novel views", redrive::configure_render},
@@ -74,34 +75,12 @@ int run(int argc, char** argv) {
   return code;
 }
 
-int print_error(const std::exception& error, redrive::ExitCode code) {
-  std::fprintf(stderr, "redrive: %s\n", error.what());
-  return code;
-}
-
 }  // namespace
 
 int main(int argc, char** argv) {
   try {
     return run(argc, argv);
-  } catch (const redrive::UsageError& error) {
-    return print_error(error, redrive::kExitUsage);
-  } catch (const redrive::InputError& error) {
-    return print_error(error, redrive::kExitBadInput);
-  } catch (const redrive::InsufficientDataError& error) {
-    return print_error(error, redrive::kExitInsufficientData);
-  } catch (const redrive::IoError& error) {
-    return print_error(error, redrive::kExitIo);
-  } catch (const redrive::DeviceError& error) {
-    return print_error(error, redrive::kExitDevice);
-  } catch (const redrive::Interrupted& error) {
-    return print_error(error, redrive::kExitInterrupted);
-  } catch (const std::filesystem::filesystem_error& error) {  // a name too long, a loop of links
-    return print_error(error, redrive::kExitBadInput);
-  } catch (const std::bad_alloc&) {
-    std::fprintf(stderr, "redrive: out of memory\n");
-    return redrive::kExitInternal;
-  } catch (const std::exception& error) {
-    return print_error(error, redrive::kExitInternal);
+  } catch (...) {
+    return redrive::print_failure();
   }
 }

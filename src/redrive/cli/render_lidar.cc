@@ -15,6 +15,7 @@
 #include "redrive/cli/render_options.h"
 #include "redrive/cli/training.h"
 #include "redrive/math/angles.h"
+#include "redrive/recording/las.h"
 #include "redrive/render/lidar_scan.h"
 #include "redrive/train/memory.h"
 
@@ -28,11 +29,13 @@ constexpr double kMaxLidarRange_m = 1e4;
 /// A point file by its extension.
 struct ScanFormat {
   const char* extension;
-  std::string (*make)(std::span<const ScanPoint> points);
+  std::string (*make)(std::span<const LidarRecord> points);
   const char* intensity;
 };
 constexpr ScanFormat kScanFormats[] = {
-    {".las", make_las, "0"}, {".pcd", make_pcd, "left out"}, {".bin", make_kitti_scan, "0"}};
+    {".las", [](std::span<const LidarRecord> points) { return make_las(points); }, "0"},
+    {".pcd", make_pcd, "left out"},
+    {".bin", make_kitti_scan, "0"}};
 
 /// Returns the format of --out; null: a folder.
 const ScanFormat* scan_format(const RenderOptions& options) {
@@ -135,25 +138,17 @@ class KittiFolder {
   void add(std::int64_t id, std::int64_t t_ns, const LidarFirings& firings, const LidarScan& scan) {
     const auto [first, last] = std::ranges::minmax(firings.t_ns);
     const std::int64_t times[] = {t_ns, first, last};
-    for (int k = 0; k < 3; ++k) {
-      // Line n belongs to frame n - 1; lines of frames between are empty.
-      times_[k] += std::string(static_cast<std::size_t>(id - next_), '\n');
-      times_[k] += kitti_timestamp(times[k]) + "\n";
-    }
-    next_ = id + 1;
-    char name[40];
-    std::snprintf(name, sizeof name, "%010lld.bin", static_cast<long long>(id));
-    write_file(folder_ / "data" / name, make_kitti_scan(scan.points));
+    for (int k = 0; k < 3; ++k) times_[k].emplace_back(id, times[k]);
+    write_file(folder_ / "data" / kitti_file_name(id, ".bin"), make_kitti_scan(scan.points));
   }
   void finish() const {
     const char* const names[] = {"timestamps.txt", "timestamps_start.txt", "timestamps_end.txt"};
-    for (int k = 0; k < 3; ++k) write_file(folder_ / names[k], times_[k]);
+    for (int k = 0; k < 3; ++k) write_file(folder_ / names[k], kitti_timestamps(times_[k]));
   }
 
  private:
   fs::path folder_;
-  std::int64_t next_ = 0;
-  std::string times_[3];
+  std::vector<std::pair<std::int64_t, std::int64_t>> times_[3];
 };
 
 }  // namespace
@@ -173,7 +168,7 @@ int render_lidar(const RenderOptions& options) {
   const LidarRequest request = lidar_request(options);
   const std::int64_t wanted = format ? parse_frame("--frame", options.frame) : -1;
 
-  const Run run = open_run(options.run);
+  const Run run = open_edited_run(options);
   const std::int64_t last_id = run.scene.frames.back().id;
   if (!format && last_id >= kMaxKittiTimes)
     throw InputError(run.recording.root, "frame id", std::to_string(last_id),

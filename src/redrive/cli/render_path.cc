@@ -8,6 +8,7 @@
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
 #include "redrive/base/output_folder.h"
+#include "redrive/cli/backend_options.h"
 #include "redrive/cli/image_progress.h"
 #include "redrive/cli/output_file.h"
 #include "redrive/cli/render_options.h"
@@ -106,9 +107,8 @@ int render_path(const RenderOptions& options) {
     if (!rays || (own_lens && key.fov_deg != fov_deg))
       rays = make_ray_table(lens, backend->threads());
     fov_deg = key.fov_deg;
-    const ShutterPoses pose =
-        run.scene.with_actors(key.world_from_camera, run.scene.rig[camera],
-                              run.scene.frames.front().t_ns + std::llround(1e9 * key.drive_s));
+    const ShutterPoses pose = run.scene.with_actors(key.world_from_camera, run.scene.rig[camera],
+                                                    drive_time_ns(key, run.scene));
     const Image8 image = to_image8(render_image(*backend, *run.state.model, *rays, pose, exposure));
     if (progress) progress(i + 1, images);
     return image;

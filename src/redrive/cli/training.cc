@@ -8,6 +8,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/memory_limit.h"
+#include "redrive/scene/find_moving.h"
 #include "redrive/train/memory.h"
 #include "redrive/train/pose_changes.h"
 #include "redrive/view/live_view.h"
@@ -26,8 +27,9 @@ const std::atomic<bool>& stop_on_signal() {
   action.sa_flags = SA_RESTART | static_cast<int>(SA_RESETHAND);
   sigaction(SIGINT, &action, nullptr);
   sigaction(SIGTERM, &action, nullptr);
-  action.sa_flags =
-      SA_RESTART;  // a closing terminal sends SIGHUP twice: by the shell and by the kernel
+  action.sa_flags = SA_RESTART;
+  sigaction(SIGUSR1, &action, nullptr);  // which mpirun forwards
+  // A closing terminal sends SIGHUP twice: by the shell and by the kernel.
   struct sigaction before {};
   sigaction(SIGHUP, nullptr, &before);
   if (before.sa_handler != SIG_IGN) sigaction(SIGHUP, &action, nullptr);  // not under nohup
@@ -36,29 +38,39 @@ const std::atomic<bool>& stop_on_signal() {
   return stop_flag;
 }
 
+void stop_training() { stop_flag = true; }
+
 kernels::BackendGroup make_backends(const TrainOptions& options) {
   return kernels::make_backend_group(
       {options.backend, options.isa, options.threads, find_method(options.method)->rasterises},
       options.gpus);
 }
 
-void check_run_memory(const Run& run, const kernels::BackendGroup& group) {
+std::optional<std::uint64_t> check_run_memory(const Run& run, const kernels::BackendGroup& group,
+                                              int processes) {
   const kernels::Backend& backend = *group.backends.front();
   const MemoryEstimate need = estimate_memory(run, backend.threads());
-  const std::uint64_t allowed = allowed_memory(run.options, memory_bytes());
-  std::printf("%s\n", memory_text(need.total(), allowed).c_str());
-  std::fflush(stdout);
+  const std::uint64_t allowed =
+      allowed_memory(run.options, memory_bytes()) / static_cast<std::uint64_t>(processes);
   check_memory(need, allowed, run.options);
+  const std::optional<std::uint64_t> cache = image_cache_bytes(need, allowed);
+  std::printf("%s%s\n", memory_text(need.total(), allowed).c_str(),
+              cache ? (": images are decoded when needed, " + gib_text(*cache) + " of " +
+                       gib_text(need.images) + " at a time")
+                          .c_str()
+                    : "");
+  std::fflush(stdout);
   std::optional<std::uint64_t> free;  // of the GPU with the least
   for (const auto& gpu : group.backends)
     if (const auto here = gpu->free_memory()) free = std::min(free.value_or(*here), *here);
   const auto of_gpu = estimate_device_memory(run, backend, need);
-  if (!free || !of_gpu) return;
+  if (!free || !of_gpu) return cache;
   const std::uint64_t allowed_there = allowed_gpu_memory(run.options, *free);
   std::printf("%s: %s\n", group.backends.size() > 1 ? "each GPU" : "GPU",
               memory_text(of_gpu->total(), allowed_there).c_str());
   std::fflush(stdout);
   check_memory(*of_gpu, allowed_there, run.options);
+  return cache;
 }
 
 void print_summary(const Run& run, const TrainingData& training,
@@ -73,8 +85,7 @@ void print_summary(const Run& run, const TrainingData& training,
   const char* unit = run.recording.metric ? " m" : "";
   std::size_t held_out = 0, bytes = 0;
   for (const View& view : run.scene.views) held_out += view.held_out;
-  for (const Image8& image : training.images)
-    bytes += image.rgb.size() + image.alpha.size() + image.used.size();
+  for (const Image8& image : training.images) bytes += image_bytes(image);
   constexpr std::size_t kCamerasShown = 8;  // photographs may have a camera each
   for (std::size_t c = 0; c < std::min(run.scene.rig.size(), kCamerasShown); ++c) {
     const RigCamera& camera = run.scene.rig[c];
@@ -88,7 +99,8 @@ void print_summary(const Run& run, const TrainingData& training,
     std::printf("\n");
   }
   if (const std::size_t moving = training.left_out.moving.objects().size(); moving > 0)
-    std::printf("moving objects masked: %zu\n", moving);
+    std::printf("moving objects masked: %zu, %zu of them found in the LiDAR\n", moving,
+                found_objects(training.left_out.moving).size());
   if (const LidarReturns& lidar = training.lidar; lidar.n > 0 && run.recording.lidar_files.empty())
     std::printf("%zu points of %s; dropped: %zu that may be occluded\n", lidar.n,
                 run.recording.points_file.c_str(), lidar.hidden);
@@ -99,10 +111,12 @@ void print_summary(const Run& run, const TrainingData& training,
         lidar.n, lidar.repeated, lidar.beyond_trajectory, lidar.on_ego, lidar.on_moving);
   if (run.scene.rig.size() > kCamerasShown)
     std::printf("%zu cameras in all\n", run.scene.rig.size());
-  std::printf(
-      "%zu frames, %zu images for training, %zu held out, %.1f MB of pixels; near %g%s, far %g%s\n",
-      run.scene.frames.size(), run.scene.views.size() - held_out, held_out,
-      static_cast<double>(bytes) / 1e6, run.scene.near_m, unit, run.scene.far_m, unit);
+  char pixels[40] = "decoded when needed";
+  if (!training.cache)
+    std::snprintf(pixels, sizeof pixels, "%.1f MB of pixels", static_cast<double>(bytes) / 1e6);
+  std::printf("%zu frames, %zu images for training, %zu held out, %s; near %g%s, far %g%s\n",
+              run.scene.frames.size(), run.scene.views.size() - held_out, held_out, pixels,
+              run.scene.near_m, unit, run.scene.far_m, unit);
   std::fflush(stdout);
 }
 
@@ -127,6 +141,13 @@ int report_end(const Run& run, TrainEnd end) {
 
 }  // namespace
 
+TrainEnd train_on(Run* run, const TrainingData& training, const kernels::BackendGroup& group,
+                  const std::atomic<bool>& stop, StepObserver* observer) {
+  std::vector<kernels::Backend*> backends;
+  for (const auto& backend : group.backends) backends.push_back(backend.get());
+  return train(run, training, backends, group.reduction.get(), stop, observer);
+}
+
 void add_live_view_options(CLI::App& command, LiveViewOptions* options) {
   CLI::Option* const view = command.add_flag(
       "--view", options->view,
@@ -142,13 +163,11 @@ void check_live_view(const LiveViewOptions& options) {
 
 int train_to_end(Run* run, const TrainingData& training, const kernels::BackendGroup& group,
                  const std::atomic<bool>& stop, const LiveViewOptions& options) {
-  std::vector<kernels::Backend*> backends;
-  for (const auto& backend : group.backends) backends.push_back(backend.get());
   const auto train_with = [&](StepObserver* observer) {
-    return report_end(*run, train(run, training, backends, group.reduction.get(), stop, observer));
+    return report_end(*run, train_on(run, training, group, stop, observer));
   };
   if (!options.view) return train_with(nullptr);
-  view::LiveView live(run, *backends.front(), stop);
+  view::LiveView live(run, *group.backends.front(), stop);
   const auto server = start_view_server(options.server, &live.viewer());
   live.use(*server);
   const int code = train_with(&live);

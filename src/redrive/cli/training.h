@@ -12,20 +12,30 @@
 
 namespace redrive {
 
-/// Returns a flag that Ctrl-C, SIGTERM or SIGHUP sets; a second Ctrl-C or SIGTERM ends the program
-/// at once. A closed pipe (SIGPIPE) does not end training.
+/// Returns a flag that Ctrl-C, SIGTERM, SIGHUP or SIGUSR1 sets; a second Ctrl-C or SIGTERM ends the
+/// program at once. A closed pipe (SIGPIPE) does not end training.
 const std::atomic<bool>& stop_on_signal();
+
+/// Sets that flag: training ends as after Ctrl-C.
+void stop_training();
 
 /// Returns the backends that the options choose. Throws UsageError.
 kernels::BackendGroup make_backends(const TrainOptions& options);
 
-/// Prints how much memory the run needs of what --memory and --gpu-memory allow. Throws UsageError
-/// if it needs more.
-void check_run_memory(const Run& run, const kernels::BackendGroup& group);
+/// Prints how much memory the run needs of what --memory and --gpu-memory allow. Returns the bytes
+/// of a cache of images (train/training_data.h) where not all fit. Throws UsageError if the run
+/// needs more than is allowed with the smallest cache, too. `processes`: that train on this
+/// machine, each with its part of --memory.
+std::optional<std::uint64_t> check_run_memory(const Run& run, const kernels::BackendGroup& group,
+                                              int processes = 1);
 
 /// Prints backend, cameras with their masks, frames, pixels, training and held-out views.
 void print_summary(const Run& run, const TrainingData& training,
                    const kernels::BackendGroup& group);
+
+/// Trains on the group's backends until the end of the run or `stop`.
+TrainEnd train_on(Run* run, const TrainingData& training, const kernels::BackendGroup& group,
+                  const std::atomic<bool>& stop, StepObserver* observer = nullptr);
 
 /// --view of train and resume.
 struct LiveViewOptions {

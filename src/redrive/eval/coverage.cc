@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "redrive/base/error.h"
+#include "redrive/base/evenly_spaced.h"
 #include "redrive/eval/evaluate.h"
 
 namespace redrive {

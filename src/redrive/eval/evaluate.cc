@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include "redrive/base/error.h"
+#include "redrive/base/evenly_spaced.h"
 #include "redrive/eval/moving_scores.h"
 #include "redrive/eval/score_mean.h"
 #include "redrive/math/angles.h"
@@ -63,6 +64,13 @@ nlohmann::json changes_to_json(const PoseChanges& changes) {
           {"cameras", cameras}};
 }
 
+nlohmann::json range_score_to_json(const RangeScore& score) {
+  return {{"range_error_m", score.range_error_m},
+          {"hit_rate", score.hit_rate},
+          {"near_hit_rate", score.near_hit_rate},
+          {"returns", score.returns}};
+}
+
 }  // namespace
 
 nlohmann::json score_to_json(const Score& score) {
@@ -75,14 +83,6 @@ nlohmann::json view_alignment_to_json(const ViewAlignment& alignment) {
   return {{"moved_m", alignment.translation_m},
           {"turned_deg", alignment.rotation_deg},
           {"views", alignment.views}};
-}
-
-std::vector<std::size_t> evenly_spaced(std::size_t size, std::size_t limit) {
-  const std::size_t count = limit == 0 ? size : std::min(limit, size);
-  std::vector<std::size_t> chosen(count);
-  for (std::size_t i = 0; i < count; ++i)
-    chosen[i] = (2 * i + 1) * size / (2 * count);  // middles of equal intervals
-  return chosen;
 }
 
 Score score_image(kernels::Backend& backend, const RenderedImage& rendered,
@@ -156,6 +156,11 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
     if (options.progress) options.progress(static_cast<int>(done), static_cast<int>(total));
   };
 
+  struct Part {
+    ScoreMean overall;
+    std::map<std::string, ScoreMean> novel;
+  };
+  std::map<std::string, Part> parts;
   ScoreMean overall;
   MovingScores moving(run, backend);
   for (std::size_t c = 0; c < by_camera.size(); ++c) {
@@ -172,6 +177,7 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
       const Score score = score_image(backend, rendered, ground_truth);
       mean.add(score);
       overall.add(score);
+      if (options.part_of) parts[options.part_of(scene.frames[view.frame].id)].overall.add(score);
       tell();
     }
     evaluation.cameras[run.scene.rig[c].name] = mean.mean();
@@ -183,18 +189,23 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
     ScoreMean mean;
     for (const std::size_t i : chosen_of(ground_truth)) {
       const GroundTruthView view = ground_truth.load(i);
-      mean.add(score_image(
+      const Score score = score_image(
           backend, render_image(backend, *run.state.model, view.camera, view.poses, view.exposure),
-          view.image, view.depth_m));
+          view.image, view.depth_m);
+      mean.add(score);
+      if (options.part_of)
+        parts[options.part_of(ground_truth.request(i).frame_id)].novel[ground_truth.name()].add(
+            score);
       tell();
     }
     evaluation.novel[ground_truth.name()] = mean.mean();
   }
-  if (!scans.empty()) {
-    const MovingObjects moving =
-        scene.actors.empty() ? left_out.moving : read_moving_objects(run.recording, scene);
-    evaluation.lidar = score_lidar(run, backend, scans, moving, tell);
+  for (const auto& [name, part] : parts) {
+    PartEvaluation& scores = evaluation.parts[name];
+    scores.overall = part.overall.mean();
+    for (const auto& [novel, mean] : part.novel) scores.novel[novel] = mean.mean();
   }
+  if (!scans.empty()) evaluation.lidar = score_lidar(run, backend, scans, left_out.moving, tell);
   return evaluation;
 }
 
@@ -208,6 +219,11 @@ nlohmann::json evaluation_to_json(const Evaluation& evaluation) {
                          {"alignment", nullptr},
                          {"view_alignment", nullptr},
                          {"pose_changes", nullptr}};
+  for (const auto& [name, part] : evaluation.parts) {
+    nlohmann::json& scores = json["blocks"][name];
+    scores = {{"overall", score_to_json(part.overall)}, {"novel", nlohmann::json::object()}};
+    for (const auto& [novel, score] : part.novel) scores["novel"][novel] = score_to_json(score);
+  }
   if (evaluation.pose_changes) json["pose_changes"] = changes_to_json(*evaluation.pose_changes);
   if (const auto& aligned = evaluation.view_alignment)
     json["view_alignment"] = view_alignment_to_json(*aligned);
@@ -216,8 +232,10 @@ nlohmann::json evaluation_to_json(const Evaluation& evaluation) {
                       {"outside", score_to_json(moving->outside)},
                       {"objects", nlohmann::json::object()}};
     for (const auto& [id, object] : moving->objects)
-      json["moving"]["objects"][std::to_string(id)] = {
-          {"type", object.type}, {"psnr_db", object.psnr_db}, {"images", object.images}};
+      json["moving"]["objects"][std::to_string(id)] = {{"type", object.type},
+                                                       {"psnr_db", object.score.psnr_db},
+                                                       {"ssim", object.score.ssim},
+                                                       {"images", object.score.images}};
   }
   if (const auto& alignment = evaluation.alignment)
     json["alignment"] = {{"moved_m", alignment->translation_m},
@@ -225,13 +243,13 @@ nlohmann::json evaluation_to_json(const Evaluation& evaluation) {
                          {"rest_m", alignment->residual_m},
                          {"rest_deg", alignment->residual_deg},
                          {"frames", alignment->frames}};
-  if (const auto& lidar = evaluation.lidar)
-    json["lidar"] = {{"range_error_m", lidar->range_error_m},
-                     {"hit_rate", lidar->hit_rate},
-                     {"near_hit_rate", lidar->near_hit_rate},
-                     {"chamfer_m", lidar->chamfer_m},
-                     {"returns", lidar->returns},
-                     {"revolutions", lidar->revolutions}};
+  if (const auto& lidar = evaluation.lidar) {
+    json["lidar"] = range_score_to_json(*lidar);
+    json["lidar"]["chamfer_m"] = lidar->chamfer_m;
+    json["lidar"]["revolutions"] = lidar->revolutions;
+    json["lidar"]["moving"] = nullptr;
+    if (lidar->moving) json["lidar"]["moving"] = range_score_to_json(*lidar->moving);
+  }
   for (const auto& [name, score] : evaluation.cameras) json["cameras"][name] = score_to_json(score);
   for (const auto& [name, score] : evaluation.novel) json["novel"][name] = score_to_json(score);
   return json;

@@ -33,6 +33,9 @@ struct EvalOptions {
   int max_images = 0;  ///< per camera and per novel set, evenly spaced, and of LiDAR revolutions;
                        ///< 0: all held-out ones, or kTrainingImagesPerCamera
   bool all = false;    ///< every image, also of the training frames
+  /// Names the part of the drive, such as a block, that images of a frame are also scored with;
+  /// empty: there are no parts.
+  std::function<std::string(std::int64_t frame_id)> part_of;
   std::function<void(int done, int total)>
       progress;  ///< after each image or revolution; may be empty
 };
@@ -52,13 +55,18 @@ struct Score {
 /// Scores of annotated moving objects (eval/moving_scores.h).
 struct MovingEvaluation {
   struct Object {
-    std::string type;    ///< MovingObject::type
-    double psnr_db = 0;  ///< mean over images
-    int images = 0;
+    std::string type;  ///< MovingObject::type
+    Score score;       ///< of its pixels; without flip and depth_error
   };
   Score inside;                            ///< of their pixels, in the images that show any
   Score outside;                           ///< of all other pixels, in all images
   std::map<std::int64_t, Object> objects;  ///< by MovingObject::id
+};
+
+/// Scores of a part of the drive (EvalOptions::part_of).
+struct PartEvaluation {
+  Score overall;
+  std::map<std::string, Score> novel;  ///< as of Evaluation
 };
 
 struct Evaluation {
@@ -67,7 +75,8 @@ struct Evaluation {
   std::map<std::string, Score> cameras;
   std::optional<MovingEvaluation> moving;  ///< empty where no image shows a moving object
   std::map<std::string, Score> novel;      ///< by novel/<name>; empty without ground truth
-  std::optional<LidarScore> lidar;         ///< of held-out revolutions that did not train
+  std::map<std::string, PartEvaluation> parts;
+  std::optional<LidarScore> lidar;  ///< of held-out revolutions that did not train
   std::optional<ViewAlignment>
       view_alignment;  ///< of the held-out images, where training refined poses
   std::optional<TrajectoryRegistration>
@@ -81,9 +90,6 @@ struct Evaluation {
 Score score_image(kernels::Backend& backend, const RenderedImage& rendered,
                   const Image8& ground_truth, std::span<const float> depth_m = {});
 
-/// Returns `limit` of `size` indices, evenly spaced; all of them where limit is 0 or at least size.
-std::vector<std::size_t> evenly_spaced(std::size_t size, std::size_t limit);
-
 /// Renders and scores the run. Throws InputError as load_view and load_lidar_returns.
 Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions& options = {});
 
@@ -91,13 +97,15 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
 DeviceWork work_of_evaluation(const Run& run, bool other_cameras = false);
 
 /// Returns {"overall": SCORE, "cameras": {CAM: SCORE}, "novel": {NAME: SCORE}, "held_out": bool,
-/// "moving": {"inside": SCORE, "outside": SCORE, "objects": {ID: {"type", "psnr_db", "images"}}} or
-/// null,
-/// "lidar": {"range_error_m", "hit_rate", "near_hit_rate", "chamfer_m", "returns", "revolutions"}
-/// or null, "alignment": {"moved_m", "turned_deg", "rest_m", "rest_deg", "frames"} or null,
+/// "moving": {"inside": SCORE, "outside": SCORE, "objects": {ID: {"type", "psnr_db",
+/// "ssim", "images"}}} or null,
+/// "lidar": {"range_error_m", "hit_rate", "near_hit_rate", "returns", "chamfer_m", "revolutions",
+/// "moving": {"range_error_m", "hit_rate", "near_hit_rate", "returns"} or null} or null,
+/// "alignment": {"moved_m", "turned_deg", "rest_m", "rest_deg", "frames"} or null,
 /// "view_alignment": {"moved_m", "turned_deg", "views"} or null, "pose_changes": {"frames":
 /// {"moved_m", "turned_deg", "at_bound"}, "cameras": {CAM: {"moved_m": [3],
-/// "turned_deg": [3], "late_s", "at_bound"}}} or null}, SCORE =
+/// "turned_deg": [3], "late_s", "at_bound"}}} or null}, with parts also "blocks": {NAME:
+/// {"overall": SCORE, "novel": {NAME: SCORE}}}, SCORE =
 /// {"psnr_db", "ssim", "flip", "depth_error", "images", "left_out_pixels"}, null for NaN.
 nlohmann::json evaluation_to_json(const Evaluation& evaluation);
 

@@ -11,21 +11,15 @@
 #include <nlohmann/json.hpp>
 
 #include "redrive/base/error.h"
+#include "redrive/base/files.h"
 #include "redrive/base/temporary_folder_testing.h"
+#include "redrive/eval/edited_score.h"
 #include "redrive/model/nerf_model.h"
 #include "redrive/render/paint_backend_testing.h"
 #include "redrive/scene/masks.h"
 
 namespace redrive {
 namespace {
-
-TEST(EvenlySpaced, TakesTheMiddlesOfEqualIntervals) {
-  EXPECT_EQ(evenly_spaced(5, 0), (std::vector<std::size_t>{0, 1, 2, 3, 4}));
-  EXPECT_EQ(evenly_spaced(5, 9), (std::vector<std::size_t>{0, 1, 2, 3, 4}));
-  EXPECT_EQ(evenly_spaced(9, 3), (std::vector<std::size_t>{1, 4, 7}));
-  EXPECT_EQ(evenly_spaced(50, 1), (std::vector<std::size_t>{25}));
-  EXPECT_TRUE(evenly_spaced(0, 3).empty());
-}
 
 constexpr int kWidth = 24, kHeight = 16;
 
@@ -299,8 +293,11 @@ TEST(EvaluationJson, HasTheDocumentedKeys) {
   evaluation.pose_changes =
       PoseChanges{{change, {}}, {{"F_CAM", change, 0.125}}, 0.75, std::numbers::pi};
   EXPECT_TRUE(nlohmann::json::parse(evaluation_to_json(evaluation).dump()).at("moving").is_null());
-  evaluation.moving = MovingEvaluation{
-      {24, 0.75, 0.125, std::nan(""), 2}, {22, 0.5, 0.25, std::nan(""), 3}, {{-7, {"CAR", 25, 2}}}};
+  EXPECT_TRUE(nlohmann::json::parse(evaluation_to_json(evaluation).dump()).at("lidar").is_null());
+  evaluation.moving = MovingEvaluation{{24, 0.75, 0.125, std::nan(""), 2},
+                                       {22, 0.5, 0.25, std::nan(""), 3},
+                                       {{-7, {"CAR", {25, 0.625, std::nan(""), std::nan(""), 2}}}}};
+  evaluation.lidar = LidarScore{{100, 0.25, 0.75, 0.5}, 2, 0.125, RangeScore{7, 0.5, 1, 0.25}};
   const auto json = nlohmann::json::parse(evaluation_to_json(evaluation).dump());
   EXPECT_EQ(json, nlohmann::json::parse(R"({
     "overall": {"psnr_db": 20.5, "ssim": 0.5, "flip": 0.25, "depth_error": null, "images": 3,
@@ -312,13 +309,65 @@ TEST(EvaluationJson, HasTheDocumentedKeys) {
         "left_out_pixels": 0},
       "outside": {"psnr_db": 22, "ssim": 0.5, "flip": 0.25, "depth_error": null, "images": 3,
         "left_out_pixels": 0},
-      "objects": {"-7": {"type": "CAR", "psnr_db": 25, "images": 2}}},
-    "lidar": null, "novel": {}, "held_out": false,
+      "objects": {"-7": {"type": "CAR", "psnr_db": 25, "ssim": 0.625, "images": 2}}},
+    "lidar": {"returns": 100, "range_error_m": 0.25, "hit_rate": 0.75, "near_hit_rate": 0.5,
+      "revolutions": 2, "chamfer_m": 0.125,
+      "moving": {"returns": 7, "range_error_m": 0.5, "hit_rate": 1, "near_hit_rate": 0.25}},
+    "novel": {}, "held_out": false,
     "alignment": {"moved_m": 0.5, "turned_deg": 0.25, "rest_m": 0.125, "rest_deg": 1, "frames": 5},
     "view_alignment": {"moved_m": 0.25, "turned_deg": 0.5, "views": 8},
     "pose_changes": {"frames": {"moved_m": 0.75, "turned_deg": 180, "at_bound": 1},
                      "cameras": {"F_CAM": {"moved_m": [0.5, -0.25, 2], "turned_deg": [0, 90, 0],
                        "late_s": 0.125, "at_bound": true}}}})"));
+}
+
+// Ground truth of an edit: 0.2 where it changed the image, the left third, and 0.6 elsewhere.
+class EditedTest : public EvaluateTest {
+ protected:
+  EditedTest() {
+    std::filesystem::create_directories(edited_ / "gone");
+    MovingObject actor;
+    actor.id = 7;
+    actor.size_m = {4, 2, 1.5};
+    actor.keys = {{0, Rigid3d::Identity(), Eigen::Vector3d::Zero()}};
+    run_.scene.actors = {actor};
+    write_file(edited_ / "gone" / "edit.json", R"({"actors": {"7": {"remove": true}}})");
+    Image8 image{kWidth, kHeight, std::vector<std::uint8_t>(3 * kWidth * kHeight, 153)},
+        mask = image;
+    for (int i = 0; i < 3 * kWidth * kHeight; ++i) {
+      const bool changed = i / 3 % kWidth < 8;
+      mask.rgb[i] = changed ? 255 : 0;
+      if (changed) image.rgb[i] = 51;
+    }
+    write_image(edited_ / "gone" / "A_102.png", image);
+    write_image(edited_ / "gone" / "A_102_changed.png", mask);
+  }
+  const std::filesystem::path edited_ = folder_ / "edited";
+};
+
+TEST_F(EditedTest, ScoresChangedPixelsApart) {
+  for (const auto& folder : {edited_, edited_ / "gone"}) {
+    const auto scores = score_edited(run_, black_, folder);
+    ASSERT_EQ(scores.size(), 1u);
+    const EditedScore& gone = scores.at("gone");
+    EXPECT_NEAR(gone.inside.psnr_db, psnr_of(0.2), kTolerance);
+    EXPECT_NEAR(gone.outside.psnr_db, psnr_of(0.6), kTolerance);
+    EXPECT_EQ(gone.inside.images, 1);
+    EXPECT_EQ(gone.inside.left_out, 16 * kHeight);
+    EXPECT_EQ(gone.outside.left_out, 8 * kHeight);
+  }
+  EXPECT_EQ(
+      edited_to_json(score_edited(run_, black_, edited_))["edited"]["gone"]["inside"]["images"], 1);
+}
+
+TEST_F(EditedTest, RejectsWhatDoesNotBelongToTheRun) {
+  EXPECT_THROW(score_edited(run_, black_, folder_), InputError) << "no edit.json";
+  std::filesystem::rename(edited_ / "gone" / "A_102_changed.png", edited_ / "other.png");
+  EXPECT_THROW(score_edited(run_, black_, edited_), InputError) << "no mask";
+  run_.scene.actors[0].id = 8;
+  EXPECT_THROW(score_edited(run_, black_, edited_), InputError) << "no such object";
+  std::filesystem::rename(edited_ / "gone" / "A_102.png", edited_ / "gone" / "A_99.png");
+  EXPECT_THROW(score_edited(run_, black_, edited_), InputError) << "no such frame";
 }
 
 }  // namespace

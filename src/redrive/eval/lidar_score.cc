@@ -45,6 +45,39 @@ double mean_distance(const Cloud& from, const Cloud& to) {
   return sum / static_cast<double>(from.size());
 }
 
+/// Adds up errors of returns.
+class RangeErrors {
+ public:
+  /// `rendered_m`: of a return; nothing: none is rendered.
+  void add(std::optional<double> rendered_m, double recorded_m) {
+    ++returns_;
+    if (!rendered_m) return;
+    errors_.push_back(std::abs(*rendered_m - recorded_m));
+    near_ += errors_.back() <= kNearHit_m;
+  }
+  RangeScore score() {
+    const auto share = [&](double part) { return part / static_cast<double>(returns_); };
+    RangeScore score{returns_, std::numeric_limits<double>::quiet_NaN(),
+                     share(static_cast<double>(errors_.size())), share(static_cast<double>(near_))};
+    if (errors_.empty()) return score;
+    const auto middle = errors_.begin() + static_cast<std::ptrdiff_t>(errors_.size() / 2);
+    std::nth_element(errors_.begin(), middle, errors_.end());
+    score.range_error_m = *middle;
+    return score;
+  }
+  std::int64_t returns() const { return returns_; }
+
+ private:
+  std::vector<double> errors_;
+  std::int64_t returns_ = 0, near_ = 0;
+};
+
+bool on_object(const std::vector<MovingBox>& boxes, const Eigen::Vector3d& in_world) {
+  return std::ranges::any_of(boxes, [&](const MovingBox& box) {
+    return is_on_object(box, box.box_from_world * in_world);
+  });
+}
+
 }  // namespace
 
 double chamfer_distance(const Cloud& a, const Cloud& b) {
@@ -54,7 +87,7 @@ double chamfer_distance(const Cloud& a, const Cloud& b) {
 
 std::vector<std::int64_t> held_out_revolutions(const Run& run) {
   std::vector<std::int64_t> frames;
-  if (!run.state.holds_out_lidar || !run.recording.body_from_lidar) return frames;
+  if (!run.recording.body_from_lidar) return frames;
   const std::set<std::int64_t> held_out = held_out_frames(run.scene);
   for (const FrameFile& file : run.recording.lidar_files)
     if (held_out.contains(file.frame_id) && (frames.empty() || frames.back() != file.frame_id))
@@ -64,21 +97,23 @@ std::vector<std::int64_t> held_out_revolutions(const Run& run) {
 
 std::optional<LidarScore> score_lidar(const Run& run, kernels::Backend& backend,
                                       const std::vector<std::int64_t>& frames,
-                                      const MovingObjects& moving,
+                                      const MovingObjects& left_out,
                                       const std::function<void()>& scored) {
   LidarScore score;
-  std::vector<double> errors;
-  std::int64_t near = 0;
+  RangeErrors all, on_moving;
   double chamfer = 0;
   int with_chamfer = 0;
   ThreadPool pool(backend.threads());
+  const MovingObjects drawn(run.scene.actors);
   for (const std::int64_t frame : frames) {
     const LidarReturns recorded = load_lidar_returns(
-        run.recording, run.scene, moving, pool, {[&](std::int64_t id) { return id == frame; }});
+        run.recording, run.scene, left_out, pool, {[&](std::int64_t id) { return id == frame; }});
     const std::size_t n = recorded.n;
-    const RenderedRays rendered =
-        run.state.model->trace(backend, {static_cast<int>(n), recorded.origin, recorded.direction});
+    const kernels::Rays rays{static_cast<int>(n), recorded.origin, recorded.direction};
+    RenderedRays rendered = run.state.model->trace(backend, rays);
+    run.state.model->trace_actors(backend, rays, recorded.t_ns, run.scene.actors, &rendered);
     Cloud measured, seen;
+    std::vector<MovingBox> boxes;
     for (std::size_t i = 0; i < n; ++i) {
       Eigen::Vector3f origin, direction;
       for (int k = 0; k < 3; ++k) {
@@ -86,31 +121,29 @@ std::optional<LidarScore> score_lidar(const Run& run, kernels::Backend& backend,
         direction[k] = recorded.direction[k * n + i];
       }
       measured.push_back(origin + recorded.range_m[i] * direction);
-      if (!(rendered.opacity[i] >= kMinReturnOpacity && rendered.depth[i] >= kMinReturn_m &&
-            rendered.depth[i] <= kMaxReturn_m))
-        continue;
-      seen.push_back(origin + rendered.depth[i] * direction);
-      errors.push_back(std::abs(double(rendered.depth[i]) - double(recorded.range_m[i])));
-      near += errors.back() <= kNearHit_m;
+      std::optional<double> range_m;
+      if (rendered.opacity[i] >= kMinReturnOpacity && rendered.depth[i] >= kMinReturn_m &&
+          rendered.depth[i] <= kMaxReturn_m) {
+        range_m = rendered.depth[i];
+        seen.push_back(origin + rendered.depth[i] * direction);
+      }
+      all.add(range_m, recorded.range_m[i]);
+      if (i == 0 || recorded.t_ns[i] != recorded.t_ns[i - 1]) boxes = drawn.at(recorded.t_ns[i]);
+      if (on_object(boxes, measured.back().cast<double>()))
+        on_moving.add(range_m, recorded.range_m[i]);
     }
     score.revolutions += n > 0;
-    score.returns += static_cast<std::int64_t>(n);
     if (!seen.empty()) {
       chamfer += chamfer_distance(measured, seen);
       ++with_chamfer;
     }
     if (scored) scored();
   }
-  if (score.returns == 0) return std::nullopt;
-  const auto share = [&](double part) { return part / static_cast<double>(score.returns); };
-  score.hit_rate = share(static_cast<double>(errors.size()));
-  score.near_hit_rate = share(static_cast<double>(near));
-  score.range_error_m = score.chamfer_m = std::numeric_limits<double>::quiet_NaN();
-  if (errors.empty()) return score;
-  const auto middle = errors.begin() + static_cast<std::ptrdiff_t>(errors.size() / 2);
-  std::nth_element(errors.begin(), middle, errors.end());
-  score.range_error_m = *middle;
-  score.chamfer_m = chamfer / with_chamfer;
+  if (all.returns() == 0) return std::nullopt;
+  static_cast<RangeScore&>(score) = all.score();
+  score.chamfer_m =
+      with_chamfer > 0 ? chamfer / with_chamfer : std::numeric_limits<double>::quiet_NaN();
+  if (on_moving.returns() > 0) score.moving = on_moving.score();
   return score;
 }
 

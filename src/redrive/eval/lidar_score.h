@@ -16,14 +16,20 @@ namespace redrive {
 /// A rendered return within this of the recorded one counts for LidarScore::near_hit_rate.
 constexpr double kNearHit_m = 0.2;
 
-/// Over all returns; chamfer_m: mean over revolutions. NaN without a rendered return.
-struct LidarScore {
-  int revolutions = 0;
-  std::int64_t returns = 0;  ///< recorded ones of the static world that did not train
+/// Errors over returns. NaN without a rendered return.
+struct RangeScore {
+  std::int64_t returns = 0;  ///< recorded ones that did not train
   double range_error_m = 0;  ///< median of |rendered - recorded| over the rendered returns
   double hit_rate = 0;       ///< fraction for which a return is rendered (render/lidar_scan.h)
   double near_hit_rate = 0;  ///< fraction for which one within kNearHit_m is
-  double chamfer_m = 0;      ///< chamfer_distance of the recorded points and the rendered ones
+};
+
+/// Over all returns but those on moving objects that the run does not draw.
+struct LidarScore : RangeScore {
+  int revolutions = 0;
+  double chamfer_m = 0;  ///< chamfer_distance of the recorded points and the rendered ones, mean
+                         ///< over revolutions
+  std::optional<RangeScore> moving;  ///< of the returns on moving objects that the run draws
 };
 
 /// Returns the mean of the mean distances of each point of one set to the nearest of the other, in
@@ -35,10 +41,11 @@ double chamfer_distance(const std::vector<Eigen::Vector3f>& a,
 /// the recording has no revolutions, or where the run is of an earlier build, which trained on all.
 std::vector<std::int64_t> held_out_revolutions(const Run& run);
 
-/// Scores the revolutions of `frames`; calls `scored` after each. Nothing if they have no return.
+/// Scores the revolutions of `frames`; calls `scored` after each. `left_out`: objects whose returns
+/// do not count. Nothing if they have no return.
 std::optional<LidarScore> score_lidar(const Run& run, kernels::Backend& backend,
                                       const std::vector<std::int64_t>& frames,
-                                      const MovingObjects& moving,
+                                      const MovingObjects& left_out,
                                       const std::function<void()>& scored);
 
 }  // namespace redrive

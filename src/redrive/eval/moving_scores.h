@@ -27,16 +27,11 @@ class MovingScores {
   void finish(Evaluation* evaluation) const;
 
  private:
-  struct OfObject {
-    double psnr_db = 0;  ///< sum
-    int images = 0;
-  };
-
   kernels::Backend& backend_;
   MovingObjects objects_;
   ScoreMean inside_, outside_;
   int images_ = 0;
-  std::map<std::size_t, OfObject> of_object_;  ///< by index in objects_
+  std::map<std::size_t, ScoreMean> of_object_;  ///< by index in objects_
 };
 
 }  // namespace redrive

@@ -22,6 +22,10 @@ NovelGroundTruth::NovelGroundTruth(const Run& run, const NovelSet& set,
       views_.push_back(i);
 }
 
+const RigCamera& NovelGroundTruth::camera(std::size_t index) const {
+  return requested_camera(poses_, views_.at(index), rig_);
+}
+
 GroundTruthView NovelGroundTruth::load(std::size_t index) const {
   REDRIVE_CHECK_OP(index, <, views_.size());
   const RequestedView& view = poses_.views[views_[index]];
@@ -29,7 +33,7 @@ GroundTruthView NovelGroundTruth::load(std::size_t index) const {
 
   // load_view checks the size, undistorts and downscales as the run does: a scene of one image.
   Scene scene;
-  const RigCamera& camera = requested_camera(poses_, views_[index], rig_);
+  const RigCamera& camera = this->camera(index);
   scene.rig = {camera};
   scene.downscale = run_.scene.downscale;
   scene.undistort = run_.scene.undistort && camera.recorded.info().perspective;

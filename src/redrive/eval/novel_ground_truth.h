@@ -39,6 +39,7 @@ class NovelGroundTruth {
   const RequestedView& request(std::size_t index) const {
     return poses_.views.at(views_.at(index));
   }
+  const RigCamera& camera(std::size_t index) const;  ///< of a view, like the run's
   /// Loads a view. A pose in ECEF is a ground-truth pose and is transformed by the alignment; a
   /// shift is applied to the run's own pose. Throws InputError if the image's size differs from its
   /// calibration.

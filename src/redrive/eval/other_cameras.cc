@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "redrive/base/error.h"
+#include "redrive/base/evenly_spaced.h"
 #include "redrive/base/parallel.h"
 #include "redrive/eval/score_mean.h"
 #include "redrive/scene/load_views.h"
@@ -76,7 +77,9 @@ Exclusions exclusions_of(const Run& run, const OtherScene& other, int threads) {
   masks[static_cast<std::size_t>(other.camera)] =
       static_masks(alone, images, run.options.masks == "auto" ? "" : run.options.masks, pool,
                    run.recording.metric)[0];
-  return {masks, read_moving_objects(run.recording, run.scene).without(run.scene.actors)};
+  Exclusions left_out = read_exclusions(run);
+  left_out.masks = std::move(masks);
+  return left_out;
 }
 
 struct Comparison {

@@ -7,7 +7,6 @@
 #include <gtest/gtest.h>
 
 #include "redrive/base/error.h"
-#include "redrive/model/nerf_model.h"
 #include "redrive/render/paint_backend_testing.h"
 #include "redrive/scene/scene_testing.h"
 
@@ -21,13 +20,7 @@ class OtherCameras : public ::testing::Test {
     run_.options.cameras = {"FRONT"};
     run_.options.masks = "none";
     run_.scene = make_scene(run_.recording, scene_options(run_.options));
-    auto model = std::make_unique<NerfModel>();
-    model->config.width = 32;
-    model->samples = 4;
-    model->near_m = 1;
-    model->far_m = 10;
-    model->parameters = Buffer<float>(nerf_parameter_count(model->config));
-    run_.state.model = std::move(model);
+    run_.state.model = make_painted_model();
   }
   TemporaryFolder folder_;
   redrive::Run run_;

@@ -8,7 +8,6 @@
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
 #include "redrive/recording/aimotive_boxes.h"
-#include "redrive/recording/las.h"
 #include "redrive/recording/trajectory.h"
 #include "redrive/scene/scene_testing.h"
 
@@ -327,31 +326,6 @@ TEST_F(DriveTest, Kitti360TellsHowFarPosesAreOff) {
 TEST_F(DriveTest, RefusesPhotographs) {
   recording_.metric = false;
   EXPECT_THROW(drive(), InputError);
-}
-
-TEST(MakeLas, ComesBack) {
-  std::vector<LidarPoint> points;
-  for (int i = 0; i < 50; ++i) {
-    LidarPoint point;
-    point.in_body_m = Eigen::Vector3f(0.1f * i, -7.3f * i, 1.0f / 3.0f);
-    point.intensity = static_cast<std::uint16_t>(1000 * i);
-    point.t_ns = 4'833'238'566'001 + i;
-    points.push_back(point);
-  }
-  const auto same = [&](float tolerance_m) {
-    const std::vector<LidarPoint> now = parse_las(make_las(points), "a.las");
-    ASSERT_EQ(now.size(), points.size());
-    for (std::size_t i = 0; i < now.size(); ++i) {
-      EXPECT_LT((now[i].in_body_m - points[i].in_body_m).cwiseAbs().maxCoeff(), tolerance_m);
-      EXPECT_EQ(now[i].intensity, points[i].intensity);
-      EXPECT_EQ(now[i].t_ns, points[i].t_ns);
-    }
-  };
-  same(1e-6f);
-  points[3].in_body_m.x() = 9000;
-  same(1e-3f);  // floats of 9000 m
-  points.clear();
-  same(1e-6f);
 }
 
 }  // namespace

@@ -8,7 +8,6 @@
 #include "redrive/export/depth_image.h"
 #include "redrive/export/surface_mesh.h"
 #include "redrive/export/surfaces_testing.h"
-#include "redrive/model/nerf_model.h"
 #include "redrive/render/paint_backend_testing.h"
 #include "redrive/scene/masks.h"
 #include "redrive/scene/scene_testing.h"
@@ -29,13 +28,7 @@ class FieldMeshTest : public ::testing::Test {
     options.cameras = {"FRONT"};
     run_.scene = make_scene(run_.recording, options);
     run_.scene.far_m = 10;
-    auto model = std::make_unique<NerfModel>();
-    model->config.width = 32;
-    model->samples = 4;
-    model->near_m = 1;
-    model->far_m = 10;
-    model->parameters = Buffer<float>(nerf_parameter_count(model->config));
-    run_.state.model = std::move(model);
+    run_.state.model = make_painted_model();
     world_from_camera_ = run_.scene.world_from_camera(run_.scene.views.at(0));
   }
   void SetUp() override {

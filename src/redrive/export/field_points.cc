@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "redrive/base/evenly_spaced.h"
 #include "redrive/render/normals.h"
 #include "redrive/render/renderer.h"
 
@@ -13,9 +14,8 @@ std::vector<const View*> training_views(const Scene& scene, std::size_t most) {
   std::vector<const View*> views;
   for (const View& view : scene.views)
     if (!view.held_out) views.push_back(&view);
-  if (views.size() <= most) return views;
   std::vector<const View*> chosen;
-  for (std::size_t i = 0; i < most; ++i) chosen.push_back(views[i * views.size() / most]);
+  for (const std::size_t i : evenly_spaced(views.size(), most)) chosen.push_back(views[i]);
   return chosen;
 }
 

@@ -9,7 +9,7 @@
 
 namespace redrive {
 
-/// Returns the views that are not held out, evenly at most `most` of them.
+/// Returns the views that are not held out, at most `most` of them, evenly spaced; 0: all.
 std::vector<const View*> training_views(const Scene& scene, std::size_t most);
 
 /// Renders training views of a run and returns the points of their pixels' depth, in the scene's

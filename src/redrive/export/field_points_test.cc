@@ -3,7 +3,6 @@
 
 #include <gtest/gtest.h>
 
-#include "redrive/model/nerf_model.h"
 #include "redrive/render/paint_backend_testing.h"
 #include "redrive/scene/scene_testing.h"
 
@@ -21,13 +20,7 @@ TEST(FieldPoints, LieOnTheSurfaceAndFaceTheCamera) {
   options.cameras = {"FRONT"};
   run.scene = make_scene(run.recording, options);
   run.scene.far_m = 10;
-  auto model = std::make_unique<NerfModel>();
-  model->config.width = 32;
-  model->samples = 4;
-  model->near_m = 1;
-  model->far_m = 10;
-  model->parameters = Buffer<float>(nerf_parameter_count(model->config));
-  run.state.model = std::move(model);
+  run.state.model = make_painted_model();
   const Rigid3d world_from_camera = run.scene.world_from_camera(run.scene.views.at(0));
   const Eigen::Vector3d forward = world_from_camera.linear().col(2);
   PaintBackend backend(

@@ -2,13 +2,13 @@
 #include "redrive/export/kitti360_scans.h"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <cstdio>
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
 #include "redrive/export/write_photo_set.h"
+#include "redrive/recording/scan_files.h"
 #include "redrive/recording/trajectory.h"
 #include "redrive/recording/wording.h"
 #include "redrive/scene/lidar_returns.h"
@@ -112,27 +112,6 @@ Rigid3d body_from_velodyne_of(const Rigid3d& body_from_lidar) {
 
 }  // namespace
 
-std::string kitti360_timestamps(const std::vector<std::pair<std::int64_t, std::int64_t>>& times) {
-  std::string text;
-  std::int64_t line = 0;
-  for (const auto& [frame_id, t_ns] : times) {
-    REDRIVE_CHECK(line <= frame_id);
-    for (; line < frame_id; ++line) text += "\n";
-    const std::chrono::sys_time<std::chrono::nanoseconds> time{std::chrono::nanoseconds(t_ns)};
-    const auto midnight = std::chrono::floor<std::chrono::days>(time);
-    const std::chrono::year_month_day date(midnight);
-    const std::int64_t ns = (time - midnight).count(), s = ns / 1'000'000'000;
-    char words[96];
-    std::snprintf(words, sizeof words, "%04d-%02u-%02u %02d:%02d:%02d.%09d\n", int(date.year()),
-                  unsigned(date.month()), unsigned(date.day()), static_cast<int>(s / 3600),
-                  static_cast<int>(s / 60 % 60), static_cast<int>(s % 60),
-                  static_cast<int>(ns % 1'000'000'000));
-    text += words;
-    ++line;
-  }
-  return text;
-}
-
 void write_kitti360_scans(const kitti360::Layout& layout, const Recording& drive,
                           const std::vector<FramePose>& frames, std::int64_t earlier_ids,
                           const Rigid3d& body_from_first_camera, ThreadPool& pool,
@@ -172,7 +151,7 @@ void write_kitti360_scans(const kitti360::Layout& layout, const Recording& drive
   for (const Scan& scan : scans) times.emplace_back(scan.id, scan.middle_ns);
   make_folders(layout.velodyne() / "data");
   const fs::path times_file = layout.velodyne() / "timestamps.txt";
-  write_file(times_file, kitti360_timestamps(times));
+  write_file(times_file, kitti_timestamps(times));
   const std::int64_t revolution_ns = kitti360::revolution_ns(kitti::Timestamps(times_file));
 
   const Rigid3d body_from_velodyne = body_from_velodyne_of(*drive.body_from_lidar);
@@ -180,10 +159,8 @@ void write_kitti360_scans(const kitti360::Layout& layout, const Recording& drive
     if (stop) throw Interrupted();
     const Scan& scan = scans[static_cast<std::size_t>(s)];
     Counts& own = counts[static_cast<std::size_t>(s)];
-    char name[32];
-    std::snprintf(name, sizeof name, "%010lld.bin", static_cast<long long>(scan.id));
     write_file(
-        layout.velodyne() / "data" / name,
+        layout.velodyne() / "data" / kitti_file_name(scan.id, ".bin"),
         make_scan(new_points(drive, scan, &own), kitti360::scan_at(scan.middle_ns, revolution_ns),
                   drive.frames, frames, body_from_velodyne, &own));
   });

@@ -1,19 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// Times and Velodyne scans as KITTI-360 has them.
+// Velodyne scans as KITTI-360 has them, and their times.
 #pragma once
 
-#include <string>
-#include <utility>
+#include <atomic>
 #include <vector>
 
 #include "redrive/export/drive.h"
 #include "redrive/recording/kitti360.h"
 
 namespace redrive {
-
-/// timestamps.txt: a line of date and time for each frame up to the last, empty where there is no
-/// time. `times`: frame and nanoseconds since 1970, by frame, each frame once.
-std::string kitti360_timestamps(const std::vector<std::pair<std::int64_t, std::int64_t>>& times);
 
 /// Writes the scans of frames with a pose, their times and calib_cam_to_velo.txt. The format knows
 /// a point's time by its azimuth alone, so each point is put where the scanner saw it at that time.

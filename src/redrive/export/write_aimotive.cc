@@ -79,6 +79,18 @@ void write_points(const fs::path& file, const Recording& drive) {
   write_file(file, make_ply(points, /*normals=*/false));
 }
 
+/// Coordinates are exact to 1 um, to 10 um where one is beyond what fits then.
+std::string revolution_las(const std::vector<LidarPoint>& points) {
+  constexpr double kFine_m = 1e-6, kCoarse_m = 1e-5;
+  std::vector<LidarRecord> scan;
+  double farthest_m = 0;
+  for (const LidarPoint& point : points) {
+    scan.push_back({point.in_body_m.cast<double>(), point.t_ns, point.intensity});
+    farthest_m = std::max(farthest_m, scan.back().position_m.lpNorm<Eigen::Infinity>());
+  }
+  return make_las(scan, farthest_m < max_las_position_m(kFine_m) ? kFine_m : kCoarse_m);
+}
+
 }  // namespace
 
 DriveNotes write_aimotive(const fs::path& folder, const Recording& drive, ThreadPool& pool,
@@ -128,7 +140,7 @@ DriveNotes write_aimotive(const fs::path& folder, const Recording& drive, Thread
         std::ranges::copy(drive.reader->read_lidar(file), std::back_inserter(points));
       if (files.size() > 1) std::ranges::stable_sort(points, {}, &LidarPoint::t_ns);
       for (LidarPoint& point : points) point.t_ns -= earlier_ns;
-      write_file(scans / ("frame_" + padded(frame_id) + ".las"), make_las(points));
+      write_file(scans / ("frame_" + padded(frame_id) + ".las"), revolution_las(points));
     });
     if (revolutions.size() < drive.lidar_files.size())
       notes.changed.emplace_back("LiDAR revolutions of the same frame are one file");

@@ -34,10 +34,6 @@ std::string formatted(const char* format, auto... values) {
   return text;
 }
 
-std::string file_name(std::int64_t id, const char* extension) {
-  return formatted("%010lld%s", static_cast<long long>(id), extension);
-}
-
 /// The first `rows` rows of a matrix in one line.
 std::string row_text(const Rigid3d& transform, int rows) {
   std::string text;
@@ -194,7 +190,7 @@ void write_cameras(const kitti360::Layout& layout, const Slots& slots, std::int6
         *recorded,
         [&, slot = name](const ImageFile& image) {
           return layout.images(slot).lexically_relative(layout.root) /
-                 file_name(image.frame_id - earlier_ids, ".png");
+                 kitti_file_name(image.frame_id - earlier_ids, ".png");
         },
         &photos);
   }
@@ -355,7 +351,7 @@ DriveNotes write_kitti360(const fs::path& folder, const Recording& drive, Thread
     for (const FramePose& frame : frames)
       times.emplace_back(frame.id, frame.t_ns + calibration.time_offset_ns - offset_ns);
     make_folders(layout.camera(name));
-    write_file(layout.camera(name) / "timestamps.txt", kitti360_timestamps(times));
+    write_file(layout.camera(name) / "timestamps.txt", kitti_timestamps(times));
     if (calibration.readout_ns != 0) rolling += (rolling.empty() ? "" : ", ") + name;
     if (const double m = distance_from(frames, drive.frames, calibration.time_offset_ns);
         m > kExact_m)

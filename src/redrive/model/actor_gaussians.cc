@@ -5,7 +5,10 @@
 #include <array>
 #include <cmath>
 #include <cstdlib>
+#include <functional>
 #include <optional>
+#include <span>
+#include <utility>
 
 #include "redrive/base/rng.h"
 #include "redrive/model/gaussian_points.h"
@@ -42,21 +45,22 @@ std::vector<Sighting> sightings_of(const Scene& scene, const MovingObject& actor
 std::optional<Eigen::Vector3f> colour_near(const TrainingSet& data,
                                            const std::vector<Sighting>& sightings,
                                            const Eigen::Vector3f& point, std::int64_t t_ns) {
-  std::optional<Eigen::Vector3f> colour;
-  std::int64_t best_ns = INT64_MAX;
-  for (const Sighting& s : sightings) {
-    const std::int64_t apart_ns = std::abs(s.t_ns - t_ns);
-    if (apart_ns >= best_ns) continue;
-    const Image8& image = data.images[s.view];
-    const auto pixel = data.scene.rig[data.scene.views[s.view].camera].camera.project(
-        s.actor_from_camera.inverse(Eigen::Isometry) * point.cast<double>());
+  std::vector<std::pair<std::int64_t, std::size_t>> nearest;  // a heap
+  for (std::size_t i = 0; i < sightings.size(); ++i)
+    nearest.emplace_back(std::abs(sightings[i].t_ns - t_ns), i);
+  for (std::ranges::make_heap(nearest, std::greater<>()); !nearest.empty(); nearest.pop_back()) {
+    std::ranges::pop_heap(nearest, std::greater<>());
+    const Sighting& s = sightings[nearest.back().second];
+    const Camera& camera = data.scene.rig[data.scene.views[s.view].camera].camera;
+    const auto pixel =
+        camera.project(s.actor_from_camera.inverse(Eigen::Isometry) * point.cast<double>());
     if (!pixel) continue;
-    const auto index = visible_pixel(image, *pixel);
+    const auto index = pixel_index(camera.width, camera.height, *pixel);
     if (!index) continue;
-    colour = colour_in(image, *index);
-    best_ns = apart_ns;
+    const ImagePointer image = data.images[s.view];
+    if (is_visible(*image, *index)) return colour_in(*image, *index);
   }
-  return colour;
+  return std::nullopt;
 }
 
 /// A point and when it was seen.
@@ -122,8 +126,11 @@ GaussianList actor_gaussians(const TrainingSet& data, const MovingObject& actor,
                        Eigen::Vector3f::Zero()},
                       sightings[i % sightings.size()].t_ns});
   std::vector<std::uint8_t> seen(points.size());
+  std::vector<std::size_t> by_time(points.size());  // so that each image is read about once
+  for (std::size_t i = 0; i < points.size(); ++i) by_time[i] = i;
+  std::ranges::stable_sort(by_time, {}, [&](std::size_t i) { return points[i].t_ns; });
   pool.run_ranges(points.size(), kSightedPerRange, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i)
+    for (const std::size_t i : std::span(by_time).subspan(begin, end - begin))
       if (const auto rgb = colour_near(data, sightings, points[i].point.position, points[i].t_ns)) {
         points[i].point.rgb = *rgb;
         seen[i] = 1;

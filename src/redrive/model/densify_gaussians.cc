@@ -8,11 +8,11 @@
 #include <vector>
 
 #include "redrive/base/rng.h"
+#include "redrive/field/gaussian_blocks.h"
 
 namespace redrive {
 namespace {
 
-constexpr float kTransparent = -20;    // logit of unused lanes
 constexpr float kChildOffset = 0.75f;  // of the parent's standard deviation, to either side
 constexpr float kChildScale = 0.6f, kChildOtherScale = 0.92f;  // along the axis, along the others
 
@@ -62,20 +62,6 @@ std::array<float, 3> axis_of(const float* numbers, std::size_t i, int axis) {
   const float scale = std::exp(numbers[gaussian_slot(i, kLogScaleRow + axis)]);
   return {scale * r[0][axis], scale * r[1][axis], scale * r[2][axis]};
 }
-
-/// Clears lanes [begin, end).
-void clear_unused(std::size_t begin, std::size_t end, float* numbers) {
-  for (std::size_t i = begin; i < end; ++i) {
-    for (int row = 0; row < kGaussianRows; ++row) numbers[gaussian_slot(i, row)] = 0;
-    numbers[gaussian_slot(i, kQuaternionRow)] = 1;
-    numbers[gaussian_slot(i, kOpacityRow)] = kTransparent;
-    numbers[gaussian_slot(i, kDistanceRow)] = 1;
-  }
-}
-
-}  // namespace
-
-namespace {
 
 /// Returns the layout of so many Gaussians, of the world first.
 GaussianLayout layout_of(std::span<const std::size_t> sizes) {

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "redrive/base/error.h"
-#include "redrive/model/splat_numbers.h"
+#include "redrive/field/splat_numbers.h"
 
 namespace redrive {
 namespace {
@@ -16,9 +16,10 @@ static_assert(std::endian::native == std::endian::little, "as the file");
 
 constexpr int kRestCoefficients = 3;  // of degree 1, a channel
 
-std::string ply_header(std::size_t n, int sh_degree) {
-  std::string text =
-      "ply\nformat binary_little_endian 1.0\nelement vertex " + std::to_string(n) + "\n";
+std::string ply_header(std::size_t n, int sh_degree, std::span<const std::string> comments) {
+  std::string text = "ply\nformat binary_little_endian 1.0\n";
+  for (const std::string& comment : comments) text += "comment " + comment + "\n";
+  text += "element vertex " + std::to_string(n) + "\n";
   const auto property = [&](const std::string& name) { text += "property float " + name + "\n"; };
   const auto properties = [&](const std::string& prefix, int count) {
     for (int i = 0; i < count; ++i) property(prefix + std::to_string(i));
@@ -34,12 +35,13 @@ std::string ply_header(std::size_t n, int sh_degree) {
 
 }  // namespace
 
-std::string gaussian_ply(const kernels::Gaussians& gaussians, int sh_degree) {
+std::string gaussian_ply(const kernels::Gaussians& gaussians, int sh_degree,
+                         std::span<const std::string> comments) {
   REDRIVE_CHECK_OP(sh_degree, >=, 0);
   REDRIVE_CHECK_OP(sh_degree, <=, 1);
   std::vector<float> rows;
   for (std::size_t i = 0; i < gaussians.n; ++i) {
-    const SplatNumbers numbers = splat_numbers(gaussians, i);
+    const SplatNumbers numbers = splat_numbers(gaussians.numbers, i);
     const auto add = [&](const auto& some) {
       for (const double number : some) rows.push_back(static_cast<float>(number));
     };
@@ -51,7 +53,7 @@ std::string gaussian_ply(const kernels::Gaussians& gaussians, int sh_degree) {
     add(numbers.log_scale);
     add(numbers.quaternion);
   }
-  std::string bytes = ply_header(gaussians.n, sh_degree);
+  std::string bytes = ply_header(gaussians.n, sh_degree, comments);
   const std::size_t header = bytes.size();
   bytes.resize(header + rows.size() * sizeof(float));
   std::memcpy(bytes.data() + header, rows.data(), rows.size() * sizeof(float));

@@ -3,6 +3,7 @@
 // which viewers read.
 #pragma once
 
+#include <span>
 #include <string>
 
 #include "redrive/kernels/gaussian_stages.h"
@@ -19,7 +20,8 @@ namespace redrive {
 ///   rot_0..3       unit quaternion w x y z
 /// Coefficients are of the basis of field/spherical_harmonics.h, C0 its constant, over the unit
 /// direction from the camera to the mean in the world. sh_degree: 0 or 1; 0 leaves out the change
-/// of colour by direction.
-std::string gaussian_ply(const kernels::Gaussians& gaussians, int sh_degree);
+/// of colour by direction. `comments`: lines of the header.
+std::string gaussian_ply(const kernels::Gaussians& gaussians, int sh_degree,
+                         std::span<const std::string> comments = {});
 
 }  // namespace redrive

@@ -8,7 +8,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/gzip.h"
-#include "redrive/model/splat_numbers.h"
+#include "redrive/field/splat_numbers.h"
 
 namespace redrive {
 namespace {
@@ -63,7 +63,7 @@ std::string gaussian_spz(const kernels::Gaussians& gaussians, int sh_degree) {
 
   std::string positions, opacities, colours, scales, rotations, rest;
   for (std::size_t i = 0; i < gaussians.n; ++i) {
-    const SplatNumbers numbers = splat_numbers(gaussians, i);
+    const SplatNumbers numbers = splat_numbers(gaussians.numbers, i);
     for (const double x : numbers.position)
       put(static_cast<std::uint32_t>(std::clamp<std::int64_t>(std::llround(std::ldexp(x, bits)),
                                                               -kMaxPosition, kMaxPosition)),

@@ -8,8 +8,8 @@
 
 namespace redrive {
 
-/// Returns the numbers of splat_numbers.h, rounded, all of one kind after the other, compressed by
-/// gzip:
+/// Returns the numbers of field/splat_numbers.h, rounded, all of one kind after the other,
+/// compressed by gzip:
 ///   header (16 bytes): "NGSP", version 3, n (32 bits each), sh_degree, fractional bits of
 ///                  positions, 1: antialiased, 0 (8 bits each)
 ///   position       24 bits signed, with as many fractional bits as the largest one leaves, 12 at

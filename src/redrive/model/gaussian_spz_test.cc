@@ -9,7 +9,7 @@
 #include <gtest/gtest.h>
 
 #include "redrive/base/gzip.h"
-#include "redrive/model/splat_numbers.h"
+#include "redrive/field/splat_numbers.h"
 
 namespace redrive {
 namespace {
@@ -50,7 +50,7 @@ TEST_P(Spz, HasTheNumbersOfTheGaussians) {
   const int bits = byte(13);
   EXPECT_EQ(byte(14), 1) << "antialiased";
   for (std::size_t i = 0; i < n; ++i) {
-    const SplatNumbers expected = splat_numbers(gaussians, i);
+    const SplatNumbers expected = splat_numbers(gaussians.numbers, i);
     std::size_t at = 16;
     for (int k = 0; k < 3; ++k) {
       const std::size_t p = at + 9 * i + 3 * k;

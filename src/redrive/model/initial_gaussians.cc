@@ -4,11 +4,15 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
+#include <optional>
+#include <utility>
 
 #include <Eigen/Geometry>
 
 #include "redrive/base/rng.h"
 #include "redrive/model/gaussian_points.h"
+#include "redrive/model/visual_hull.h"
 #include "redrive/scene/lidar_points.h"
 #include "redrive/scene/track_points.h"
 
@@ -97,11 +101,12 @@ Points points_between(const TrainingSet& data, const Points& points, ThreadPool&
                   camera_from_world = world_from_camera.inverse(Eigen::Isometry);
     const int across = (camera.width + kCell - 1) / kCell,
               down = (camera.height + kCell - 1) / kCell;
+    const ImagePointer image = data.images[v];
     std::vector<float> distance(static_cast<std::size_t>(across) * down);  // 0: empty
     for (const Point& point : points) {
       const Eigen::Vector3d at = camera_from_world * point.position.cast<double>();
       const auto pixel = camera.project(at);
-      if (!pixel || !static_pixel(data.images[v], *pixel)) continue;
+      if (!pixel || !static_pixel(*image, *pixel)) continue;
       float& nearest = distance[static_cast<int>(pixel->y() + 0.5) / kCell * across +
                                 static_cast<int>(pixel->x() + 0.5) / kCell];
       const auto here = static_cast<float>(at.norm());
@@ -123,12 +128,12 @@ Points points_between(const TrainingSet& data, const Points& points, ThreadPool&
       if (head < seeds) continue;
       const Eigen::Vector2d pixel(std::min(x * kCell + kCell / 2, camera.width - 1),
                                   std::min(y * kCell + kCell / 2, camera.height - 1));
-      const auto index = static_pixel(data.images[v], pixel);
+      const auto index = static_pixel(*image, pixel);
       const auto direction = camera.unproject(pixel);
       if (!index || !direction) continue;
       of_view[chunk].push_back(
           {(world_from_camera * (double(distance[i]) * *direction)).cast<float>(),
-           colour_in(data.images[v], *index), world_from_camera.translation().cast<float>()});
+           colour_in(*image, *index), world_from_camera.translation().cast<float>()});
     }
   });
   Points all;
@@ -136,22 +141,47 @@ Points points_between(const TrainingSet& data, const Points& points, ThreadPool&
   return all;
 }
 
-/// Returns the colour of the first training view that sees a point, or nothing.
-std::optional<Eigen::Vector3f> colour_of(const TrainingSet& data, const Eigen::Vector3f& position,
-                                         std::size_t first_view) {
-  const std::size_t n = data.scene.views.size();
-  for (std::size_t i = 0; i < n; ++i) {
-    const std::size_t v = (first_view + i) % n;
-    const View& view = data.scene.views[v];
-    if (view.held_out) continue;
-    const auto pixel = data.scene.rig[view.camera].camera.project(
-        data.scene.world_from_camera(view).inverse() * position.cast<double>());
-    if (!pixel) continue;
-    const auto index = static_pixel(data.images[v], *pixel);
-    if (!index) continue;
-    return colour_in(data.images[v], *index);
+/// Returns the colour of each point in the first training view that sees it, or nothing. The first
+/// one that is asked of point i is view i * step, the others follow, around.
+std::vector<std::optional<Eigen::Vector3f>> colours_of(
+    const TrainingSet& data, const std::vector<Eigen::Vector3f>& positions, std::size_t step,
+    ThreadPool& pool) {
+  const std::size_t n = data.scene.views.size(),
+                    at_once = 4 * static_cast<std::size_t>(pool.threads());
+  std::vector<std::optional<Eigen::Vector3f>> colours(positions.size());
+  std::vector<std::vector<std::size_t>> of_first(n);  // points by their first view
+  for (std::size_t i = 0; i < positions.size(); ++i) of_first[i * step % n].push_back(i);
+  std::vector<std::size_t> left;  // that have begun and have no colour
+  // Twice through the views, so that few images are needed at a time.
+  std::vector<std::vector<std::pair<std::size_t, Eigen::Vector3f>>> seen(at_once);
+  for (std::size_t turn = 0; turn < 2 * n; turn += at_once) {
+    for (std::size_t v = turn; v < std::min(turn + at_once, n); ++v)
+      left.insert(left.end(), of_first[v].begin(), of_first[v].end());
+    pool.run(static_cast<int>(at_once), [&](int chunk) {
+      seen[chunk].clear();
+      const std::size_t here = turn + static_cast<std::size_t>(chunk);
+      const View& view = data.scene.views[here % n];
+      if (view.held_out || here >= 2 * n) return;
+      const Camera& camera = data.scene.rig[view.camera].camera;
+      const Rigid3d camera_from_world = data.scene.world_from_camera(view).inverse();
+      ImagePointer image;  // once it is needed
+      for (const std::size_t i : left) {
+        const std::size_t first = i * step % n;
+        if (here < first || here >= first + n) continue;
+        const auto pixel = camera.project(camera_from_world * positions[i].cast<double>());
+        if (!pixel) continue;
+        const auto index = pixel_index(camera.width, camera.height, *pixel);
+        if (!index) continue;
+        if (!image) image = data.images[here % n];
+        if (is_static(*image, *index)) seen[chunk].emplace_back(i, colour_in(*image, *index));
+      }
+    });
+    for (const auto& of_view : seen)
+      for (const auto& [i, rgb] : of_view)
+        if (!colours[i]) colours[i] = rgb;
+    std::erase_if(left, [&](std::size_t i) { return colours[i].has_value(); });
   }
-  return std::nullopt;
+  return colours;
 }
 
 /// Appends Gaussians on a sphere around the scene: Fibonacci's lattice.
@@ -159,36 +189,56 @@ void append_sky(const TrainingSet& data, const Eigen::Vector3f& centre, float ra
                 bool whole, ThreadPool& pool, GaussianList* list) {
   const float lowest = whole ? -1 : -kSkyBelow;
   const float side = radius * std::sqrt(2 * float(M_PI) * (1 - lowest) / static_cast<float>(n));
-  std::vector<std::optional<Point>> points(n);
-  pool.run_ranges(n, 256, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) {
-      const double z = double(lowest) + (1 - double(lowest)) * (double(i) + 0.5) / n,
-                   r = std::sqrt(std::max(0.0, 1 - z * z)),
-                   turn = M_PI * (3 - std::sqrt(5.0)) * double(i);
-      const Eigen::Vector3f at =
-          centre +
-          radius * Eigen::Vector3d(r * std::cos(turn), r * std::sin(turn), z).cast<float>();
-      if (const auto rgb = colour_of(data, at, 7 * i)) points[i] = Point{at, *rgb, centre};
-    }
-  });
-  for (const std::optional<Point>& point : points) {
-    if (!point) continue;  // nobody sees it
+  std::vector<Eigen::Vector3f> positions(n);
+  for (int i = 0; i < n; ++i) {
+    const double z = double(lowest) + (1 - double(lowest)) * (double(i) + 0.5) / n,
+                 r = std::sqrt(std::max(0.0, 1 - z * z)),
+                 turn = M_PI * (3 - std::sqrt(5.0)) * double(i);
+    positions[i] =
+        centre + radius * Eigen::Vector3d(r * std::cos(turn), r * std::sin(turn), z).cast<float>();
+  }
+  const auto colours = colours_of(data, positions, 7, pool);
+  for (int i = 0; i < n; ++i) {
+    if (!colours[i]) continue;  // nobody sees it
+    const Point point{positions[i], *colours[i], centre};
     list->rows.resize(list->rows.size() + kGaussianRows);
-    put_gaussian(*point, Eigen::Vector3f::Constant(0.6f * side), Eigen::Quaternionf::Identity(),
+    put_gaussian(point, Eigen::Vector3f::Constant(0.6f * side), Eigen::Quaternionf::Identity(),
                  kPointOpacity, radius / 4, &*(list->rows.end() - kGaussianRows));
   }
 }
 
-/// Appends Gaussians at random places of a cube around the origin.
-void append_random(const NearestCamera& cameras, float half_side, int n, std::uint64_t key,
-                   GaussianList* list) {
-  const float side = 2 * half_side / std::cbrt(static_cast<float>(n));
-  for (int i = 0; i < n; ++i) {
-    Point point;
-    for (int k = 0; k < 3; ++k) {
-      point.position[k] = half_side * (2 * random_unit(key, 6 * i + k) - 1);
-      point.rgb[k] = random_unit(key, 6 * i + 3 + k);
+/// Appends Gaussians at random places of a cube around the origin, inside the visual hull of images
+/// with transparency: what begins outside fades slowly where few images look. In all of the cube
+/// if the hull is empty, as by wrong poses.
+void append_random(const TrainingSet& data, const NearestCamera& cameras, float half_side, int n,
+                   std::uint64_t key, ThreadPool& pool, GaussianList* list) {
+  constexpr std::size_t kTries = 256;  // for each; the hull is a small part of the cube
+  const VisualHull hull(data);
+  const auto wanted = static_cast<std::size_t>(n);
+  Points points;
+  std::size_t tried = 0;
+  const std::size_t most = kTries * wanted;
+  for (std::vector<std::uint8_t> inside(wanted);
+       points.size() < wanted && (tried < most || points.empty()); tried += wanted) {
+    const auto at = [&](std::size_t i) {
+      Eigen::Vector3f position;
+      for (int k = 0; k < 3; ++k)
+        position[k] = half_side * (2 * random_unit(key, 6 * (tried + i) + k) - 1);
+      return position;
+    };
+    pool.run_ranges(wanted, kPointsPerRange, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t i = begin; i < end; ++i)
+        inside[i] = tried >= most || hull.contains(at(i).cast<double>());
+    });
+    for (std::size_t i = 0; i < wanted && points.size() < wanted; ++i) {
+      if (!inside[i]) continue;
+      points.emplace_back().position = at(i);
+      for (int k = 0; k < 3; ++k) points.back().rgb[k] = random_unit(key, 6 * (tried + i) + 3 + k);
     }
+  }
+  // The side of a cube with one point, of the volume that they fill.
+  const float side = 2 * half_side / std::cbrt(static_cast<float>(tried));
+  for (const Point& point : points) {
     list->rows.resize(list->rows.size() + kGaussianRows);
     put_gaussian(point, Eigen::Vector3f::Constant(0.5f * side), Eigen::Quaternionf::Identity(),
                  kRandomOpacity, cameras.distance(point.position.data()),
@@ -222,10 +272,11 @@ GaussianList initial_gaussians(const TrainingSet& data, const InitialGaussianOpt
     returns = add(points, options.voxel, 0.5f, kPointOpacity);
     if (scene.metric && options.extruded > 0) {
       Points up = extruded(points, scene, options.extruded, random_key(seed, kStreamInit, 1));
-      pool.run_ranges(up.size(), kPointsPerRange, [&](std::size_t begin, std::size_t end) {
-        for (std::size_t i = begin; i < end; ++i)
-          if (const auto rgb = colour_of(data, up[i].position, i)) up[i].rgb = *rgb;
-      });
+      std::vector<Eigen::Vector3f> positions;
+      for (const Point& point : up) positions.push_back(point.position);
+      const auto colours = colours_of(data, positions, 1, pool);
+      for (std::size_t i = 0; i < up.size(); ++i)
+        if (colours[i]) up[i].rgb = *colours[i];
       add(up, 3 * options.voxel, 0.4f, kExtrudedOpacity);
     }
   }
@@ -243,8 +294,8 @@ GaussianList initial_gaussians(const TrainingSet& data, const InitialGaussianOpt
     reach = std::max(reach, *far);
   }
   if (list.size() < 1000 && scene.half_side)
-    append_random(cameras, static_cast<float>(*scene.half_side), options.random,
-                  random_key(seed, kStreamInit, 2), &list);
+    append_random(data, cameras, static_cast<float>(*scene.half_side), options.random,
+                  random_key(seed, kStreamInit, 2), pool, &list);
   const int sky =
       scene.background == Background::kNone ? std::min(options.sky, options.max_gaussians / 2) : 0;
   shuffle(static_cast<std::size_t>(options.max_gaussians - sky), random_key(seed, kStreamInit, 3),

@@ -195,6 +195,36 @@ TEST(InitialGaussians, ABoundedSceneWithoutPointsStartsAtRandom) {
   EXPECT_NE(wall.gaussians({.random = 700}, /*seed=*/2).rows, list.rows);
 }
 
+TEST(InitialGaussians, RandomOnesBeginInTheVisualHull) {
+  WallScene wall;
+  wall.scene.half_side = 4;
+  wall.scene.metric = false;
+  wall.scene.background = Background::kBlack;
+  // Opaque is 40 x 30 pixels in the middle, with focal lengths of 60.
+  for (Image8& image : wall.images) {
+    if (image.rgb.empty()) continue;
+    image.alpha.assign(image.rgb.size() / 3, 0);
+    for (int y = 15; y < 45; ++y)
+      for (int x = 20; x < 60; ++x) image.alpha[80 * y + x] = 255;
+  }
+  const GaussianList list = wall.gaussians({.random = 700});
+  ASSERT_EQ(list.size(), 700u);
+  for (std::size_t i = 0; i < list.size(); ++i) {
+    const Eigen::Vector3f at = position(list, i);
+    int seen = 0;
+    for (const float camera : {0.0f, 0.4f, 0.6f}) {  // where the training images are
+      const float depth = at.x() - camera, u = 60 * std::fabs(at.y()) / depth,
+                  v = 60 * std::fabs(at.z() - 1) / depth;
+      if (depth <= 0 || u > 39 || v > 29) continue;
+      ++seen;
+      EXPECT_TRUE(u < 21.5f && v < 16.5f) << at.transpose() << ": with one pixel around";
+    }
+    EXPECT_GT(seen, 0) << at.transpose();
+  }
+  for (Image8& image : wall.images) std::ranges::fill(image.alpha, 0);
+  EXPECT_EQ(wall.gaussians({.random = 700}).size(), 700u) << "an empty hull tells nothing";
+}
+
 TEST(InitialGaussians, AreNoMoreThanTheLimit) {
   WallScene wall;
   wall.scan();

@@ -23,6 +23,7 @@
 #include "redrive/optim/adam.h"
 #include "redrive/rays/lidar_sampler.h"
 #include "redrive/rays/ray_table.h"
+#include "redrive/scene/image_cache.h"
 #include "redrive/scene/pose_corrections.h"
 #include "redrive/scene/scene.h"
 
@@ -30,8 +31,8 @@ namespace redrive {
 
 /// Training data that a step samples rays, images or tiles from.
 struct TrainingSet {
-  const Scene& scene;                 ///< cameras and their current poses
-  const std::vector<Image8>& images;  ///< by view: colours, alpha, mask; empty for held-out views
+  const Scene& scene;  ///< cameras and their current poses
+  ViewImages images;   ///< by view: colours, alpha, mask; those of held-out views are not used
   const LidarReturns& lidar;
   const PixelSampler& pixels;                ///< batches of rays through pixels
   const LidarSampler* lidar_rays = nullptr;  ///< batches of rays to returns; null: no LiDAR
@@ -122,6 +123,9 @@ struct DeviceWork {
 
 struct ExportOptions {
   int sh_degree = 1;  ///< of the colours' spherical harmonics, at most: 0 or 1
+  /// Object whose Gaussians are written instead of the world's, in the axes of its box
+  /// (scene/actor_body.h); one that the model draws. Null: none.
+  const MovingObject* actor = nullptr;
 };
 
 /// A file format of other programs that a trained model can be written in.
@@ -157,6 +161,11 @@ class Model : public Configurable {
   // ---- Training
   virtual bool uses_lidar() const { return false; }
   virtual bool uses_error_map() const { return false; }
+  /// Whether a step needs one image at a time, so that TrainingSet::images may be a cache;
+  /// TrainingSet::pixels then has no pixels to gather.
+  virtual bool streams_images() const { return false; }
+  /// Whether steps keep a halved copy of each image, if all are in memory.
+  virtual bool keeps_half_images(const Scene&) const { return false; }
   /// Whether Scene::actors are drawn; otherwise annotated moving objects are masked.
   virtual bool draws_actors() const { return false; }
   /// Throws InputError naming `recording` unless these are the objects that training drew, with as
@@ -205,6 +214,12 @@ class Model : public Configurable {
   /// Renders single rays in world metres, whatever their origins, as a LiDAR's beams. The work is
   /// that of rendering_work().
   virtual RenderedRays trace(kernels::Backend& backend, const kernels::Rays& rays) const = 0;
+  /// Adds objects that move to rays that trace() has rendered: each is where it is at the ray's
+  /// own time, t_ns [rays.n]. Methods that draw none add nothing.
+  virtual void trace_actors(kernels::Backend& /*backend*/, const kernels::Rays& /*rays*/,
+                            std::span<const std::int64_t> /*t_ns*/,
+                            const std::vector<MovingObject>& /*actors*/,
+                            RenderedRays* /*rendered*/) const {}
 
   // ---- Export
   /// Returns the formats that this model can be exported to, none by default. They refer to the

@@ -1,11 +1,66 @@
 // SPDX-License-Identifier: Apache-2.0
-// Objects that move: where an image sees them, and what training corrects in their tracks.
+// Objects that move: where an image or a ray sees them, and what training corrects in their tracks.
 #include <algorithm>
+#include <utility>
+#include <vector>
 
 #include "redrive/base/error.h"
+#include "redrive/field/gaussian_blocks.h"
 #include "redrive/model/splat_model.h"
+#include "redrive/model/trace_gaussians.h"
+#include "redrive/scene/moving_objects.h"
 
 namespace redrive {
+namespace {
+
+/// Rays that meet an object's box, in its axes.
+struct RaysOfActor {
+  std::vector<std::size_t> index;        ///< among all rays
+  std::vector<float> origin, direction;  ///< [3, n]
+};
+
+RaysOfActor rays_of_actor(const kernels::Rays& rays, std::span<const std::int64_t> t_ns,
+                          const MovingObject& actor) {
+  const auto n = static_cast<std::size_t>(rays.n);
+  const auto in_world = [&](std::span<const float> xyz, std::size_t i) {
+    return Eigen::Vector3d(xyz[i], xyz[n + i], xyz[2 * n + i]);
+  };
+  const Eigen::Vector3d half_m = actor.size_m / 2 + Eigen::Vector3d::Constant(kBeyondBox_m);
+  RaysOfActor met;
+  std::vector<Eigen::Vector3f> origins, directions;
+  std::optional<MovingBox> box;
+  for (std::size_t i = 0; i < n; ++i) {
+    if (i == 0 || t_ns[i] != t_ns[i - 1]) {
+      box.reset();
+      if (const auto world_from_actor = actor.world_from_box(t_ns[i]))
+        box = MovingBox{actor.id, world_from_actor->inverse(Eigen::Isometry), half_m};
+    }
+    const Eigen::Vector3d origin = in_world(rays.origin, i),
+                          direction = in_world(rays.direction, i);
+    if (!box || !box->intersects(origin, direction)) continue;
+    met.index.push_back(i);
+    origins.push_back((box->box_from_world * origin).cast<float>());
+    directions.push_back((box->box_from_world.linear() * direction).cast<float>());
+  }
+  for (int k = 0; k < 3; ++k)
+    for (std::size_t m = 0; m < met.index.size(); ++m) {
+      met.origin.push_back(origins[m][k]);
+      met.direction.push_back(directions[m][k]);
+    }
+  return met;
+}
+
+/// Adds a surface of another object to a ray.
+void add_surface(float depth, float opacity, float* of_depth, float* of_opacity) {
+  constexpr float kOpaque = 0.5f;  // as the median depth
+  const bool nearer = depth > 0 && (!(*of_depth > 0) || depth < *of_depth);
+  const float front = nearer ? opacity : *of_opacity, behind = nearer ? *of_opacity : opacity;
+  const bool front_counts = front >= kOpaque || front >= behind;
+  if (nearer == front_counts) *of_depth = depth;
+  *of_opacity = 1 - (1 - *of_opacity) * (1 - opacity);
+}
+
+}  // namespace
 
 std::optional<std::size_t> SplatModel::actor_index(std::int64_t id) const {
   const auto found = std::ranges::find(actor_ids, id);
@@ -19,8 +74,9 @@ SplatModel::DrawnActors SplatModel::drawn_actors(const ShutterPoses& poses) cons
   std::vector<bool> shown(actor_ids.size());
   bool as_trained = true;
   for (const ShutterPoses::Actor& actor : poses.actors()) {
+    as_trained &= !actor.imported;
     const auto body = actor_index(actor.body);
-    if (!body) continue;
+    if (!body || actor.imported) continue;
     as_trained &= !shown[*body] && actor.gain == std::array<float, 3>{1, 1, 1};
     shown[*body] = true;
   }
@@ -32,26 +88,71 @@ SplatModel::DrawnActors SplatModel::drawn_actors(const ShutterPoses& poses) cons
     }
     return out;
   }
-  std::vector<float> numbers(parameters.data(),
-                             parameters.data() + layout.world_blocks() * kBlockSize);
-  for (const ShutterPoses::Actor& actor : poses.actors()) {
-    const auto a = actor_index(actor.body);
-    if (!a) continue;
-    out.parts.push_back({numbers.size() / kBlockSize, actor.actor_from_camera});
-    const float* const first = parameters.data() + layout.first_block(*a) * kBlockSize;
-    for (const float* block = first;
-         block < parameters.data() + layout.first_block(*a + 1) * kBlockSize; block += kBlockSize) {
-      numbers.insert(numbers.end(), block, block + kBlockSize);
-      float* const copied = &*(numbers.end() - kBlockSize);
-      for (int row = kColourRow; row < kDistanceRow; ++row)
-        for (int lane = 0; lane < kGaussianBlock; ++lane)
-          copied[row * kGaussianBlock + lane] *= actor.gain[(row - kColourRow) % 3];
+  std::vector<std::pair<const ShutterPoses::Actor*, std::span<const float>>> shows;
+  std::size_t at = layout.world_blocks() * kBlockSize, size = at;
+  for (const ShutterPoses::Actor& actor : poses.actors())
+    if (const std::span<const float> blocks = blocks_of(actor.body, actor.imported.get());
+        !blocks.empty()) {
+      shows.emplace_back(&actor, blocks);
+      size += blocks.size();
     }
+  out.copied = Buffer<float>(size);
+  std::ranges::copy(parameters.span().first(at), out.copied.data());
+  for (const auto& [actor, blocks] : shows) {
+    out.parts.push_back({at / kBlockSize, actor->actor_from_camera});
+    for (std::size_t i = 0; i < blocks.size(); ++i) {
+      const auto row = static_cast<int>(i % kBlockSize) / kGaussianBlock;
+      const bool is_colour = row >= kColourRow && row < kDistanceRow;
+      out.copied[at + i] = blocks[i] * (is_colour ? actor->gain[(row - kColourRow) % 3] : 1.0f);
+    }
+    at += blocks.size();
   }
-  out.copied = Buffer<float>(numbers.size());
-  std::ranges::copy(numbers, out.copied.data());
-  out.gaussians = {numbers.size() / kBlockSize * kGaussianBlock, out.copied.span()};
+  out.gaussians = {size / kBlockSize * kGaussianBlock, out.copied.span()};
   return out;
+}
+
+std::span<const float> SplatModel::blocks_of(std::int64_t id, const ActorBody* imported) const {
+  if (imported) return imported->numbers;
+  const auto a = actor_index(id);
+  if (!a) return {};
+  const std::size_t first = layout().first_block(*a), end = layout().first_block(*a + 1);
+  return parameters.span().subspan(first * kBlockSize, (end - first) * kBlockSize);
+}
+
+ActorBody SplatModel::body(const MovingObject& actor) const {
+  const std::span<const float> blocks = blocks_of(actor.id, nullptr);
+  std::vector<std::size_t> used;
+  for (std::size_t i = 0; i < blocks.size() / kGaussianRows; ++i)
+    if (blocks[gaussian_slot(i, kOpacityRow)] > kUnusedOpacity) used.push_back(i);
+  ActorBody out;
+  out.type = actor.type;
+  out.size_m = actor.size_m;
+  out.n = used.size();
+  out.numbers = Buffer<float>(gaussian_blocks(out.n) * kBlockSize);
+  for (std::size_t i = 0; i < out.n; ++i)
+    for (int row = 0; row < kGaussianRows; ++row)
+      out.numbers[gaussian_slot(i, row)] = blocks[gaussian_slot(used[i], row)];
+  clear_unused(out.n, gaussian_blocks(out.n) * kGaussianBlock, out.numbers.data());
+  return out;
+}
+
+void SplatModel::trace_actors(kernels::Backend& backend, const kernels::Rays& rays,
+                              std::span<const std::int64_t> t_ns,
+                              const std::vector<MovingObject>& actors,
+                              RenderedRays* rendered) const {
+  for (const MovingObject& actor : actors) {
+    const std::span<const float> blocks =
+        blocks_of(actor.body.value_or(actor.id), actor.imported.get());
+    if (blocks.empty()) continue;
+    const RaysOfActor met = rays_of_actor(rays, t_ns, actor);
+    if (met.index.empty()) continue;
+    const RenderedRays own =
+        trace_gaussians(backend.gaussians(), {blocks.size() / kGaussianRows, blocks},
+                        {static_cast<int>(met.index.size()), met.origin, met.direction});
+    for (std::size_t m = 0; m < met.index.size(); ++m)
+      add_surface(own.depth[m], own.opacity[m], &rendered->depth[met.index[m]],
+                  &rendered->opacity[met.index[m]]);
+  }
 }
 
 std::pair<std::size_t, std::size_t> SplatModel::motions_of(std::size_t actor) const {

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // Steps of method splat with an object that moves.
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstring>
+#include <memory>
 
 #include <gtest/gtest.h>
 
@@ -156,6 +158,121 @@ TEST(SplatActors, AnImageWithoutTheObjectShowsTheWorldAlone) {
   EXPECT_EQ(traffic.truth.world().n, 80u);
   traffic.scene.actors.clear();
   EXPECT_EQ(traffic.drawn(*backend, traffic.truth, 5).rgb, expected.rgb);
+}
+
+// A body that was exported and is shown on the same track gives the same image, up to the rounding
+// of colours; the model stays as it is.
+TEST(SplatActors, AnExportedBodyIsTheObject) {
+  TrafficScene traffic;
+  const auto backend = fast_backend();
+  const std::vector<float> before(traffic.truth.parameters.data(),
+                                  traffic.truth.parameters.data() + traffic.truth.size());
+  const Image8 expected = traffic.drawn(*backend, traffic.truth, 5);
+  const std::vector<ExportFormat> formats = traffic.truth.export_formats();
+  const std::string ply = formats[0].encode({.actor = &traffic.scene.actors[0]});
+  auto body = std::make_shared<ActorBody>(parse_actor_body(ply, "car.ply"));
+  EXPECT_EQ(body->n, 40u);
+  EXPECT_EQ(body->type, "CAR");
+  EXPECT_LT((body->size_m - traffic.scene.actors[0].size_m).norm(), 1e-9);
+  traffic.scene.actors[0].id = 99;  // that no Gaussians have
+  EXPECT_NE(traffic.drawn(*backend, traffic.truth, 5).rgb, expected.rgb);
+  traffic.scene.actors[0].imported = body;
+  const Image8 imported = traffic.drawn(*backend, traffic.truth, 5);
+  for (std::size_t i = 0; i < expected.rgb.size(); ++i)
+    ASSERT_NEAR(imported.rgb[i], expected.rgb[i], 1) << i;
+  traffic.scene.actors[0].gain = {0, 1, 1};
+  EXPECT_NE(traffic.drawn(*backend, traffic.truth, 5).rgb, imported.rgb);
+  EXPECT_EQ(
+      std::memcmp(traffic.truth.parameters.data(), before.data(), before.size() * sizeof(float)),
+      0);
+  EXPECT_THROW(formats[1].encode({.actor = &traffic.scene.actors[0]}), UsageError)
+      << "the model has no Gaussians of this id";
+}
+
+/// A plate of flat, opaque Gaussians across x, 2 m wide and high.
+GaussianList plate() {
+  GaussianList list;
+  for (int j = -10; j <= 10; ++j)
+    for (int k = -10; k <= 10; ++k) {
+      std::array<float, kGaussianRows> rows{};
+      rows[kPositionRow + 1] = 0.1f * static_cast<float>(j);
+      rows[kPositionRow + 2] = 0.1f * static_cast<float>(k);
+      for (int d = 0; d < 3; ++d) rows[kLogScaleRow + d] = std::log(d == 0 ? 0.001f : 0.08f);
+      rows[kQuaternionRow] = 1;
+      rows[kOpacityRow] = 5;
+      rows[kDistanceRow] = 10;
+      list.rows.insert(list.rows.end(), rows.begin(), rows.end());
+    }
+  return list;
+}
+
+/// A plate 20 m ahead in the world, and one that comes closer, from 15 m at 20 m/s.
+struct PlateScene {
+  MovingObject object{
+      .id = kId, .type = "PLATE", .deforms = false, .size_m = {0.2, 2, 2}, .keys = {}};
+  SplatModel model;
+  std::vector<float> origin, direction;  ///< [3, n]
+  std::vector<std::int64_t> t_ns;
+
+  PlateScene() {
+    for (int i = 0; i <= 5; ++i) {
+      Rigid3d pose = Rigid3d::Identity();
+      pose.translation().x() = 15 - 2 * i;
+      object.keys.push_back({100'000'000ll * i, pose, {-20, 0, 0}});
+    }
+    GaussianList world = plate();
+    for (std::size_t i = 0; i < world.size(); ++i)
+      world.rows[i * kGaussianRows + kPositionRow] = 20;
+    const GaussianList lists[] = {world, plate()};
+    model.set_gaussians(lists, {&object, 1});
+    // Rays straight ahead at eleven times, then one past everything.
+    const int n = 12;
+    origin.assign(3 * n, 0);
+    direction.assign(3 * n, 0);
+    for (int i = 0; i < n; ++i) {
+      direction[(i < 11 ? 0 : 1) * n + i] = 1;
+      origin[2 * n + i] = 0.03f;
+      t_ns.push_back(std::min(i, 10) * 47'000'000ll);
+    }
+  }
+  kernels::Rays rays() const { return {static_cast<int>(t_ns.size()), origin, direction}; }
+  RenderedRays traced(const std::vector<MovingObject>& actors) const {
+    const auto backend = fast_backend();
+    RenderedRays out = model.trace(*backend, rays());
+    model.trace_actors(*backend, rays(), t_ns, actors, &out);
+    return out;
+  }
+};
+
+TEST(TraceActors, RaysMeetAnObjectWhereItIsAtTheirOwnTime) {
+  const PlateScene scene;
+  const RenderedRays traced = scene.traced({scene.object});
+  for (std::size_t i = 0; i < 11; ++i) {
+    EXPECT_NEAR(traced.depth[i], 15 - 20 * 1e-9 * double(scene.t_ns[i]), 0.015) << i;
+    EXPECT_GT(traced.opacity[i], 0.9);
+  }
+  EXPECT_LT(traced.opacity[11], 1e-3);
+  for (std::size_t i = 0; i < 11; ++i) EXPECT_NEAR(scene.traced({}).depth[i], 20, 0.02);
+}
+
+TEST(TraceActors, TheNearerSurfaceCountsAndHiddenObjectsDoNot) {
+  const PlateScene scene;
+  MovingObject behind = scene.object, hidden = scene.object, copy = scene.object;
+  for (MovingObject::Key& key : behind.keys) key.world_from_box.translation().x() += 30;
+  hidden.hidden_ns = {{0, 250'000'000}};
+  copy.id = 5;
+  copy.body = kId;
+  for (MovingObject::Key& key : copy.keys) key.world_from_box.translation().x() -= 3;
+  const RenderedRays far = scene.traced({behind}), later = scene.traced({hidden}),
+                     both = scene.traced({copy, scene.object}),
+                     other_order = scene.traced({scene.object, copy});
+  for (std::size_t i = 0; i < 11; ++i) {
+    const double own = 15 - 20 * 1e-9 * double(scene.t_ns[i]);
+    EXPECT_NEAR(far.depth[i], 20, 0.02) << "the world hides it";
+    EXPECT_NEAR(later.depth[i], scene.t_ns[i] <= 250'000'000 ? 20 : own, 0.02);
+    EXPECT_NEAR(both.depth[i], own - 3, 0.015);
+    EXPECT_EQ(other_order.depth[i], both.depth[i]);
+  }
 }
 
 TEST(SplatActors, GaussiansStayWithTheirObjectAndInItsBox) {

@@ -5,12 +5,14 @@
 #include <cmath>
 #include <optional>
 
+#include "redrive/base/error.h"
 #include "redrive/base/rng.h"
 #include "redrive/camera/plain_camera.h"
 #include "redrive/model/actor_gaussians.h"
 #include "redrive/model/gaussian_ply.h"
 #include "redrive/model/gaussian_points.h"
 #include "redrive/model/gaussian_spz.h"
+#include "redrive/model/image_windows.h"
 #include "redrive/model/range_pixels.h"
 #include "redrive/model/trace_gaussians.h"
 
@@ -21,78 +23,23 @@ enum SplatLossSlot { kL1Loss, kSsimLoss, kOpacityLoss, kRangeLoss };  // in Step
 constexpr float kGainsFrom = 0.05f;                                   // progress
 constexpr float kMotionsFrom = 0.05f;                                 // progress
 constexpr double kShareOfActors = 0.5;  // of all Gaussians, at first, at most
-constexpr float kBeyondBox_m = 0.2f;    // an actor's Gaussians may be so far out of its box
-
-/// A part of a view's image.
-struct Window {
-  int view, x, y, width, height;
-};
-
-/// Images of one size with their windows.
-struct ImageLevel {
-  std::vector<Camera> cameras;  ///< of the rig
-  std::vector<Window> windows;  ///< of the training views
-};
 
 /// Working memory of a run's steps.
 struct SplatBuffers final : MethodBuffers {
   ImageLevel full, half;
-  std::vector<Image8> half_images;                             ///< by view, made when first needed
-  std::vector<std::optional<std::vector<RangePixel>>> ranges;  ///< likewise
+  std::vector<ImagePointer> half_images;  ///< by view, made when first needed; if all are in memory
+  std::vector<std::optional<std::vector<RangePixel>>> ranges;  ///< by view, made when first needed
+  /// The steps that the images' plan is of.
+  struct Plan {
+    std::uint64_t seed = 0;
+    const ImageLevel* level = nullptr;
+    int rank = 0, world_size = 0;
+    std::int64_t first = 0, end = 0;
+  } plan;
   kernels::RasterImage image;
   std::vector<float> gains, d_rgb, d_transmittance, error, log_range, d_range;
   std::vector<std::uint8_t> tiles;
 };
-
-/// Cuts the training views' images into equal windows of at most `pixels`, but for rounding to
-/// whole tiles.
-void cut(const TrainingSet& data, int pixels, ImageLevel* level) {
-  for (std::size_t v = 0; v < data.scene.views.size(); ++v) {
-    const View& view = data.scene.views[v];
-    if (view.held_out) continue;
-    const Camera& camera = level->cameras[view.camera];
-    const double parts = std::ceil(static_cast<double>(camera.width) * camera.height / pixels);
-    const int down = std::max(1, static_cast<int>(
-                                     std::lround(std::sqrt(parts * camera.height / camera.width)))),
-              across = static_cast<int>(std::ceil(parts / down));
-    const auto side = [](int length, int n) {
-      return (length + n * kernels::kTileSide - 1) / (n * kernels::kTileSide) * kernels::kTileSide;
-    };
-    const int width = side(camera.width, across), height = side(camera.height, down);
-    for (int y = 0; y < camera.height; y += height)
-      for (int x = 0; x < camera.width; x += width)
-        level->windows.push_back({static_cast<int>(v), x, y, std::min(width, camera.width - x),
-                                  std::min(height, camera.height - y)});
-  }
-}
-
-/// Halves an image by area averaging. A pixel that is masked in part is masked.
-Image8 halved(const Image8& image) {
-  Image8 half;
-  half.width = image.width / 2;
-  half.height = image.height / 2;
-  const std::size_t n = static_cast<std::size_t>(half.width) * half.height;
-  half.rgb.resize(3 * n);
-  if (!image.alpha.empty()) half.alpha.resize(n);
-  if (!image.used.empty()) half.used.resize(n);
-  for (int y = 0; y < half.height; ++y)
-    for (int x = 0; x < half.width; ++x) {
-      const std::size_t to = static_cast<std::size_t>(y) * half.width + x;
-      const std::size_t at = static_cast<std::size_t>(2 * y) * image.width + 2 * x;
-      const std::size_t from[4] = {at, at + 1, at + image.width, at + image.width + 1};
-      const auto mean = [&](const std::vector<std::uint8_t>& channel, int stride, int offset) {
-        int sum = 2;
-        for (const std::size_t i : from) sum += channel[stride * i + offset];
-        return static_cast<std::uint8_t>(sum / 4);
-      };
-      for (int c = 0; c < 3; ++c) half.rgb[3 * to + c] = mean(image.rgb, 3, c);
-      if (!half.alpha.empty()) half.alpha[to] = mean(image.alpha, 1, 0);
-      if (!half.used.empty())
-        half.used[to] =
-            std::ranges::all_of(from, [&](std::size_t i) { return image.used[i] != 0; });
-    }
-  return half;
-}
 
 SplatBuffers& splat_buffers(const TrainingSet& data, int window_pixels, StepBuffers* buffers) {
   if (!buffers->method) {
@@ -101,8 +48,8 @@ SplatBuffers& splat_buffers(const TrainingSet& data, int window_pixels, StepBuff
       made->full.cameras.push_back(rig.camera);
       made->half.cameras.push_back(rig.camera.downscaled(2));
     }
-    cut(data, window_pixels, &made->full);
-    cut(data, window_pixels, &made->half);
+    cut_into_windows(data, window_pixels, &made->full);
+    cut_into_windows(data, window_pixels, &made->half);
     made->half_images.resize(data.images.size());
     made->ranges.resize(data.images.size());
     buffers->method = std::move(made);
@@ -110,23 +57,49 @@ SplatBuffers& splat_buffers(const TrainingSet& data, int window_pixels, StepBuff
   return static_cast<SplatBuffers&>(*buffers->method);
 }
 
-/// Which tiles of a window have pixels that are not masked; empty: all.
-void find_tiles(const Image8& image, const Window& window, std::vector<std::uint8_t>* tiles) {
-  tiles->clear();
-  if (image.used.empty()) return;
-  const kernels::RasterSize size = kernels::raster_size(window.width, window.height);
-  const int across = size.stride / kernels::kTileSide;
-  tiles->assign(static_cast<std::size_t>(across) * (size.rows / kernels::kTileSide), 0);
-  for (int y = 0; y < window.height; ++y)
-    for (int x = 0; x < window.width; ++x)
-      (*tiles)[y / kernels::kTileSide * across + x / kernels::kTileSide] |=
-          image.used[static_cast<std::size_t>(window.y + y) * image.width + window.x + x];
+std::uint64_t draw_of(const StepRequest& request, std::int64_t step) {
+  return static_cast<std::uint64_t>(request.world_size * step + request.rank);
+}
+
+/// Tells which images the next steps draw, where not all are in memory. The order is known for as
+/// long as the level stays.
+void plan_images(const TrainingSet& data, const StepRequest& request, const ImageLevel& level,
+                 SplatBuffers* own) {
+  constexpr std::size_t kMostPlanned = 1 << 16;
+  if (data.images.all_in_memory()) return;
+  const SplatBuffers::Plan& last = own->plan;
+  if (last.seed == request.seed && last.level == &level && last.rank == request.rank &&
+      last.world_size == request.world_size && request.step >= last.first &&
+      request.step < (last.first + last.end) / 2)
+    return;
+  // Two epochs, so that each image's next use is known.
+  const auto n = static_cast<std::int64_t>(std::min(2 * level.windows.size(), kMostPlanned));
+  own->plan = {request.seed,       &level,       request.rank,
+               request.world_size, request.step, request.step + n};
+  std::vector<ImageKey> coming;
+  for (std::int64_t step = request.step; step < request.step + n; ++step)
+    coming.push_back(
+        {level.windows[drawn_window(request.seed, draw_of(request, step), level.windows.size())]
+             .view,
+         &level == &own->half});
+  data.images.plan(std::move(coming));
+}
+
+/// Returns a view's image at the size of `level`.
+ImagePointer image_of(const TrainingSet& data, int view, const ImageLevel& level,
+                      SplatBuffers* own) {
+  if (&level == &own->full) return data.images[view];
+  ImagePointer& kept = own->half_images[view];
+  if (kept) return kept;
+  ImagePointer half = data.images.half(view);
+  if (data.images.all_in_memory()) kept = half;
+  return half;
 }
 
 /// Returns the mean transmittance of the pixels that are not masked; the others' tiles are not
 /// drawn. Writes its derivatives times `weight`.
 double mean_transmittance(const kernels::RasterImage& drawn, const Image8& image,
-                          const Window& window, double pixels, float weight,
+                          const ImageWindow& window, double pixels, float weight,
                           std::vector<float>* derivatives) {
   derivatives->assign(drawn.size.plane(), 0);
   const float each = weight / static_cast<float>(std::max(pixels, 1.0));
@@ -144,7 +117,7 @@ double mean_transmittance(const kernels::RasterImage& drawn, const Image8& image
   return sum / std::max(pixels, 1.0);
 }
 
-kernels::GaussianCamera camera_of(const PlainCamera& whole, const Window& window,
+kernels::GaussianCamera camera_of(const PlainCamera& whole, const ImageWindow& window,
                                   const ShutterPoses& poses,
                                   std::span<const kernels::GaussianPart> parts) {
   return {window_of(whole, window.x, window.y, window.width, window.height), poses.keys(),
@@ -185,12 +158,18 @@ void SplatModel::initialize_from(const TrainingSet& data, std::uint64_t seed, Th
 void SplatModel::set_background(const TrainingSet& data) {
   constexpr std::size_t kEvery = 101;  // pixels
   double sum[3] = {0, 0, 0}, n = 0;
-  for (const Image8& image : data.images)
-    for (std::size_t i = 0; 3 * i < image.rgb.size(); i += kEvery) {
-      if (!image.used.empty() && image.used[i] == 0) continue;
-      for (int c = 0; c < 3; ++c) sum[c] += image.rgb[3 * i + c] / 255.0;
+  std::vector<ImageKey> views;
+  for (int v = 0; v < std::ssize(data.scene.views); ++v)
+    if (!data.scene.views[v].held_out) views.push_back({v, false});
+  data.images.plan(views);
+  for (const ImageKey& key : views) {
+    const ImagePointer image = data.images[key.view];
+    for (std::size_t i = 0; 3 * i < image->rgb.size(); i += kEvery) {
+      if (!image->used.empty() && image->used[i] == 0) continue;
+      for (int c = 0; c < 3; ++c) sum[c] += image->rgb[3 * i + c] / 255.0;
       ++n;
     }
+  }
   for (int c = 0; c < 3; ++c) background[c] = static_cast<float>(sum[c] / std::max(n, 1.0));
 }
 
@@ -217,7 +196,7 @@ void SplatModel::set_gaussians(std::span<const GaussianList> lists,
 std::int64_t SplatModel::steps_per_epoch(const TrainingSet& data, int world_size) const {
   ImageLevel full;
   for (const RigCamera& rig : data.scene.rig) full.cameras.push_back(rig.camera);
-  cut(data, window_pixels, &full);
+  cut_into_windows(data, window_pixels, &full);
   return (static_cast<std::int64_t>(full.windows.size()) + world_size - 1) / world_size;
 }
 
@@ -226,7 +205,7 @@ struct SplatModel::WindowStep {
   int factor;                ///< by which the image is smaller than the view's
   const PlainCamera& whole;  ///< camera of the window's image
   const Image8& image;
-  const Window& window;
+  const ImageWindow& window;
   float colour[3];  ///< of the background
 };
 
@@ -239,10 +218,10 @@ StepOutput SplatModel::step(kernels::Backend& backend, const TrainingSet& data,
   const bool coarse = all || (request.progress < double(coarse_progress) &&
                               own.full.windows.size() > own.half.windows.size());
   const ImageLevel& level = coarse ? own.half : own.full;
-  const std::uint64_t drawn = request.world_size * request.step + request.rank,
-                      n = level.windows.size(),
-                      key = random_key(request.seed, kStreamPixels, drawn / n);
-  const std::size_t first = all ? 0 : permute_index(key, drawn % n, n), end = all ? n : first + 1;
+  const std::uint64_t drawn = draw_of(request, request.step), n = level.windows.size();
+  const std::size_t first = all ? 0 : drawn_window(request.seed, drawn, n),
+                    end = all ? n : first + 1;
+  if (!all) plan_images(data, request, level, &own);
 
   buffers->workspace.begin(backend);
   StepSums& sums = buffers->workspace.sums();
@@ -250,16 +229,12 @@ StepOutput SplatModel::step(kernels::Backend& backend, const TrainingSet& data,
   StepOutput out;
   if (request.pose_gradients) out.views.resize(data.scene.views.size());
   for (std::size_t w = first; w < end; ++w) {
-    const Window& window = level.windows[w];
+    const ImageWindow& window = level.windows[w];
     const View& view = data.scene.views[window.view];
-    if (coarse && own.half_images[window.view].rgb.empty())
-      own.half_images[window.view] = halved(data.images[window.view]);
+    const ImagePointer image = image_of(data, window.view, level, &own);
     const PlainCamera whole = make_plain_camera(level.cameras[view.camera]);
-    WindowStep step{coarse ? 2 : 1,
-                    whole,
-                    coarse ? own.half_images[window.view] : data.images[window.view],
-                    window,
-                    {background[0], background[1], background[2]}};
+    WindowStep step{
+        coarse ? 2 : 1, whole, *image, window, {background[0], background[1], background[2]}};
     const std::uint64_t colour = random_key(request.seed, kStreamBackground, drawn);
     for (int c = 0; data.scene.random_background && c < 3; ++c)
       step.colour[c] = random_unit(colour, static_cast<std::uint64_t>(c));
@@ -304,7 +279,7 @@ void SplatModel::step_window(kernels::Backend& backend, const TrainingSet& data,
                              StepSums* sums, StepOutput* out) const {
   SplatBuffers& own = static_cast<SplatBuffers&>(*buffers);
   kernels::GaussianStages& stages = backend.gaussians();
-  const Window& window = step.window;
+  const ImageWindow& window = step.window;
   const View& view = data.scene.views[window.view];
   const Image8& image = step.image;
   ShutterPoses poses = data.scene.shutter_poses(view);
@@ -484,11 +459,26 @@ RenderedRays SplatModel::trace(kernels::Backend& backend, const kernels::Rays& r
 }
 
 std::vector<ExportFormat> SplatModel::export_formats() const {
-  return {
-      {"splat-ply", "PLY of 3D Gaussians, as viewers of 3D Gaussian Splatting read it",
-       [this](const ExportOptions& options) { return gaussian_ply(world(), options.sh_degree); }},
-      {"splat-spz", "SPZ, a fifth of the size; positions, colours and angles are rounded",
-       [this](const ExportOptions& options) { return gaussian_spz(world(), options.sh_degree); }}};
+  const auto of_actor = [this](const MovingObject& actor) {
+    ActorBody body = this->body(actor);
+    if (body.n == 0)
+      throw UsageError("--actor", std::to_string(actor.id),
+                       "has no Gaussians: no training image shows it");
+    return body;
+  };
+  return {{"splat-ply", "PLY of 3D Gaussians, as viewers of 3D Gaussian Splatting read it",
+           [this, of_actor](const ExportOptions& options) {
+             if (!options.actor) return gaussian_ply(world(), options.sh_degree);
+             const ActorBody body = of_actor(*options.actor);
+             return gaussian_ply({body.n, body.numbers}, options.sh_degree,
+                                 body_comments(body.type, body.size_m));
+           }},
+          {"splat-spz", "SPZ, a fifth of the size; positions, colours and angles are rounded",
+           [this, of_actor](const ExportOptions& options) {
+             if (!options.actor) return gaussian_spz(world(), options.sh_degree);
+             const ActorBody body = of_actor(*options.actor);
+             return gaussian_spz({body.n, body.numbers}, options.sh_degree);
+           }}};
 }
 
 }  // namespace redrive

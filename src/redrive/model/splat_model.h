@@ -18,8 +18,11 @@
 #include "redrive/model/image_gains.h"
 #include "redrive/model/initial_gaussians.h"
 #include "redrive/model/method.h"
+#include "redrive/scene/actor_body.h"
 
 namespace redrive {
+
+constexpr float kBeyondBox_m = 0.2f;  ///< an actor's Gaussians may be so far out of its box
 
 struct SplatModel final : Model {
   InitialGaussianOptions initial;
@@ -65,6 +68,8 @@ struct SplatModel final : Model {
   void initialize(std::uint64_t seed) override;
   void initialize_from(const TrainingSet& data, std::uint64_t seed, ThreadPool& pool) override;
   bool uses_lidar() const override { return lidar_rays > 0; }
+  bool streams_images() const override { return true; }
+  bool keeps_half_images(const Scene& scene) const override;
   bool draws_actors() const override { return actors > 0; }
   void check_actors(const std::filesystem::path& recording,
                     const std::vector<MovingObject>& objects) const override;
@@ -88,8 +93,13 @@ struct SplatModel final : Model {
   RenderedImage render(kernels::Backend& backend, const RayTable& rays,
                        const ShutterPoses& world_from_camera,
                        const Exposure& exposure) const override;
-  /// Without actors, which move while a LiDAR turns.
+  /// Of the world alone.
   RenderedRays trace(kernels::Backend& backend, const kernels::Rays& rays) const override;
+  /// An object is traced in its own axes, by the rays that meet its box. Of two surfaces on a ray
+  /// the nearer one counts unless it is more transparent than opaque.
+  void trace_actors(kernels::Backend& backend, const kernels::Rays& rays,
+                    std::span<const std::int64_t> t_ns, const std::vector<MovingObject>& actors,
+                    RenderedRays* rendered) const override;
   std::vector<ExportFormat> export_formats() const override;
   std::uint64_t step_bytes() const override;
   DeviceWork training_work() const override {
@@ -99,6 +109,8 @@ struct SplatModel final : Model {
   void rehearse(kernels::Backend&, const DeviceWork&, std::span<float>, Workspace*) const override {
   }
 
+  /// Returns the Gaussians of an object that was trained, in the axes of its box; empty for others.
+  ActorBody body(const MovingObject& actor) const;
   /// Replaces the Gaussians by those of the world and of each actor.
   void set_gaussians(std::span<const GaussianList> lists, std::span<const MovingObject> actors);
   GaussianLayout layout() const { return {static_cast<std::size_t>(gaussians), actor_ends}; }
@@ -143,6 +155,9 @@ struct SplatModel final : Model {
            (actor_keys.empty() ? 0 : kMotionSize * static_cast<std::size_t>(actor_keys.back()));
   }
   std::optional<std::size_t> actor_index(std::int64_t id) const;
+  /// Returns the blocks that an object shows: `imported`, or of the actor of this id; empty where
+  /// there are none.
+  std::span<const float> blocks_of(std::int64_t id, const ActorBody* imported) const;
   /// Offset and size of an actor's corrections in `parameters`.
   std::pair<std::size_t, std::size_t> motions_of(std::size_t actor) const;
   /// Corrects where the camera sees the actors at t_ns; tracks of the scene that are corrected

@@ -190,6 +190,12 @@ void SplatModel::configure(const Scene& scene) {
   }
 }
 
+bool SplatModel::keeps_half_images(const Scene& scene) const {
+  return coarse_progress > 0 && std::ranges::any_of(scene.rig, [&](const RigCamera& rig) {
+           return std::int64_t{rig.camera.width} * rig.camera.height > window_pixels;
+         });
+}
+
 std::size_t SplatModel::max_size() const {
   const std::size_t blocks = gaussian_blocks(static_cast<std::size_t>(most_gaussians()));
   return std::max(blocks + actor_ids.size(), layout().blocks()) * kBlockSize + gains.size() +

@@ -125,6 +125,17 @@ UsedPixels::UsedPixels(const RayTable& table, const std::vector<std::uint8_t>& u
     before_[word + 1] = before_[word] + std::popcount(bits_[word]);
 }
 
+std::uint64_t epoch_pixels(const RayTable& table, const Image8& image) {
+  if (image.used.empty() && image.alpha.empty()) return table.pixel.size();
+  std::uint64_t visible = 0, transparent = 0;
+  for (const std::uint32_t pixel : table.pixel) {
+    const float weight = pixel_sampling_weight(image.alpha, image.used, pixel);
+    visible += weight == 1;
+    transparent += weight == 1.0f / kEpochsPerTransparentPixel;
+  }
+  return visible + (transparent + kEpochsPerTransparentPixel - 1) / kEpochsPerTransparentPixel;
+}
+
 PixelSampler::PixelSampler(const Scene& scene, const std::vector<Image8>& images,
                            std::uint64_t seed)
     : scene_(scene), seed_(seed), offsets_{0} {
@@ -160,12 +171,7 @@ PixelSampler::PixelSampler(const Scene& scene, const std::vector<Image8>& images
       add(index, every, &used_.back());
     }
   }
-  const auto first = std::ranges::find(scene.views, false, &View::held_out);
-  REDRIVE_CHECK(first != scene.views.end());
-  if (offsets_.back() == 0)
-    throw InputError(
-        first->image, "", "",
-        "masks and camera models leave no pixel of this and all other training images");
+  check_any();
   static_cast<PixelSpans&>(source_) = {offsets_.back(),
                                        background_colour(scene.background)[0],
                                        scene.random_background,
@@ -177,6 +183,21 @@ PixelSampler::PixelSampler(const Scene& scene, const std::vector<Image8>& images
                                        cells_.images(),
                                        cells_.pixels()};
   update_poses();
+}
+
+PixelSampler::PixelSampler(const Scene& scene, std::uint64_t pixels, std::uint64_t seed)
+    : scene_(scene), seed_(seed), offsets_{pixels} {
+  check_any();
+  source_.pixels = pixels;
+}
+
+void PixelSampler::check_any() const {
+  const auto first = std::ranges::find(scene_.views, false, &View::held_out);
+  REDRIVE_CHECK(first != scene_.views.end());
+  if (offsets_.back() == 0)
+    throw InputError(
+        first->image, "", "",
+        "masks and camera models leave no pixel of this and all other training images");
 }
 
 void PixelSampler::update_poses() {

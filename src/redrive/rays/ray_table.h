@@ -79,6 +79,9 @@ class UsedPixels {
   std::vector<std::uint32_t> before_;  ///< [bits_.size() + 1]: entries in use before each word
 };
 
+/// Returns the number of an image's pixels in an epoch of PixelSampler.
+std::uint64_t epoch_pixels(const RayTable& table, const Image8& image);
+
 /// Rays of a batch that are drawn by the error map, besides the uniform ones.
 struct ErrorMapRays {
   int n = 0;
@@ -95,6 +98,8 @@ class PixelSampler {
   /// Throws InputError if no pixel is left. Scene and images must outlive the sampler and stay
   /// unchanged except for the poses.
   PixelSampler(const Scene& scene, const std::vector<Image8>& images, std::uint64_t seed);
+  /// For methods that draw whole images: counts the epoch_pixels of all, and cannot gather.
+  PixelSampler(const Scene& scene, std::uint64_t pixels, std::uint64_t seed);
   PixelSampler(const PixelSampler&) = delete;
   PixelSampler& operator=(const PixelSampler&) = delete;
 
@@ -120,6 +125,7 @@ class PixelSampler {
 
  private:
   void add(int image, int every, const UsedPixels* used);
+  void check_any() const;
 
   const Scene& scene_;
   std::uint64_t seed_;

@@ -19,13 +19,16 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// The folder of the model's files; empty if there is none.
+/// The folder of the model's files, in `sparse` also one that lacks some; empty if there is none.
 fs::path find_model(const fs::path& root) {
   for (const char* folder : {"sparse/0", "sparse", ""})
-    for (const char* extension : {".bin", ".txt"})
-      if (is_there(root / folder / ("cameras" + std::string(extension))) &&
-          is_there(root / folder / ("images" + std::string(extension))))
+    for (const std::string extension : {".bin", ".txt"})
+      if (is_there(root / folder / ("cameras" + extension)) &&
+          is_there(root / folder / ("images" + extension)))
         return root / folder;
+  for (const char* folder : {"sparse/0", "sparse"})
+    for (const char* file : {"cameras.bin", "cameras.txt", "images.bin", "images.txt"})
+      if (is_there(root / folder / file)) return root / folder;
   return {};
 }
 
@@ -35,6 +38,14 @@ fs::path find_file(const fs::path& model, const std::string& name) {
   const bool binary = is_there(model / "cameras.bin") && is_there(model / "images.bin");
   const fs::path path = model / (name + (binary ? ".bin" : ".txt"));
   return is_there(path) ? path : fs::path();
+}
+
+fs::path required_file(const fs::path& model, const std::string& name) {
+  fs::path file = find_file(model, name);
+  if (file.empty())
+    throw InputError(model, name, "",
+                     "missing: a model has cameras and images, both as .bin or both as .txt");
+  return file;
 }
 
 /// Reads a file by the parser of its kind.
@@ -71,6 +82,24 @@ class Reader final : public RecordingReader {
  private:
   std::map<std::int64_t, std::int64_t> frame_of_image_;
 };
+
+/// Reports tracks with images that the model does not have, by their ids.
+void report_unknown_images(const std::vector<PointRecord>& points, const fs::path& points_file,
+                           const fs::path& images_file, const std::set<std::int64_t>& ids,
+                           std::vector<Finding>* findings) {
+  std::size_t count = 0;
+  std::int64_t first = 0;
+  for (const PointRecord& point : points) {
+    const auto unknown =
+        std::ranges::find_if(point.images, [&](std::int64_t id) { return !ids.contains(id); });
+    if (unknown != point.images.end() && count++ == 0) first = *unknown;
+  }
+  if (count > 0)
+    findings->push_back({points_file.filename().string(),
+                         counted(count, "point") + " seen by images that " +
+                             images_file.filename().string() + " does not have, such as image " +
+                             std::to_string(first) + "; these are not used"});
+}
 
 /// Images below `folder`, relative to it, that the model does not have.
 std::vector<std::string> images_without_pose(const fs::path& folder,
@@ -133,8 +162,8 @@ bool looks_like(const fs::path& root) { return !find_model(root).empty(); }
 
 Recording open(const fs::path& root, PoseSource source) {
   refuse_ground_truth(root, source);
-  const fs::path model = find_model(root), cameras_file = find_file(model, "cameras"),
-                 images_file = find_file(model, "images");
+  const fs::path model = find_model(root), cameras_file = required_file(model, "cameras"),
+                 images_file = required_file(model, "images");
   const std::vector<CameraRecord> cameras =
       read(cameras_file, parse_cameras_binary, parse_cameras_text);
   std::vector<ImageRecord> images = read(images_file, parse_images_binary, parse_images_text);
@@ -156,8 +185,10 @@ Recording open(const fs::path& root, PoseSource source) {
   }
   std::vector<std::string> missing;
   std::set<std::string> names;
+  std::set<std::int64_t> ids;
   std::map<std::int64_t, std::int64_t> frame_of_image;
   for (const ImageRecord& image : images) {
+    ids.insert(image.id);
     const std::string record = "image " + std::to_string(image.id);
     const auto camera = by_id.find(image.camera_id);
     if (camera == by_id.end())
@@ -202,7 +233,9 @@ Recording open(const fs::path& root, PoseSource source) {
     findings.push_back({"points3D", "missing: nothing says where the scene is"});
   } else {
     recording.points_file = points;
-    recording.bounds = bounds_of(recording.frames, read_point_records(points));
+    const std::vector<PointRecord> records = read_point_records(points);
+    report_unknown_images(records, points, images_file, ids, &findings);
+    recording.bounds = bounds_of(recording.frames, records);
   }
   recording.reader = std::make_shared<Reader>(std::move(frame_of_image));
   return recording;

@@ -158,6 +158,32 @@ TEST_F(ColmapTest, RejectsModelsThatDoNotFitTogether) {
               HasSubstr("exact poses"));
 }
 
+TEST_F(ColmapTest, NamesTheFileThatIsMissing) {
+  for (const std::string file : {"cameras", "images"}) {
+    write_model();
+    fs::remove(folder_.path / ("sparse/0/" + file + ".txt"));
+    EXPECT_THAT(input_error([&] { opened(); }),
+                AllOf(HasSubstr("sparse/0: " + file), HasSubstr("both as .bin or both as .txt")));
+  }
+  // cameras.bin without images.bin beside a text model is not looked at.
+  write_model();
+  folder_.write("sparse/0/cameras.bin", "");
+  EXPECT_EQ(opened().frames.size(), 2u);
+  fs::remove(folder_.path / "sparse/0/cameras.txt");
+  EXPECT_THAT(input_error([&] { opened(); }), HasSubstr("sparse/0: cameras"));
+}
+
+TEST_F(ColmapTest, ReportsTracksOfImagesThatTheModelDoesNotHave) {
+  write_model();
+  folder_.write("sparse/0/points3D.txt", kPoints + "4 1 1 7 1 2 3 0.5 3 0 99 0\n");
+  const Recording recording = opened();
+  ASSERT_EQ(recording.findings.size(), 2u);
+  EXPECT_THAT(recording.findings[1].what,
+              AllOf(HasSubstr("1 point seen by images that images.txt does not have"),
+                    HasSubstr("such as image 99")));
+  EXPECT_THAT(recording.reader->read_points(recording).at(3).frames, ElementsAre(0));
+}
+
 std::string error_of_cameras(const std::string& text) {
   return input_error([&] {
     for (const colmap::CameraRecord& camera : colmap::parse_cameras_text(text, "cameras.txt"))
@@ -233,6 +259,14 @@ TEST(ColmapFiles, RejectsTruncatedBinaryFiles) {
   std::memcpy(nan.data() + 16, &value, sizeof value);
   EXPECT_THAT(input_error([&] { colmap::parse_points_binary(nan, "m.bin"); }),
               HasSubstr("point 1 X"));
+  nan = files.images;  // a count, an id of 4 bytes, then the quaternion
+  std::memcpy(nan.data() + 12, &value, sizeof value);
+  EXPECT_THAT(input_error([&] { colmap::parse_images_binary(nan, "m.bin"); }),
+              HasSubstr("image 3 pose = nan"));
+  nan = files.cameras;  // a count, id and model of 4 bytes, width and height of 8, parameters
+  std::memcpy(nan.data() + 32, &value, sizeof value);
+  EXPECT_THAT(input_error([&] { colmap::parse_cameras_binary(nan, "m.bin"); }),
+              HasSubstr("camera 1 f = nan"));
   std::string model = files.cameras;
   model[12] = 99;
   EXPECT_THAT(input_error([&] { colmap::parse_cameras_binary(model, "m.bin"); }),

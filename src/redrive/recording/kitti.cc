@@ -202,6 +202,7 @@ Recording open(const fs::path& root, PoseSource source) {
     std::vector<ImageFile> images =
         images_with_poses(camera.images, camera.name, recording.frames, &findings);
     if (images.empty()) continue;
+    check_png_size(images[0].path, *found->second.size, cameras_file);
     CameraCalibration calibration =
         calibration_of(found->second, *found->second.size, camera.name, rectified_from_body);
     calibration.time_offset_ns =
@@ -215,11 +216,11 @@ Recording open(const fs::path& root, PoseSource source) {
   if (const fs::path file = find_labels(root, &findings); !file.empty()) {
     const bool tracklets = has_extension(file, {".xml"});
     const std::string text = read_file(file);
+    const Rigid3d body_from_sensor =
+        tracklets ? reader->body_from_velodyne : rectified_from_body.inverse(Eigen::Isometry);
     reader->boxes = place_boxes(
-        tracklets ? parse_tracklets(text, file) : parse_labels(text, file),
-        {tracklets ? reader->body_from_velodyne : rectified_from_body.inverse(Eigen::Isometry),
-         reader->body_from_velodyne, reader->scans},
-        recording.frames);
+        tracklets ? parse_tracklets(text, file) : parse_labels(text, file), body_from_sensor,
+        recording.frames, time_in_scans(velodyne_from_body * body_from_sensor, reader->scans));
     for (const auto& [frame_id, boxes] : reader->boxes)
       recording.box_files.push_back({frame_id, file});
   }

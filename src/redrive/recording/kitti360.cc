@@ -12,8 +12,8 @@
 #include "redrive/recording/frame_files.h"
 #include "redrive/recording/kitti360_boxes.h"
 #include "redrive/recording/kitti360_calibration.h"
-#include "redrive/recording/kitti_boxes.h"
 #include "redrive/recording/kitti_poses.h"
+#include "redrive/recording/labels.h"
 #include "redrive/recording/trajectory.h"
 #include "redrive/recording/wording.h"
 
@@ -89,16 +89,21 @@ class Reader : public kitti::Reader {
   std::vector<Object> standing;
 };
 
-/// Poses of the IMU by frame, without times.
-std::vector<FramePose> read_imu_poses(const Layout& layout, const Rigid3d& imu_from_rectified,
-                                      std::vector<Finding>* findings) {
+/// Poses of the IMU by frame, without times, and the file that has them.
+struct ImuPoses {
+  std::vector<FramePose> by_frame;
+  fs::path file;
+};
+
+ImuPoses read_imu_poses(const Layout& layout, const Rigid3d& imu_from_rectified,
+                        std::vector<Finding>* findings) {
   const fs::path poses_file = layout.poses() / "poses.txt",
                  camera_file = layout.poses() / "cam0_to_world.txt";
-  if (!is_there(camera_file)) return parse_file(poses_file, kitti::parse_frame_poses);
+  if (!is_there(camera_file)) return {parse_file(poses_file, kitti::parse_frame_poses), poses_file};
   std::vector<FramePose> of_camera = parse_file(camera_file, kitti::parse_frame_poses);
   for (FramePose& pose : of_camera)
     pose.global_from_body = pose.global_from_body * imu_from_rectified.inverse(Eigen::Isometry);
-  if (!is_there(poses_file)) return of_camera;
+  if (!is_there(poses_file)) return {std::move(of_camera), camera_file};
   std::vector<FramePose> poses = parse_file(poses_file, kitti::parse_frame_poses);
   double apart_m = 0;
   for (const FramePose& pose : poses) {
@@ -115,16 +120,15 @@ std::vector<FramePose> read_imu_poses(const Layout& layout, const Rigid3d& imu_f
                   apart_m);
     findings->push_back({"cam0_to_world.txt", what});
   }
-  return poses;
+  return {std::move(poses), poses_file};
 }
 
 /// Frames with a pose and a time.
-std::vector<FramePose> timed_frames(const std::vector<FramePose>& imu_poses,
-                                    const kitti::Timestamps& times, const fs::path& poses_file,
+std::vector<FramePose> timed_frames(const ImuPoses& imu_poses, const kitti::Timestamps& times,
                                     std::vector<Finding>* findings) {
   std::vector<FramePose> frames;
   std::vector<std::int64_t> without_time;
-  for (const FramePose& pose : imu_poses) {
+  for (const FramePose& pose : imu_poses.by_frame) {
     if (const std::optional<std::int64_t> t_ns = times.of(pose.id))
       frames.push_back({pose.id, *t_ns, pose.global_from_body * imu_from_body()});
     else
@@ -134,7 +138,7 @@ std::vector<FramePose> timed_frames(const std::vector<FramePose>& imu_poses,
     findings->push_back({times.file.filename().string(),
                          "no time for frame " + first_few(without_time) + "; they are left out"});
   if (frames.empty()) throw InputError(times.file, "", "", "has a time of no pose");
-  check_trajectory(frames, poses_file, {"time", "pose"});
+  check_trajectory(frames, imu_poses.file, {"time", "pose"});
   return frames;
 }
 
@@ -209,13 +213,9 @@ class Calibration {
 
   /// InputError unless the image, if it is a PNG, has the calibration's size.
   void check_size(const fs::path& image, const CameraCalibration& camera) const {
-    const std::optional<ImageSize> size = png_size(image);
-    if (!size || (size->width == camera.width && size->height == camera.height)) return;
-    throw InputError(
-        image, "size", std::to_string(size->width) + " x " + std::to_string(size->height),
-        (folder_ / (is_perspective(camera.name) ? "perspective.txt" : camera.name + ".yaml"))
-                .string() +
-            " has " + std::to_string(camera.width) + " x " + std::to_string(camera.height));
+    check_png_size(
+        image, {camera.width, camera.height},
+        folder_ / (is_perspective(camera.name) ? "perspective.txt" : camera.name + ".yaml"));
   }
 
  private:
@@ -260,7 +260,7 @@ std::vector<FrameFile> list_scans(const fs::path& folder, const std::vector<Fram
 /// Reads the boxes, of which `reader` keeps those that stand.
 std::vector<FrameFile> read_objects(const fs::path& file, const kitti::Timestamps& times,
                                     Reader* reader) {
-  std::vector<kitti::Label> labels;
+  std::vector<Label> labels;
   const std::vector<FramePose>& frames = reader->frames;
   const auto lines = static_cast<std::int64_t>(times.by_line.size());
   for (Object& object : parse_file(file, parse_objects)) {
@@ -279,10 +279,9 @@ std::vector<FrameFile> read_objects(const fs::path& file, const kitti::Timestamp
                       object.size_m, object.deforms});
   }
   std::set<std::int64_t> moving;
-  for (const kitti::Label& label : labels) moving.insert(label.object_id);
+  for (const Label& label : labels) moving.insert(label.object_id);
   std::erase_if(reader->standing, [&](const Object& object) { return moving.contains(object.id); });
-  reader->boxes =
-      kitti::place_boxes(labels, {Rigid3d::Identity(), Rigid3d::Identity(), {}}, frames);
+  reader->boxes = place_boxes(labels, Rigid3d::Identity(), frames);
   std::vector<FrameFile> files;
   for (const FramePose& frame : frames)
     if (!reader->standing.empty() || reader->boxes.contains(frame.id))
@@ -356,7 +355,7 @@ Recording open(const fs::path& root, PoseSource source) {
                      "image_02/data_rgb or image_03/data_rgb");
   recording.frames =
       timed_frames(read_imu_poses(layout, calibration.imu_from_rectified(), &findings),
-                   cameras[0].times, layout.poses() / "poses.txt", &findings);
+                   cameras[0].times, &findings);
   for (const CameraImages& camera : cameras) {
     std::vector<ImageFile> images =
         images_with_poses(camera.images, camera.name, recording.frames, &findings);

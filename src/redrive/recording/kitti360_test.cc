@@ -137,6 +137,10 @@ TEST_F(Kitti360, ReadsPosesOfTheFirstCamera) {
   const std::vector<FramePose> same = opened().frames;
   for (std::size_t i = 0; i < frames.size(); ++i)
     EXPECT_TRUE(same[i].global_from_body.isApprox(frames[i].global_from_body, 1e-9));
+  cameras.replace(cameras.find("3 0 0 1 4"), 9, "3 0 0 1 104");
+  folder_.write(camera_file, cameras);
+  EXPECT_THAT(input_error([&] { opened(); }),
+              AllOf(HasSubstr("cam0_to_world.txt: 3.pose"), HasSubstr("101.00 m")));
 }
 
 kitti360::Object made_object(std::int64_t id, const std::string& type, std::int64_t frame,
@@ -269,6 +273,7 @@ TEST_F(Kitti360, NamesCalibrationsThatCannotBe) {
   EXPECT_THAT(yaml("MEI", "PINHOLE"), HasSubstr("model_type = \"PINHOLE\""));
   EXPECT_THAT(yaml("xi: 2.2134047507854890e+00", "xi: far"), HasSubstr("mirror_parameters.xi"));
   EXPECT_THAT(yaml("xi: 2.2134047507854890e+00", "xi: 30"), HasSubstr("0 <= xi <= 10"));
+  EXPECT_THAT(yaml("xi: 2.2134047507854890e+00", "xi: .nan"), HasSubstr("mirror_parameters.xi"));
   EXPECT_THAT(yaml("   v0: 705.8\n", ""), HasSubstr("projection_parameters.v0"));
   EXPECT_THAT(yaml("gamma1: 1336.0", "gamma1: -1"), HasSubstr("gamma1 = -1"));
   EXPECT_THAT(yaml("image_height: 1400", "image_width: 1400"), HasSubstr("line 5, key"));
@@ -280,8 +285,12 @@ TEST_F(Kitti360, NamesCalibrationsThatCannotBe) {
   EXPECT_THAT(
       with("calib_cam_to_pose.txt", testing::kitti360_cam_to_pose(), "image_02", "image_03"),
       AllOf(HasSubstr("calib_cam_to_pose.txt"), HasSubstr("image_02")));
+  EXPECT_THAT(with("calib_cam_to_pose.txt", testing::kitti360_cam_to_pose(), "1.5", "nan"),
+              AllOf(HasSubstr("calib_cam_to_pose.txt"), HasSubstr("nan")));
   EXPECT_THAT(message("calibration/calib_cam_to_velo.txt", "0 0 1 0.8 -1 0 0 0 0 -1 0\n"),
               HasSubstr("number of values = 11"));
+  EXPECT_THAT(message("calibration/calib_cam_to_velo.txt", "0 0 1 nan -1 0 0 0 0 -1 0 0\n"),
+              AllOf(HasSubstr("calib_cam_to_velo.txt"), HasSubstr("nan")));
 }
 
 TEST_F(Kitti360, PosesOfOtherSoftwareReplaceItsOwn) {

@@ -4,12 +4,10 @@
 #include <algorithm>
 #include <array>
 #include <charconv>
-#include <cmath>
 #include <set>
 
 #include "redrive/base/error.h"
 #include "redrive/recording/text_lines.h"
-#include "redrive/recording/trajectory.h"
 #include "redrive/recording/xml_element.h"
 
 namespace redrive::kitti {
@@ -20,7 +18,6 @@ constexpr double kMaxLabelDistance_m = 1000;
 constexpr double kMaxAngle_rad = 10;  // some files have turns beyond pi
 constexpr std::int64_t kMaxId = 1'000'000'000;
 constexpr std::size_t kMaxPoses = 1'000'000;
-constexpr double kVelocityOver_s = 0.5;  // to either side, to average errors of annotators
 
 constexpr std::array kTypes = {"Car",    "Van",     "Truck", "Pedestrian", "Person_sitting",
                                "Person", "Cyclist", "Tram",  "Misc",       "Person (sitting)"};
@@ -44,39 +41,6 @@ class SeenOnce {
  private:
   std::set<std::pair<std::int64_t, std::int64_t>> seen_;
 };
-
-struct BoxAt {
-  std::int64_t frame_id = 0;
-  double t_s = 0;  ///< after the first frame
-  Eigen::Vector3d in_global;
-  Box box;
-};
-
-/// Slope of the positions near boxes[i], least squares; zero for a single one.
-Eigen::Vector3d velocity_of(const std::vector<BoxAt>& boxes, std::size_t i) {
-  double times = 0, n = 0;
-  Eigen::Vector3d positions = Eigen::Vector3d::Zero();
-  const auto near = [&](const BoxAt& b) {
-    return std::abs(b.t_s - boxes[i].t_s) <= kVelocityOver_s;
-  };
-  std::size_t begin = i, end = i + 1;
-  while (begin > 0 && near(boxes[begin - 1])) --begin;
-  while (end < boxes.size() && near(boxes[end])) ++end;
-  // Relative to boxes[i]: ECEF coordinates would cost digits.
-  for (std::size_t k = begin; k < end; ++k) {
-    times += boxes[k].t_s - boxes[i].t_s;
-    positions += boxes[k].in_global - boxes[i].in_global;
-    n += 1;
-  }
-  double squares = 0;
-  Eigen::Vector3d products = Eigen::Vector3d::Zero();
-  for (std::size_t k = begin; k < end; ++k) {
-    const double t = boxes[k].t_s - boxes[i].t_s - times / n;
-    squares += t * t;
-    products += t * (boxes[k].in_global - boxes[i].in_global - positions / n);
-  }
-  return squares > 0 ? Eigen::Vector3d(products / squares) : Eigen::Vector3d::Zero();
-}
 
 }  // namespace
 
@@ -152,44 +116,15 @@ std::vector<Label> parse_tracklets(std::string_view text, const std::filesystem:
   return labels;
 }
 
-std::map<std::int64_t, std::vector<Box>> place_boxes(const std::vector<Label>& labels,
-                                                     const LabelPlacement& placement,
-                                                     const std::vector<FramePose>& frames) {
-  const Rigid3d velodyne_from_sensor =
-      placement.body_from_velodyne.inverse(Eigen::Isometry) * placement.body_from_sensor;
-  std::map<std::int64_t, std::vector<BoxAt>> by_object;
-  for (const Label& label : labels) {
-    const auto frame = std::ranges::lower_bound(frames, label.frame_id, {}, &FramePose::id);
-    if (frame == frames.end() || frame->id != label.frame_id) continue;
-    BoxAt at;
-    at.frame_id = label.frame_id;
-    Box& box = at.box;
-    box.object_id = label.object_id;
-    box.type = label.type;
-    box.actor_name = label.type + " " + std::to_string(label.object_id);
-    box.size_m = label.size_m;
-    box.deforms = label.deforms;
-    box.body_from_box = placement.body_from_sensor * label.sensor_from_box;
-    const auto scan = placement.scans.find(label.frame_id);
-    box.t_ns = scan == placement.scans.end()
-                   ? frame->t_ns
-                   : time_of_direction(scan->second,
-                                       velodyne_from_sensor * label.sensor_from_box.translation());
-    at.t_s = 1e-9 * static_cast<double>(box.t_ns - frames.front().t_ns);
-    at.in_global = pose_at(frames, box.t_ns) * box.body_from_box.translation();
-    by_object[label.object_id].push_back(std::move(at));
-  }
-  std::map<std::int64_t, std::vector<Box>> by_frame;
-  for (auto& [id, boxes] : by_object) {
-    std::ranges::sort(boxes, {}, &BoxAt::t_s);
-    for (std::size_t i = 0; i < boxes.size(); ++i) {
-      Box box = boxes[i].box;
-      box.velocity_in_body_m_per_s = pose_at(frames, box.t_ns).linear().transpose() *
-                                     (velocity_of(boxes, i) - velocity_at(frames, box.t_ns));
-      by_frame[boxes[i].frame_id].push_back(std::move(box));
-    }
-  }
-  return by_frame;
+TimeOfLabel time_in_scans(const Rigid3d& velodyne_from_sensor,
+                          std::map<std::int64_t, ScanTime> scans) {
+  return
+      [velodyne_from_sensor, scans = std::move(scans)](const Label& label, const FramePose& frame) {
+        const auto scan = scans.find(frame.id);
+        if (scan == scans.end()) return frame.t_ns;
+        return time_of_direction(scan->second,
+                                 velodyne_from_sensor * label.sensor_from_box.translation());
+      };
 }
 
 }  // namespace redrive::kitti

@@ -7,24 +7,13 @@
 #include <cstdint>
 #include <filesystem>
 #include <map>
-#include <string>
 #include <string_view>
 #include <vector>
 
-#include "redrive/recording/box.h"
 #include "redrive/recording/kitti_scan.h"
-#include "redrive/recording/recording.h"
+#include "redrive/recording/labels.h"
 
 namespace redrive::kitti {
-
-/// An object in one frame.
-struct Label {
-  std::int64_t frame_id = 0, object_id = 0;
-  std::string type;         ///< "Car", "Pedestrian", ...
-  Rigid3d sensor_from_box;  ///< axes and origin of the box as in Box
-  Eigen::Vector3d size_m = Eigen::Vector3d::Zero();
-  bool deforms = false;  ///< as in Box
-};
 
 /// Lines of 17 values, or 18 with a score: frame, track, type, truncated, occluded, alpha, left,
 /// top, right, bottom, height, width, length, x, y, z, rotation_y. DontCare lines, which have no
@@ -36,16 +25,9 @@ std::vector<Label> parse_labels(std::string_view text, const std::filesystem::pa
 /// missing elements.
 std::vector<Label> parse_tracklets(std::string_view text, const std::filesystem::path& file);
 
-/// The sensor of the labels, and the times at which the Velodyne saw them.
-struct LabelPlacement {
-  Rigid3d body_from_sensor, body_from_velodyne;
-  std::map<std::int64_t, ScanTime> scans;  ///< by frame; a frame without one has its own time
-};
-
-/// Boxes of the frames that have a pose, by frame. Each holds at the time at which the laser points
-/// at its centre. Velocities are least-squares slopes of the positions within half a second.
-std::map<std::int64_t, std::vector<Box>> place_boxes(const std::vector<Label>& labels,
-                                                     const LabelPlacement& placement,
-                                                     const std::vector<FramePose>& frames);
+/// Returns the time at which the laser points at a label's centre in the revolution of its frame,
+/// the frame's own time without one. `scans`: by frame.
+TimeOfLabel time_in_scans(const Rigid3d& velodyne_from_sensor,
+                          std::map<std::int64_t, ScanTime> scans);
 
 }  // namespace redrive::kitti

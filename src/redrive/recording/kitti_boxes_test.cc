@@ -17,12 +17,12 @@ constexpr const char* kDontCare =
     "0 -1 DontCare -1 -1 -10 320 172 357 195 -1000 -1000 -1000 -10 -1 -1 -1\n";
 
 TEST(KittiLabels, ReadsKnownValues) {
-  const std::vector<kitti::Label> labels =
+  const std::vector<Label> labels =
       kitti::parse_labels(std::string(kDontCare) + kitti_label(3, 7, "Car", 20) +
                               "3 8 Pedestrian 0 0 0 0 0 0 0 1.8 0.6 0.8 -2 1.7 12 0 0.97\n",
                           "0001.txt");
   ASSERT_EQ(labels.size(), 2u);
-  const kitti::Label& car = labels[0];
+  const Label& car = labels[0];
   EXPECT_EQ(car.frame_id, 3);
   EXPECT_EQ(car.object_id, 7);
   EXPECT_EQ(car.type, "Car");
@@ -87,7 +87,7 @@ std::string tracklet(const std::string& type, int first_frame, int poses) {
 }
 
 TEST(KittiTracklets, ReadsKnownValues) {
-  const std::vector<kitti::Label> labels = kitti::parse_tracklets(
+  const std::vector<Label> labels = kitti::parse_tracklets(
       tracklets_of(tracklet("Car", 3, 2) + tracklet("Person (sitting)", 0, 1)), "t.xml");
   ASSERT_EQ(labels.size(), 3u);
   EXPECT_EQ(labels[1].frame_id, 4);
@@ -126,57 +126,13 @@ TEST(KittiTracklets, RejectsInvalidValues) {
   EXPECT_THAT(input_error([] { kitti::parse_tracklets("", "t.xml"); }), HasSubstr("no XML"));
 }
 
-// An ego vehicle at 10 m/s behind a car at 8 m/s and a standing person, annotated in body axes.
-TEST(KittiBoxes, VelocitiesAreDifferencesOfPositions) {
-  std::vector<FramePose> frames;
-  std::vector<kitti::Label> labels;
-  for (int f = 0; f < 11; ++f) {
-    FramePose frame;
-    frame.id = f, frame.t_ns = f * 100'000'000ll;
-    frame.global_from_body = Eigen::Translation3d(4e6 + f, 5, 6);
-    frames.push_back(frame);
-    for (const bool person : {false, true}) {
-      kitti::Label label;
-      label.frame_id = f, label.object_id = person;
-      label.type = person ? "Pedestrian" : "Car";
-      label.deforms = person;
-      label.size_m = {4, 2, 1.5};
-      label.sensor_from_box = Eigen::Translation3d(person ? 30 - f : 20 - 0.2 * f, 0, 0);
-      labels.push_back(label);
-    }
-  }
-  kitti::Label without_pose = labels[0];
-  without_pose.frame_id = 11;
-  labels.push_back(without_pose);
-  const auto boxes =
-      kitti::place_boxes(labels, {Rigid3d::Identity(), Rigid3d::Identity(), {}}, frames);
-  ASSERT_EQ(boxes.size(), 11u);
-  for (const auto& [frame_id, of_frame] : boxes) {
-    ASSERT_EQ(of_frame.size(), 2u);
-    EXPECT_EQ(of_frame[0].t_ns, frame_id * 100'000'000);
-    EXPECT_EQ(of_frame[0].actor_name, "Car 0");
-    EXPECT_FALSE(of_frame[0].deforms);
-    EXPECT_TRUE(of_frame[1].deforms);
-    // 1e-8: steps of doubles at 4e6 over tenths of a second.
-    EXPECT_LT((of_frame[0].velocity_in_body_m_per_s - Eigen::Vector3d(-2, 0, 0)).norm(), 1e-8);
-    EXPECT_LT((of_frame[1].velocity_in_body_m_per_s - Eigen::Vector3d(-10, 0, 0)).norm(), 1e-8);
-  }
-  // An object that is seen once is taken to stand.
-  const auto once = kitti::place_boxes({labels[0]}, {}, frames);
-  EXPECT_LT((once.at(0)[0].velocity_in_body_m_per_s - Eigen::Vector3d(-10, 0, 0)).norm(), 1e-8);
-}
-
 TEST(KittiBoxes, HoldWhenTheLaserPointsAtThem) {
   FramePose frame;
   frame.id = 4, frame.t_ns = 50;
-  frame.global_from_body = Rigid3d::Identity();
-  kitti::Label label;
-  label.frame_id = 4;
+  Label label;
   label.sensor_from_box = Eigen::Translation3d(0, 20, 0);  // to the left
-  kitti::LabelPlacement placement{Rigid3d::Identity(), Rigid3d::Identity(), {{4, {0, 1000}}}};
-  EXPECT_EQ(kitti::place_boxes({label}, placement, {frame}).at(4)[0].t_ns, 250);
-  placement.scans.clear();
-  EXPECT_EQ(kitti::place_boxes({label}, placement, {frame}).at(4)[0].t_ns, 50);
+  EXPECT_EQ(kitti::time_in_scans(Rigid3d::Identity(), {{4, {0, 1000}}})(label, frame), 250);
+  EXPECT_EQ(kitti::time_in_scans(Rigid3d::Identity(), {{5, {0, 1000}}})(label, frame), 50);
 }
 
 }  // namespace

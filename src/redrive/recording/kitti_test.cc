@@ -215,6 +215,21 @@ TEST_F(Kitti, ReportsFramesWithoutTime) {
   EXPECT_THAT(kitti_findings(opened(), "velodyne_points"), HasSubstr("frame 3"));
 }
 
+TEST_F(Kitti, NamesPacketsAndScansThatEndEarly) {
+  std::string packet = testing::kitti_oxts(3);
+  packet.resize(packet.rfind(' '));
+  write("oxts/data/0000000003.txt", packet + "\n");
+  EXPECT_THAT(message(),
+              AllOf(HasSubstr("oxts/data/0000000003.txt: "), HasSubstr("number of values = 29")));
+  write("oxts/data/0000000003.txt", testing::kitti_oxts(3));
+  write("velodyne_points/data/0000000003.bin", testing::kitti_scan({{10, 0, 0, 1}}).substr(0, 12));
+  EXPECT_THAT(input_error([&] {
+                const Recording recording = opened();
+                recording.reader->read_lidar(recording.lidar_files[1]);
+              }),
+              AllOf(HasSubstr("0000000003.bin"), HasSubstr("12 bytes")));
+}
+
 TEST_F(Kitti, RejectsPosesThatJump) {
   write("oxts/data/0000000003.txt", testing::kitti_oxts(103));
   EXPECT_THAT(message(), AllOf(HasSubstr("oxts/data: 3.latitude"), HasSubstr("101"),
@@ -225,6 +240,13 @@ TEST_F(Kitti, RejectsImagesOfACameraWithoutCalibration) {
   write("image_03/timestamps.txt", testing::kitti_timestamps(6, 5));
   write("image_03/data/0000000003.png", "");
   EXPECT_THAT(message(), AllOf(HasSubstr("calib_cam_to_cam.txt: P_rect_03"), HasSubstr("missing")));
+}
+
+// Images before rectification have 1392 x 512 pixels.
+TEST_F(Kitti, RejectsImagesOfAnotherSizeThanRectifiedOnes) {
+  write("image_02/data/0000000002.png", testing::png_head(1392, 512));
+  EXPECT_THAT(message(), AllOf(HasSubstr("image_02/data/0000000002.png: size = 1392 x 512"),
+                               HasSubstr("calib_cam_to_cam.txt has 1242 x 375")));
 }
 
 TEST_F(Kitti, RejectsASecondFileOfLabels) {
@@ -295,6 +317,15 @@ TEST_F(KittiSequence, NamesWhatIsMissing) {
   EXPECT_THAT(message(), HasSubstr("000000.png: is no PNG image"));
   fs::remove_all(folder_.path / "sequences/04/image_2");
   EXPECT_THAT(message(), HasSubstr("empty recording"));
+}
+
+TEST_F(KittiSequence, RejectsScansThatEndEarly) {
+  folder_.write("sequences/04/velodyne/000001.bin", "x, y, z");
+  EXPECT_THAT(input_error([&] {
+                const Recording recording = opened();
+                recording.reader->read_lidar(recording.lidar_files[1]);
+              }),
+              AllOf(HasSubstr("000001.bin"), HasSubstr("7 bytes")));
 }
 
 TEST_F(KittiSequence, RejectsPosesThatDoNotFit) {

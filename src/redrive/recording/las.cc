@@ -6,6 +6,7 @@
 #include <cstdio>
 #include <cstring>
 #include <fstream>
+#include <limits>
 #include <string>
 
 #include <Eigen/Geometry>
@@ -195,38 +196,47 @@ std::vector<LidarPoint> read_las(const std::filesystem::path& file) {
   return parse_las(read_file(file), file);
 }
 
-std::string make_las(const std::vector<LidarPoint>& points) {
+std::string make_las(std::span<const LidarRecord> points, double step_m) {
+  constexpr double kNone = std::numeric_limits<double>::infinity();
+  Eigen::Vector3d least = Eigen::Vector3d::Constant(kNone), most = -least;
+  for (const LidarRecord& point : points) {
+    least = least.cwiseMin(point.position_m);
+    most = most.cwiseMax(point.position_m);
+  }
+  if (points.empty()) least = most = Eigen::Vector3d::Zero();
+  const double farthest_m = max_las_position_m(step_m);
+  REDRIVE_CHECK(least.minCoeff() >= -farthest_m && most.maxCoeff() <= farthest_m);
+  REDRIVE_CHECK_OP(points.size(), <=, std::numeric_limits<std::uint32_t>::max());
   std::string bytes(kHeaderBytes, '\0');
   const auto put = [&](std::size_t offset, auto value) {
     std::memcpy(bytes.data() + offset, &value, sizeof value);
   };
-  constexpr float kNear_m = 2000;  // int32 of micrometres end at 2147 m
-  Eigen::AlignedBox3f bounds(Eigen::Vector3f::Zero());
-  for (const LidarPoint& point : points) bounds.extend(point.in_body_m);
-  const bool near = bounds.max().maxCoeff() < kNear_m && bounds.min().minCoeff() > -kNear_m;
-  const double scale_m = near ? 1e-6 : 1e-5;
+  const auto n = static_cast<std::uint32_t>(points.size());
   bytes.replace(0, 4, "LASF");
-  bytes[24] = 1, bytes[25] = 2, bytes[104] = 1;
+  bytes[24] = 1, bytes[25] = 2;  // version 1.2
+  bytes.replace(26, 7, "redrive");
+  bytes.replace(58, 7, "redrive");
   put(94, static_cast<std::uint16_t>(kHeaderBytes));
-  put(96, static_cast<std::uint32_t>(kHeaderBytes));
+  put(96, static_cast<std::uint32_t>(kHeaderBytes));  // offset of the points
+  bytes[104] = 1;                                     // point format
   put(105, static_cast<std::uint16_t>(kLasRecordBytes));
-  put(kPointCountOffset, static_cast<std::uint32_t>(points.size()));
+  put(kPointCountOffset, n);
+  put(111, n);  // first returns
   for (std::size_t axis = 0; axis < 3; ++axis) {
     const auto k = static_cast<Eigen::Index>(axis);
-    put(131 + 8 * axis, scale_m);
-    put(179 + 16 * axis, static_cast<double>(bounds.max()[k]));
-    put(187 + 16 * axis, static_cast<double>(bounds.min()[k]));
+    put(131 + 8 * axis, step_m);
+    put(179 + 16 * axis, most[k]);
+    put(187 + 16 * axis, least[k]);
   }
-  for (const LidarPoint& point : points) {
-    const std::size_t record = bytes.size();
-    bytes.resize(record + kLasRecordBytes, '\0');
-    for (std::size_t axis = 0; axis < 3; ++axis)
-      put(record + 4 * axis,
-          static_cast<std::int32_t>(std::llround(
-              static_cast<double>(point.in_body_m[static_cast<Eigen::Index>(axis)]) / scale_m)));
-    put(record + 12, point.intensity);
-    put(record + 14, std::uint8_t{0b001001});  // the first return of one
-    put(record + 20, static_cast<double>(point.t_ns));
+  bytes.reserve(bytes.size() + kLasRecordBytes * points.size());
+  for (const LidarRecord& point : points) {
+    for (const double coordinate : point.position_m)
+      add_bytes(static_cast<std::int32_t>(std::lround(coordinate / step_m)), &bytes);
+    add_bytes(point.intensity, &bytes);
+    add_bytes(std::uint8_t{0b001001}, &bytes);  // the first return of one
+    add_bytes(std::uint8_t{0}, &bytes);         // classification: never classified
+    add_bytes(std::uint32_t{0}, &bytes);        // scan angle, user data, source
+    add_bytes(static_cast<double>(point.t_ns), &bytes);
   }
   return bytes;
 }

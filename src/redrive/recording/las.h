@@ -6,6 +6,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -20,8 +21,13 @@ namespace redrive {
 std::vector<LidarPoint> parse_las(std::string_view bytes, const std::filesystem::path& file);
 std::vector<LidarPoint> read_las(const std::filesystem::path& file);
 
-/// Returns a plain LAS of these points, exact to 1 um (10 um where a coordinate exceeds 2 km).
-std::string make_las(const std::vector<LidarPoint>& points);
+/// Returns the largest coordinate of a LAS file, which stores 32-bit integers of step_m.
+constexpr double max_las_position_m(double step_m) { return 2e9 * step_m; }
+
+/// Returns a plain LAS 1.2 file of point format 1: coordinates to step_m, gps_time in nanoseconds,
+/// a single return for each pulse. |position_m| <= max_las_position_m and at most 2^32 - 1 points.
+/// Debian 12 has no LAS library.
+std::string make_las(std::span<const LidarRecord> points, double step_m = 1e-4);
 
 /// Returns the number of points by the header alone, or 0 if that is damaged.
 std::uint64_t las_point_count(const std::filesystem::path& file);

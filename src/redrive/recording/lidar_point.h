@@ -17,6 +17,13 @@ struct LidarPoint {
   std::int64_t t_ns = 0;        ///< host clock
 };
 
+/// A LiDAR point of a file to be written, in the axes of that file.
+struct LidarRecord {
+  Eigen::Vector3d position_m;
+  std::int64_t t_ns = 0;
+  std::uint16_t intensity = 0;
+};
+
 /// Middle of the times of the points; nothing without points.
 inline std::optional<std::int64_t> middle_ns(std::span<const LidarPoint> points) {
   if (points.empty()) return std::nullopt;

@@ -4,7 +4,8 @@
 #include <algorithm>
 #include <span>
 
-#include "redrive/recording/kitti_boxes.h"
+#include "redrive/recording/kitti_scan.h"
+#include "redrive/recording/labels.h"
 #include "redrive/recording/trajectory.h"
 
 namespace redrive::nuscenes {
@@ -51,7 +52,7 @@ std::map<std::int64_t, std::vector<Box>> boxes_of_frames(
   std::vector<std::vector<const Annotation*>> by_object(scene.categories.size());
   for (const Annotation& annotation : scene.annotations)
     by_object[annotation.object].push_back(&annotation);
-  std::vector<kitti::Label> labels;
+  std::vector<Label> labels;
   for (std::size_t object = 0; object < by_object.size(); ++object) {
     std::vector<const Annotation*>& annotations = by_object[object];
     const auto time_of = [&](const Annotation* a) { return scene.sample_times_ns[a->sample]; };
@@ -74,7 +75,7 @@ std::map<std::int64_t, std::vector<Box>> boxes_of_frames(
     for (const FramePose& frame : std::span(first, last)) {
       const std::optional<std::size_t> nearest = nearest_box(track, frame.t_ns);
       if (!nearest) continue;
-      kitti::Label label;
+      Label label;
       label.frame_id = frame.id;
       label.object_id = static_cast<std::int64_t>(object);
       label.type = scene.categories[object];
@@ -85,7 +86,7 @@ std::map<std::int64_t, std::vector<Box>> boxes_of_frames(
       labels.push_back(std::move(label));
     }
   }
-  return kitti::place_boxes(labels, {Rigid3d::Identity(), Rigid3d::Identity(), {}}, frames);
+  return place_boxes(labels, Rigid3d::Identity(), frames);
 }
 
 }  // namespace redrive::nuscenes

@@ -17,9 +17,9 @@ namespace {
 
 using ::testing::HasSubstr;
 
-const std::vector<ScanPoint> kPoints = {{{1.5, -2.25, 0.125}, 4'800'000'000'000, 7},
-                                        {{-31.0626, 8.4, -1.7}, 4'800'000'512'000, 65535},
-                                        {{250, 0, 12.0001}, 4'800'100'000'000, 0}};
+const std::vector<LidarRecord> kPoints = {{{1.5, -2.25, 0.125}, 4'800'000'000'000, 7},
+                                          {{-31.0626, 8.4, -1.7}, 4'800'000'512'000, 65535},
+                                          {{250, 0, 12.0001}, 4'800'100'000'000, 0}};
 
 TEST(ScanFiles, LasIsReadBackByTheReaderOfRevolutions) {
   const std::vector<LidarPoint> points = parse_las(make_las(kPoints), "made.las");
@@ -29,7 +29,7 @@ TEST(ScanFiles, LasIsReadBackByTheReaderOfRevolutions) {
     EXPECT_EQ(points[i].t_ns, kPoints[i].t_ns);
     EXPECT_EQ(points[i].intensity, kPoints[i].intensity);
   }
-  EXPECT_TRUE(parse_las(make_las(std::span<const ScanPoint>()), "empty.las").empty());
+  EXPECT_TRUE(parse_las(make_las(std::span<const LidarRecord>()), "empty.las").empty());
 }
 
 TEST(ScanFiles, LasHeaderHasBoundsAndCounts) {
@@ -68,6 +68,18 @@ TEST(ScanFiles, TimestampsAreReadBack) {
   ASSERT_EQ(times.size(), 1u);
   EXPECT_EQ(times[0], t_ns);
   EXPECT_EQ(kitti_timestamp(-1), "1969-12-31 23:59:59.999999999");
+}
+
+TEST(ScanFiles, FilesOfTimesHaveALineForEveryFrame) {
+  const std::int64_t second_ns = 1'000'000'000;
+  const std::string text = kitti_timestamps({{1, second_ns}, {4, 2 * second_ns + 7}});
+  const auto times = kitti::parse_timestamps(text, "timestamps.txt");
+  ASSERT_EQ(times.size(), 5u);
+  for (const std::size_t frame : {0, 2, 3}) EXPECT_FALSE(times[frame]) << frame;
+  EXPECT_EQ(times[1], second_ns);
+  EXPECT_EQ(times[4], 2 * second_ns + 7);
+  EXPECT_EQ(kitti_timestamps({}), "");
+  EXPECT_EQ(kitti_file_name(12, ".bin"), "0000000012.bin");
 }
 
 /// Expects that a program of others accepts a file and prints `expected`; skips where it is

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <charconv>
 #include <string>
+#include <utility>
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
@@ -13,6 +14,8 @@ namespace redrive {
 namespace {
 
 constexpr double kMaxWorld_m = 1e6;
+constexpr std::size_t kMaxFileName = 4096;
+constexpr const char* kDegreesRule = "expected -360 to 360 degrees";
 
 bool boolean(const JsonField& field) {
   if (!field.json().is_boolean()) field.fail("expected true or false");
@@ -32,11 +35,25 @@ std::vector<TrackPoint> track_from_json(const JsonField& list) {
       entry.at("time_s").fail("expected times that increase by 0.001 s at least");
     point.position_m = numbers_within<3>(entry.at("position_m"), -kMaxWorld_m, kMaxWorld_m,
                                          "expected three metres in the run's world, at most 1e6");
-    if (entry.has("yaw_deg"))
-      point.yaw_deg = number_within(entry.at("yaw_deg"), -360, 360, "expected -360 to 360 degrees");
+    for (const auto& [name, degrees] :
+         {std::pair("yaw_deg", &point.yaw_deg), std::pair("pitch_deg", &point.pitch_deg),
+          std::pair("roll_deg", &point.roll_deg)})
+      if (entry.has(name)) *degrees = number_within(entry.at(name), -360, 360, kDegreesRule);
     track.push_back(point);
   }
   return track;
+}
+
+/// Returns the file of {"file": FILE}.
+std::filesystem::path body_file(const JsonField& body) {
+  for (const std::string& key : body.keys())
+    if (key != "file") body.at(key).fail("is unknown; a body is an id or {\"file\": FILE}");
+  const JsonField file = body.at("file");
+  const std::string name = file.string();
+  if (name.empty() || name.size() > kMaxFileName ||
+      std::ranges::any_of(name, [](char c) { return static_cast<unsigned char>(c) < ' '; }))
+    file.fail("expected the name of a file");
+  return name;
 }
 
 /// `known`: further fields of the object.
@@ -54,18 +71,25 @@ ActorChange change_from_json(const JsonField& json, const std::vector<std::strin
     else if (key == "shift_m")
       change.shift_m = numbers_within<3>(field, -kMaxActorShift_m, kMaxActorShift_m,
                                          "expected metres forward, left and up, at most 1e4");
+    else if (key == "shift_road_m")
+      change.shift_road_m =
+          numbers_within<3>(field, -kMaxActorShift_m, kMaxActorShift_m,
+                            "expected metres along the road, to its left and up, at most 1e4");
     else if (key == "turn_deg")
-      change.turn_deg = number_within(field, -360, 360, "expected -360 to 360 degrees");
+      change.turn_deg = number_within(field, -360, 360, kDegreesRule);
     else if (key == "hide_s")
       change.hide_s = numbers_within<2>(field, 0, kMaxEdit_s,
                                         "expected two times in seconds after the first frame");
+    else if (key == "body" && field.json().is_object())
+      change.body_file = body_file(field);
     else if (key == "body")
       change.body = field.integer();
     else if (key == "gain")
       change.gain = numbers_within<3>(field, 0, 100, "expected factors of r, g, b, 0 to 100");
     else if (std::ranges::find(known, key) == known.end())
       field.fail(
-          "is no change; known are remove, track, speed, shift_m, turn_deg, hide_s, body, gain");
+          "is no change; known are remove, track, speed, shift_m, shift_road_m, turn_deg, hide_s, "
+          "body, gain");
   }
   if (change.hide_s && !((*change.hide_s)[0] < (*change.hide_s)[1]))
     json.at("hide_s").fail("expected times that increase");
@@ -100,8 +124,18 @@ TrafficEdit parse_traffic_edit(std::string_view text, const std::filesystem::pat
         edit.copies.push_back({copy.at("of").integer(), copy.at("id").integer(),
                                change_from_json(copy, {"of", "id"})});
       }
+    } else if (key == "added") {
+      if (!field.json().is_array() || field.size() > kMaxEditedActors)
+        field.fail("expected a list of at most 1000 objects");
+      for (std::size_t i = 0; i < field.size(); ++i) {
+        const JsonField added = field.at(i);
+        edit.added.push_back({added.at("id").integer(), change_from_json(added, {"id"})});
+        const ActorChange& change = edit.added.back().change;
+        if (change.body_file.empty()) added.fail("expected a body {\"file\": FILE}");
+        if (change.track.empty()) added.fail("expected a track");
+      }
     } else {
-      field.fail("is unknown; known are actors and copies");
+      field.fail("is unknown; known are actors, copies and added");
     }
   }
   return edit;

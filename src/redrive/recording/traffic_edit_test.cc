@@ -42,6 +42,23 @@ TEST(TrafficEdit, ReadsChangesAndCopies) {
   EXPECT_TRUE(parse_traffic_edit("{}", "edit.json").actors.empty());
 }
 
+TEST(TrafficEdit, ReadsBodiesOfFilesAndWhatIsAdded) {
+  const TrafficEdit edit = parse_traffic_edit(R"({
+    "actors": {"7": {"body": {"file": "cars/van.ply"}, "shift_road_m": [0, 3, 0]}},
+    "added": [{"id": 50, "body": {"file": "van.ply"},
+               "track": [{"time_s": 0, "position_m": [1, 2, 3], "pitch_deg": 2, "roll_deg": -1},
+                         {"time_s": 1, "position_m": [4, 5, 6]}]}]})",
+                                              "edit.json");
+  EXPECT_EQ(edit.actors.at(7).body_file, "cars/van.ply");
+  EXPECT_FALSE(edit.actors.at(7).body);
+  EXPECT_EQ(edit.actors.at(7).shift_road_m[1], 3);
+  ASSERT_EQ(edit.added.size(), 1u);
+  EXPECT_EQ(edit.added[0].id, 50);
+  EXPECT_EQ(edit.added[0].change.body_file, "van.ply");
+  EXPECT_EQ(edit.added[0].change.track[0].pitch_deg, 2);
+  EXPECT_EQ(edit.added[0].change.track[0].roll_deg, -1);
+}
+
 TEST(TrafficEdit, NamesFileFieldAndValueOfWhatIsWrong) {
   const auto track = [](double from, double to) {
     return json{{"track",
@@ -58,6 +75,12 @@ TEST(TrafficEdit, NamesFileFieldAndValueOfWhatIsWrong) {
            {{{"hide_s", {2, 1}}}, "actors.7.hide_s"},
            {{{"gain", 2}}, "actors.7.gain"},
            {{{"body", 1.5}}, "actors.7.body"},
+           {{{"body", {{"file", 7}}}}, "actors.7.body.file"},
+           {{{"body", {{"file", ""}}}}, "actors.7.body.file"},
+           {{{"body", {{"file", std::string("a\0b", 3)}}}}, "actors.7.body.file"},
+           {{{"body", {{"run", "a"}}}}, "actors.7.body.run"},
+           {{{"body", json::object()}}, "actors.7.body.file"},
+           {{{"shift_road_m", {1, 2}}}, "actors.7.shift_road_m"},
            {{{"shift", {1, 2, 3}}}, "actors.7.shift"},
            {{{"of", 3}}, "actors.7.of"},
            {track(1, 1), "actors.7.track[1].time_s"},
@@ -70,8 +93,10 @@ TEST(TrafficEdit, NamesFileFieldAndValueOfWhatIsWrong) {
     EXPECT_THAT(message, HasSubstr("edit.json")) << change;
     EXPECT_THAT(message, HasSubstr(field)) << change;
   }
-  for (const char* text : {"[]", "{", R"({"actors": {"x": {}}})", R"({"actors": {"07": {}}})",
-                           R"({"cars": {}})", R"({"copies": [{"of": 1}]})", R"({"copies": {}})"})
+  for (const char* text :
+       {"[]", "{", R"({"actors": {"x": {}}})", R"({"actors": {"07": {}}})", R"({"cars": {}})",
+        R"({"copies": [{"of": 1}]})", R"({"copies": {}})", R"({"added": [{"id": 1}]})",
+        R"({"added": {}})", R"({"added": [{"id": 1, "body": {"file": "a.ply"}}]})"})
     EXPECT_THAT(testing::input_error([&] { parse_traffic_edit(text, "edit.json"); }),
                 HasSubstr("edit.json"))
         << text;

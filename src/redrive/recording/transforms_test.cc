@@ -300,6 +300,38 @@ TEST(Transforms, ReportsMissingImagesAndMasks) {
               AllOf(HasSubstr("mask_path = masks/1.png"), HasSubstr("dynamic_mask_1.png")));
 }
 
+TEST(Transforms, RejectsNaNAndTextThatEndsEarly) {
+  const auto message = [](const std::string& text) {
+    return input_error([&] { transforms::parse(text, "dir/transforms.json", nullptr); });
+  };
+  std::string text = document().dump();
+  EXPECT_THAT(message(text.substr(0, text.size() / 2)),
+              AllOf(HasSubstr("dir/transforms.json"), HasSubstr("line 1")));
+  text.replace(text.find("100.5"), 5, "NaN");
+  EXPECT_THAT(message(text), AllOf(HasSubstr("dir/transforms.json"), HasSubstr("line 1")));
+}
+
+// instant-ngp and nerfstudio write such paths.
+TEST(Transforms, PathsMayLeadOutOfTheFolder) {
+  const TemporaryFolder folder;
+  json text = document();
+  text["frames"] = {frame("../images/1.png")};
+  text["frames"][0]["mask_path"] = (folder.path / "mask.png").string();
+  text["ply_file_path"] = "../points.ply";
+  folder.write("set/transforms.json", text.dump());
+  folder.write("images/1.png", "");
+  folder.write("mask.png", "");
+  Recording recording = open_recording(folder.path / "set");
+  const ImageFile& image = recording.cameras.at(0).images.at(0);
+  EXPECT_TRUE(fs::equivalent(image.path, folder.path / "images/1.png"));
+  EXPECT_EQ(image.mask.path, folder.path / "mask.png");
+  EXPECT_TRUE(recording.points_file.empty());
+  EXPECT_THAT(finding(recording), AllOf(HasSubstr("ply_file_path"), HasSubstr("is missing")));
+  folder.write("points.ply", "");
+  EXPECT_TRUE(
+      fs::equivalent(open_recording(folder.path / "set").points_file, folder.path / "points.ply"));
+}
+
 TEST(Transforms, UsesTheSplitOfTheFile) {
   const TemporaryFolder folder;
   json text = document();

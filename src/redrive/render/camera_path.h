@@ -2,6 +2,8 @@
 // Paths of a camera through a run: keys, and smooth motion through them.
 #pragma once
 
+#include <cmath>
+#include <cstdint>
 #include <optional>
 #include <string>
 #include <vector>
@@ -18,6 +20,11 @@ struct PathKey {
   double fov_deg = 0;  ///< vertical; 0: the lens is given
   double drive_s = 0;  ///< time of the drive, after its first frame: of what moves
 };
+
+/// Returns the time of the drive at a key.
+inline std::int64_t drive_time_ns(const PathKey& key, const Scene& scene) {
+  return scene.frames.front().t_ns + std::llround(1e9 * key.drive_s);
+}
 
 struct CameraPath {
   std::vector<PathKey> keys;  ///< at least one; times increase

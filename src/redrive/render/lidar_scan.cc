@@ -28,7 +28,9 @@ LidarScan render_scan(kernels::Backend& backend, const Model& model, const Lidar
       direction[k * n + i] = static_cast<float>(in_world[k]);
     }
   }
-  const RenderedRays rays = model.trace(backend, {static_cast<int>(n), origin, direction});
+  const kernels::Rays all{static_cast<int>(n), origin, direction};
+  RenderedRays rays = model.trace(backend, all);
+  model.trace_actors(backend, all, firings.t_ns, motion.scene.actors, &rays);
 
   LidarScan scan;
   Rigid3d axes_from_sensor = Rigid3d::Identity();

@@ -42,11 +42,12 @@ struct ScanOptions {
 };
 
 struct LidarScan {
-  std::vector<ScanPoint> points;                  ///< by time; intensity 0
+  std::vector<LidarRecord> points;                ///< by time; intensity 0
   std::size_t transparent = 0, out_of_range = 0;  ///< firings without a return, and why
 };
 
-/// Fires along the motion: each ray starts where the sensor is at its time.
+/// Fires along the motion: each ray starts where the sensor is at its time, and meets the moving
+/// objects of motion.scene where they are then.
 LidarScan render_scan(kernels::Backend& backend, const Model& model, const LidarFirings& firings,
                       const SensorMotion& motion, const ScanOptions& options);
 

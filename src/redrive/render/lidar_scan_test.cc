@@ -8,6 +8,7 @@
 
 #include "redrive/model/nerf_model.h"
 #include "redrive/recording/aimotive.h"
+#include "redrive/recording/las.h"
 #include "redrive/recording/scan_files.h"
 #include "redrive/recording/trajectory.h"
 #include "redrive/render/paint_backend_testing.h"
@@ -65,7 +66,7 @@ TEST_F(LidarScanTest, RaysStartWhereTheSensorIsAtTheirTime) {
     EXPECT_GT(scanned.points.size(), 30u);
     EXPECT_GT(scanned.transparent, 30u);
     EXPECT_EQ(scanned.points.size() + scanned.transparent + scanned.out_of_range, firings.size());
-    for (const ScanPoint& point : scanned.points) {
+    for (const LidarRecord& point : scanned.points) {
       const Rigid3d body = motion_.world_from_body(point.t_ns);
       const Vector3d in_world =
           axes == PointAxes::kWorld ? point.position_m
@@ -86,7 +87,7 @@ TEST_F(LidarScanTest, DropsWhatIsOutOfRange) {
   const LidarScan scanned = scan(firings, options);
   EXPECT_GT(scanned.points.size(), 0u);
   EXPECT_GT(scanned.out_of_range, 0u);
-  for (const ScanPoint& point : scanned.points) {
+  for (const LidarRecord& point : scanned.points) {
     EXPECT_GE(point.position_m.norm(), 29);
     EXPECT_LE(point.position_m.norm(), 31);
   }
@@ -104,7 +105,7 @@ TEST_F(LidarScanTest, ShiftsAlongTheAxesOfTheSensor) {
 
 // The recorded revolution of the wall comes back: same directions, times and ranges.
 TEST_F(LidarScanTest, RecordedFiringsReturnTheRecordedPoints) {
-  std::vector<ScanPoint> points;
+  std::vector<LidarRecord> points;
   for (int i = 0; i < 20; ++i) {
     const std::int64_t t_ns = recording_.frames[2].t_ns + (i / 4 - 2) * 10'000'000;
     const Rigid3d body = motion_.world_from_body(t_ns);

@@ -4,11 +4,13 @@
 
 #include <array>
 #include <functional>
+#include <memory>
 
 #include <gtest/gtest.h>
 
 #include "redrive/kernels/backend.h"
 #include "redrive/kernels/nerf_stages.h"
+#include "redrive/model/nerf_model.h"
 
 namespace redrive {
 
@@ -81,5 +83,16 @@ class PaintBackend : public kernels::Backend, public kernels::NerfStages {
   Paint paint_;
   Range range_;
 };
+
+/// A model that PaintBackend renders: four samples a ray from 1 m to 10 m, parameters of 0.
+inline std::unique_ptr<NerfModel> make_painted_model() {
+  auto model = std::make_unique<NerfModel>();
+  model->config.width = 32;
+  model->samples = 4;
+  model->near_m = 1;
+  model->far_m = 10;
+  model->parameters = Buffer<float>(nerf_parameter_count(model->config));
+  return model;
+}
 
 }  // namespace redrive

@@ -73,6 +73,18 @@ std::string gnuplot_string(const std::string& text) {
   return out + "'";
 }
 
+std::string equal_axes(const Eigen::AlignedBox2d& shown, double margin) {
+  constexpr double kUpPerAcross = 0.5;
+  const Eigen::Vector2d size = shown.sizes().array() + 2 * margin;
+  const double across = std::max(size.x(), size.y() / kUpPerAcross);
+  const Eigen::Vector2d half(across / 2, across / 2 * kUpPerAcross), low = shown.center() - half,
+                                                                     high = shown.center() + half;
+  std::ostringstream out;
+  out << "set size ratio -1\nset xrange [" << low.x() << ':' << high.x() << "]\nset yrange ["
+      << low.y() << ':' << high.y() << "]\n";
+  return out.str();
+}
+
 std::string plot_colour(std::size_t index) {
   constexpr const char* kColours[] = {"#1f4e8c", "#c2571a", "#3a7d44", "#7a4a9e",
                                       "#8a6d1b", "#20808d", "#c2548f", "#5f6b7a"};

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include <Eigen/Core>
+#include <Eigen/Geometry>
 
 #include "redrive/train/run.h"
 
@@ -22,6 +23,8 @@ struct PlotAxes {
 std::string plot_preamble(const PlotAxes& axes);
 /// Quotes any text as a string of a script.
 std::string gnuplot_string(const std::string& text);
+/// Returns axis ranges to scale: those of a box with a margin, widened to the plot's aspect ratio.
+std::string equal_axes(const Eigen::AlignedBox2d& shown, double margin);
 /// Returns the colour of curve `index`, of distinct hue: "#1f4e8c".
 std::string plot_colour(std::size_t index);
 

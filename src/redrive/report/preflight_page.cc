@@ -8,6 +8,7 @@
 
 #include "redrive/base/files.h"
 #include "redrive/report/html.h"
+#include "redrive/report/objects_section.h"
 #include "redrive/report/plot.h"
 #include "redrive/scene/load_views.h"
 #include "redrive/scene/masks.h"
@@ -148,19 +149,6 @@ std::string camera_image(const std::filesystem::path& folder, const Recording& r
                             : "no LiDAR"));
 }
 
-/// Sets axis ranges to scale: a box with a margin, widened to the aspect ratio of the plot.
-std::string to_scale(Eigen::AlignedBox2d shown, double margin) {
-  constexpr double kUpPerAcross = 0.5;
-  const Eigen::Vector2d size = shown.sizes().array() + 2 * margin;
-  const double across = std::max(size.x(), size.y() / kUpPerAcross);
-  const Eigen::Vector2d half(across / 2, across / 2 * kUpPerAcross), low = shown.center() - half,
-                                                                     high = shown.center() + half;
-  std::ostringstream out;
-  out << "set size ratio -1\nset xrange [" << low.x() << ':' << high.x() << "]\nset yrange ["
-      << low.y() << ':' << high.y() << "]\n";
-  return out.str();
-}
-
 /// Axes of a plot that takes a third of the page's width, drawn twice as large for screens of high
 /// resolution.
 PlotAxes axes_of(const std::string& name, const std::string& x_label, const std::string& y_label,
@@ -262,8 +250,8 @@ std::string rig_script(const Recording& recording, int right, int up, const std:
   }
   std::ostringstream out;
   out << plot_preamble(axes_of(name, kAxis[right], kAxis[up], 600)) << "set key off\n"
-      << to_scale(shown, kAround_m) << labels.str() << "set object 1 rectangle from " << low[right]
-      << ',' << low[up] << " to " << high[right] << ',' << high[up]
+      << equal_axes(shown, kAround_m) << labels.str() << "set object 1 rectangle from "
+      << low[right] << ',' << low[up] << " to " << high[right] << ',' << high[up]
       << " behind fillstyle empty border lc rgb '#b6bec8' lw 3\n$axes << end\n"
       << data.str() << "end\nplot ";
   for (int axis = 0; axis < 3; ++axis)
@@ -286,7 +274,8 @@ std::string drive_script(const RigImages& images, int right, int up, const std::
   }
   std::ostringstream out;
   out << plot_preamble(axes_of(name, kAxis[right], kAxis[up])) << "set key off\n"
-      << (up == 1 ? to_scale(shown, 0.01 + 0.05 * shown.sizes().maxCoeff()) : "") << "$way << end\n"
+      << (up == 1 ? equal_axes(shown, 0.01 + 0.05 * shown.sizes().maxCoeff()) : "")
+      << "$way << end\n"
       << data.str() << "end\nplot $way with linespoints lw 3 pt 7 ps 0.4 lc rgb '" << plot_colour(0)
       << "'\n";
   return out.str();
@@ -341,6 +330,7 @@ void write_preflight_page(const std::filesystem::path& folder, const Recording& 
     if (!check.tried.empty()) figures.push_back(hypotheses_table(check));
     body += row_of(figures);
   }
+  body += objects_section(folder, recording, images);
   if (recording.metric)
     body +=
         "<h2>Extrinsics</h2>\n" +

@@ -5,11 +5,13 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <limits>
 
 #include <nlohmann/json.hpp>
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
+#include "redrive/eval/moving_scores.h"
 #include "redrive/report/html.h"
 #include "redrive/report/plot.h"
 #include "redrive/report/poses_section.h"
@@ -106,6 +108,12 @@ std::vector<std::string> lidar_row(const std::string& name,
           fixed(100 * score->chamfer_m, 1)};
 }
 
+/// Returns the row of a run's score of returns on moving objects; it has no chamfer distance.
+std::vector<std::string> moving_lidar_row(const std::string& name, const LidarScore& score) {
+  LidarScore moving{*score.moving, score.revolutions, std::numeric_limits<double>::quiet_NaN(), {}};
+  return lidar_row(name + ", on moving objects", moving);
+}
+
 /// Returns the LiDAR scores of held-out frames; empty if no run has any.
 std::string lidar_scores(const Evaluation& evaluation, const Evaluation* other,
                          const std::string& name_of_other) {
@@ -114,11 +122,52 @@ std::string lidar_scores(const Evaluation& evaluation, const Evaluation* other,
       {"LiDAR", "revolutions", "returns", "range error (cm)", "rendered (%)",
        "within " + fixed(kNearHit_m, 1) + " m (%)", "chamfer distance (cm)"},
       lidar_row("this run", evaluation.lidar)};
+  if (evaluation.lidar && evaluation.lidar->moving)
+    rows.push_back(moving_lidar_row("this run", *evaluation.lidar));
   if (other) rows.push_back(lidar_row(name_of_other, other->lidar));
+  if (other && other->lidar && other->lidar->moving)
+    rows.push_back(moving_lidar_row(name_of_other, *other->lidar));
   return "<h3>LiDAR of held-out frames</h3>\n" + html_table(rows, true) +
          "<p>Each recorded return is rendered along its own direction at its own time. Range "
          "error: "
          "median of |rendered - recorded|.</p>\n";
+}
+
+/// Returns the scores of moving objects, inside and beside their boxes and by object; empty if no
+/// image shows one.
+std::string moving_scores(const Evaluation& evaluation, const Evaluation* other,
+                          const std::string& name_of_other) {
+  if (!evaluation.moving) return "";
+  const MovingEvaluation& moving = *evaluation.moving;
+  std::map<std::string, Score> of_other;
+  std::vector<std::vector<std::string>> rows = {
+      {"moving objects", "images", "PSNR (dB)", "SSIM", "FLIP"}};
+  if (other)
+    rows[0].insert(rows[0].end(), {"PSNR of " + name_of_other, "SSIM of " + name_of_other});
+  const auto name_of = [](std::int64_t id, const MovingEvaluation::Object& object) {
+    return object.type + " " + std::to_string(id);
+  };
+  if (other && other->moving) {
+    of_other = {{"inside", other->moving->inside}, {"outside", other->moving->outside}};
+    for (const auto& [id, object] : other->moving->objects)
+      of_other[name_of(id, object)] = object.score;
+  }
+  const auto add = [&](const std::string& key, const std::string& shown, const Score& score) {
+    rows.push_back(score_row(shown, score));
+    rows.back().pop_back();  // masked pixels
+    if (other) add_compared_scores(of_other, key, &rows.back());
+  };
+  add("inside", "all of them", moving.inside);
+  for (const auto& [id, object] : moving.objects) {
+    const std::string name = name_of(id, object);
+    add(name, name, object.score);
+  }
+  add("outside", "beside them", moving.outside);
+  return "<h3>Moving objects</h3>\n" + html_table(rows, true) +
+         "<p>Pixels whose rays meet an annotated box that moves, grown by " +
+         fixed(kBoxMargin_m, 1) +
+         " m, whether the run draws the object or not; images with fewer than " +
+         std::to_string(kLeastObjectPixels) + " pixels of an object do not count for it.</p>\n";
 }
 
 /// `other`: scores of the compared run `name_of_other`; null: none.
@@ -147,7 +196,8 @@ std::string scores(const Evaluation& evaluation, const Evaluation* other,
   }
   rows.push_back(score_row("all", evaluation.overall));
   if (other) add_compared_scores({{"all", other->overall}}, "all", &rows.back());
-  out += html_table(rows, true) + lidar_scores(evaluation, other, name_of_other);
+  out += html_table(rows, true) + moving_scores(evaluation, other, name_of_other) +
+         lidar_scores(evaluation, other, name_of_other);
   if (evaluation.novel.empty()) return out;
   rows = {
       {"novel views", "images", "PSNR (dB)", "SSIM", "FLIP", "pixels masked", "depth error (%)"}};

@@ -10,6 +10,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "redrive/base/error.h"
+#include "redrive/base/evenly_spaced.h"
 #include "redrive/base/rng.h"
 #include "redrive/render/view_pose.h"
 #include "redrive/scene/load_views.h"

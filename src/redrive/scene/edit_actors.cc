@@ -4,11 +4,13 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <map>
 #include <set>
 #include <utility>
 
 #include "redrive/base/error.h"
 #include "redrive/math/angles.h"
+#include "redrive/scene/actor_body.h"
 
 namespace redrive {
 namespace {
@@ -49,9 +51,14 @@ std::vector<MovingObject::Key> keys_of(std::int64_t first_ns, double seconds,
 }
 
 Rigid3d pose_of(const TrackPoint& point) {
+  const auto turned = [](double deg, const Eigen::Vector3d& axis) {
+    return Eigen::AngleAxisd(kRadiansPerDegree * deg, axis);
+  };
   Rigid3d pose = Rigid3d::Identity();
-  pose.linear() =
-      Eigen::AngleAxisd(kRadiansPerDegree * point.yaw_deg, Eigen::Vector3d::UnitZ()).matrix();
+  pose.linear() = (turned(point.yaw_deg, Eigen::Vector3d::UnitZ()) *
+                   turned(-point.pitch_deg, Eigen::Vector3d::UnitY()) *
+                   turned(point.roll_deg, Eigen::Vector3d::UnitX()))
+                      .toRotationMatrix();
   pose.translation() = Eigen::Vector3d(point.position_m.data());
   return pose;
 }
@@ -87,18 +94,69 @@ void set_speed(double speed, const Scene& scene, MovingObject* actor) {
   });
 }
 
-void apply(const ActorChange& change, const Scene& scene, MovingObject* actor) {
+/// Returns the axes of the drive at its frame nearest to a point: x forward, y left, z up.
+Eigen::Matrix3d road_axes(const Scene& scene, const Eigen::Vector3d& at) {
+  const auto nearest = std::ranges::min_element(scene.frames, {}, [&](const Frame& frame) {
+    return (frame.world_from_body.translation() - at).squaredNorm();
+  });
+  return nearest->world_from_body.linear();
+}
+
+/// Reads each file once.
+class Bodies {
+ public:
+  explicit Bodies(const TrafficEdit& edit) : folder_(edit.file.parent_path()) {}
+
+  std::shared_ptr<const ActorBody> read(const std::filesystem::path& file) {
+    std::shared_ptr<const ActorBody>& body = read_[file];
+    if (!body) body = std::make_shared<const ActorBody>(read_actor_body(folder_ / file));
+    return body;
+  }
+
+ private:
+  std::filesystem::path folder_;
+  std::map<std::filesystem::path, std::shared_ptr<const ActorBody>> read_;
+};
+
+/// Shows other Gaussians, which stand where the own ones stood: on its own track the centre of a
+/// higher box is higher. A track of the edit is that of the centre.
+void set_body(const ActorChange& change, const std::vector<MovingObject>& own, Bodies* bodies,
+              MovingObject* actor) {
+  Eigen::Vector3d size_m;
+  if (change.body) {
+    const MovingObject& other = *std::ranges::find(own, *change.body, &MovingObject::id);
+    actor->body = other.body.value_or(other.id);
+    actor->imported = other.imported;
+    size_m = other.size_m;
+  } else if (!change.body_file.empty()) {
+    actor->imported = bodies->read(change.body_file);
+    size_m = actor->imported->size_m;
+  } else {
+    return;
+  }
+  const Eigen::Translation3d raised(0, 0, (size_m.z() - actor->size_m.z()) / 2);
+  if (change.track.empty())
+    for (MovingObject::Key& key : actor->keys) key.world_from_box = key.world_from_box * raised;
+  actor->size_m = size_m;
+}
+
+/// `own`: the objects before the edit.
+void apply(const ActorChange& change, const Scene& scene, const std::vector<MovingObject>& own,
+           Bodies* bodies, MovingObject* actor) {
   if (!change.track.empty()) set_track(change.track, scene, actor);
   if (change.speed != 1) set_speed(change.speed, scene, actor);
-  Rigid3d moved = Rigid3d::Identity();
-  moved.translation() = Eigen::Vector3d(change.shift_m.data());
-  moved.linear() =
-      Eigen::AngleAxisd(kRadiansPerDegree * change.turn_deg, Eigen::Vector3d::UnitZ()).matrix();
-  for (MovingObject::Key& key : actor->keys) key.world_from_box = key.world_from_box * moved;
+  const Rigid3d moved = own_motion(change);
+  const Eigen::Vector3d along_road(change.shift_road_m.data());
+  for (MovingObject::Key& key : actor->keys) {
+    if (!along_road.isZero(0))
+      key.world_from_box.pretranslate(road_axes(scene, key.world_from_box.translation()) *
+                                      along_road);
+    key.world_from_box = key.world_from_box * moved;
+  }
   if (change.hide_s)
     actor->hidden_ns.emplace_back(ns_of((*change.hide_s)[0], scene),
                                   ns_of((*change.hide_s)[1], scene));
-  if (change.body) actor->body = change.body;
+  set_body(change, own, bodies, actor);
   for (std::size_t c = 0; c < 3; ++c) actor->gain[c] *= static_cast<float>(change.gain[c]);
 }
 
@@ -122,8 +180,9 @@ bool overlap(const Rigid3d& a, const Eigen::Vector3d& half_a, const Rigid3d& b,
 
 using Pair = std::pair<std::int64_t, std::int64_t>;
 
-/// Returns the objects that overlap at a frame of the scene.
-std::set<Pair> overlapping(const Scene& scene) {
+/// Returns the pairs of objects that overlap at a frame of the scene, one of them `changed` at
+/// least.
+std::set<Pair> overlapping(const Scene& scene, const std::set<std::int64_t>& changed) {
   std::set<Pair> pairs;
   for (const Frame& frame : scene.frames) {
     std::vector<std::pair<const MovingObject*, Rigid3d>> there;
@@ -133,6 +192,7 @@ std::set<Pair> overlapping(const Scene& scene) {
       for (std::size_t j = 0; j < i; ++j) {
         const auto& [a, pose_a] = there[j];
         const auto& [b, pose_b] = there[i];
+        if (!changed.contains(a->id) && !changed.contains(b->id)) continue;
         if (overlap(pose_a, a->size_m / 2, pose_b, b->size_m / 2)) pairs.emplace(a->id, b->id);
       }
   }
@@ -141,8 +201,25 @@ std::set<Pair> overlapping(const Scene& scene) {
 
 }  // namespace
 
+void check_added(const TrafficEdit& edit, bool draws_actors) {
+  if (!edit.added.empty() && !draws_actors)
+    throw InputError(edit.file, "added", "", "the run draws no moving objects");
+}
+
+Rigid3d own_motion(const ActorChange& change) {
+  Rigid3d box_from_moved = Rigid3d::Identity();
+  box_from_moved.translation() = Eigen::Vector3d(change.shift_m.data());
+  box_from_moved.linear() =
+      Eigen::AngleAxisd(kRadiansPerDegree * change.turn_deg, Eigen::Vector3d::UnitZ()).matrix();
+  return box_from_moved;
+}
+
 std::vector<std::string> edit_actors(const TrafficEdit& edit, Scene* scene) {
-  const std::set<Pair> before = overlapping(*scene);
+  std::set<std::int64_t> changed;
+  for (const auto& [id, change] : edit.actors) changed.insert(id);
+  for (const ActorCopy& copy : edit.copies) changed.insert(copy.id);
+  for (const AddedActor& added : edit.added) changed.insert(added.id);
+  const std::set<Pair> before = overlapping(*scene, changed);
   const std::vector<MovingObject> own = scene->actors;
   const double drive_s =
       1e-9 * static_cast<double>(scene->frames.back().t_ns - scene->frames.front().t_ns);
@@ -151,6 +228,7 @@ std::vector<std::string> edit_actors(const TrafficEdit& edit, Scene* scene) {
     if (found == own.end()) throw InputError(edit.file, field, std::to_string(id), known_ids(own));
     return *found;
   };
+  Bodies bodies(edit);
   const auto check = [&](const ActorChange& change, const std::string& field) {
     const auto within = [&](double t_s, const std::string& name) {
       if (t_s > drive_s)
@@ -160,6 +238,7 @@ std::vector<std::string> edit_actors(const TrafficEdit& edit, Scene* scene) {
     if (change.hide_s) within((*change.hide_s)[0], ".hide_s[0]");
     if (!change.track.empty()) within(change.track.front().time_s, ".track[0].time_s");
     if (change.body) find_own(*change.body, field + ".body");
+    if (!change.body_file.empty()) bodies.read(change.body_file);  // before anything is changed
   };
   for (const auto& [id, change] : edit.actors) {
     const std::string field = "actors." + std::to_string(id);
@@ -168,13 +247,21 @@ std::vector<std::string> edit_actors(const TrafficEdit& edit, Scene* scene) {
   }
   std::set<std::int64_t> ids;
   for (const MovingObject& actor : own) ids.insert(actor.id);
+  const auto check_new = [&](std::int64_t id, const std::string& field) {
+    if (!ids.insert(id).second)
+      throw InputError(edit.file, field + ".id", std::to_string(id),
+                       "must be an id that no object has");
+  };
   for (std::size_t i = 0; i < edit.copies.size(); ++i) {
     const std::string field = "copies[" + std::to_string(i) + "]";
     find_own(edit.copies[i].of, field + ".of");
     check(edit.copies[i].change, field);
-    if (!ids.insert(edit.copies[i].id).second)
-      throw InputError(edit.file, field + ".id", std::to_string(edit.copies[i].id),
-                       "must be an id that no object has");
+    check_new(edit.copies[i].id, field);
+  }
+  for (std::size_t i = 0; i < edit.added.size(); ++i) {
+    const std::string field = "added[" + std::to_string(i) + "]";
+    check(edit.added[i].change, field);
+    check_new(edit.added[i].id, field);
   }
 
   scene->actors.clear();
@@ -182,22 +269,43 @@ std::vector<std::string> edit_actors(const TrafficEdit& edit, Scene* scene) {
     const auto change = edit.actors.find(actor.id);
     if (change != edit.actors.end() && change->second.remove) continue;
     scene->actors.push_back(actor);
-    if (change != edit.actors.end()) apply(change->second, *scene, &scene->actors.back());
+    if (change != edit.actors.end())
+      apply(change->second, *scene, own, &bodies, &scene->actors.back());
   }
-  for (const ActorCopy& copy : edit.copies) {
-    if (copy.change.remove) continue;
-    MovingObject actor = find_own(copy.of, "");
-    actor.body = copy.of;
-    actor.id = copy.id;
-    apply(copy.change, *scene, &actor);
+  const auto add = [&](const ActorChange& change, MovingObject actor) {
+    if (change.remove) return;
+    apply(change, *scene, own, &bodies, &actor);
     scene->actors.push_back(std::move(actor));
+  };
+  for (const ActorCopy& copy : edit.copies) {
+    MovingObject actor = find_own(copy.of, "");
+    if (!actor.body) actor.body = copy.of;
+    actor.id = copy.id;
+    add(copy.change, std::move(actor));
+  }
+  for (const AddedActor& added : edit.added) {
+    MovingObject actor;
+    actor.id = added.id;
+    add(added.change, std::move(actor));
   }
   std::vector<std::string> remarks;
-  for (const Pair& pair : overlapping(*scene))
+  for (const MovingObject& actor : scene->actors)
+    if (changed.contains(actor.id) && std::ranges::none_of(scene->frames, [&](const Frame& frame) {
+          return actor.world_from_box(frame.t_ns).has_value();
+        }))
+      remarks.push_back("object " + std::to_string(actor.id) + " is at no frame of the drive");
+  for (const Pair& pair : overlapping(*scene, changed))
     if (!before.contains(pair))
       remarks.push_back("objects " + std::to_string(pair.first) + " and " +
                         std::to_string(pair.second) + " overlap");
   return remarks;
+}
+
+const MovingObject& find_actor(const Scene& scene, const char* option, std::int64_t id) {
+  const auto found = std::ranges::find(scene.actors, id, &MovingObject::id);
+  if (found == scene.actors.end())
+    throw UsageError(option, std::to_string(id), known_ids(scene.actors));
+  return *found;
 }
 
 void select_actors(std::string_view chosen, Scene* scene) {
@@ -209,8 +317,7 @@ void select_actors(std::string_view chosen, Scene* scene) {
     const auto [last, error] = std::from_chars(chosen.data() + begin, chosen.data() + end, id);
     if (error != std::errc{} || last != chosen.data() + end)
       throw UsageError("--actors", std::string(chosen), "must be all, none or ids such as 3,17");
-    if (std::ranges::find(scene->actors, id, &MovingObject::id) == scene->actors.end())
-      throw UsageError("--actors", std::to_string(id), known_ids(scene->actors));
+    find_actor(*scene, "--actors", id);
     ids.insert(id);
     begin = end + 1;
   }

@@ -12,9 +12,20 @@
 namespace redrive {
 
 /// Changes scene->actors. InputError naming the edit's file and field where the scene has no such
-/// object, a copy's id is taken, or a time is beyond the drive's end. Returns remarks: pairs of
-/// objects whose boxes overlap then and did not before.
+/// object, the id of a copy or of what is added is taken, or a time is beyond the drive's end; or
+/// as read_actor_body. Returns remarks: pairs of objects whose boxes overlap then and did not
+/// before, and changed objects that no frame of the drive has.
 std::vector<std::string> edit_actors(const TrafficEdit& edit, Scene* scene);
+
+/// Throws InputError where an edit adds objects and the model draws none (Model::draws_actors).
+void check_added(const TrafficEdit& edit, bool draws_actors);
+
+/// Returns shift_m and turn_deg of a change: box_from_moved_box.
+Rigid3d own_motion(const ActorChange& change);
+
+/// Returns the object of an option. UsageError where the scene has no such object; it lists those
+/// that there are.
+const MovingObject& find_actor(const Scene& scene, const char* option, std::int64_t id);
 
 /// Keeps the objects of --actors: all, none, or ids "3,17". UsageError where the scene has no such
 /// object; it lists those that there are.

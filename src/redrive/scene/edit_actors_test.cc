@@ -1,10 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/scene/edit_actors.h"
 
+#include <numbers>
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include "redrive/base/error.h"
+#include "redrive/base/temporary_folder_testing.h"
+#include "redrive/recording/little_endian.h"
+#include "redrive/scene/actor_body.h"
 
 namespace redrive {
 namespace {
@@ -89,6 +94,112 @@ TEST(EditActors, DrivesAtAnotherSpeedAndOnAnotherTrack) {
   EXPECT_FALSE(own.world_from_box(300'000'000));
 }
 
+TEST(EditActors, MovesAlongTheRoadWhicheverWayTheObjectFaces) {
+  Scene scene = two_cars();
+  for (MovingObject::Key& key : scene.actors[1].keys)  // it comes towards us
+    key.world_from_box.linear() = Eigen::AngleAxisd(std::numbers::pi, Vector3d::UnitZ()).matrix();
+  for (Frame& frame : scene.frames) {  // the road turns to the left behind x = 10
+    frame.world_from_body.translation().x() = static_cast<double>(frame.id);
+    if (frame.id > 10)
+      frame.world_from_body.linear() =
+          Eigen::AngleAxisd(std::numbers::pi / 2, Vector3d::UnitZ()).matrix();
+  }
+  edit_actors(parse_traffic_edit(
+                  R"({"actors": {"17": {"shift_road_m": [0, 1, 0.5], "shift_m": [0, 2, 0]}}})",
+                  "edit.json"),
+              &scene);
+  const MovingObject& car = scene.actors[1];
+  EXPECT_LT((position(car, 0.5) - Vector3d(5, 4 + 1 - 2, 0.5)).norm(), 1e-9);
+  EXPECT_LT((position(car, 1.5) - Vector3d(15 - 1, 4 - 2, 0.5)).norm(), 1e-9);
+}
+
+TEST(EditActors, ATrackOfItsOwnHasPitchAndRoll) {
+  const MovingObject car = edited(R"({"actors": {"3": {"track": [
+      {"time_s": 0, "position_m": [0, 0, 0], "pitch_deg": 30},
+      {"time_s": 1, "position_m": [1, 0, 0], "roll_deg": 90, "yaw_deg": 90}]}}})")
+                               .actors[0];
+  EXPECT_LT((car.world_from_box(0)->linear().col(0) - Vector3d(std::sqrt(0.75), 0, 0.5)).norm(),
+            1e-9);
+  const Eigen::Matrix3d rolled = car.world_from_box(1'000'000'000)->linear();
+  EXPECT_LT((rolled.col(0) - Vector3d(0, 1, 0)).norm(), 1e-9);
+  EXPECT_LT((rolled.col(1) - Vector3d(0, 0, 1)).norm(), 1e-9) << "its left side is up";
+}
+
+TEST(EditActors, AnotherBodyStandsWhereTheOwnOneStood) {
+  Scene scene = two_cars();
+  scene.actors[1].size_m = {8, 2.5, 3.5};
+  edit_actors(parse_traffic_edit(R"({"actors": {"3": {"body": 17}}})", "edit.json"), &scene);
+  EXPECT_EQ(scene.actors[0].body, 17);
+  EXPECT_EQ(scene.actors[0].size_m, Vector3d(8, 2.5, 3.5));
+  EXPECT_LT((position(scene.actors[0], 1) - Vector3d(10, 0, 1)).norm(), 1e-9) << "2 m higher";
+}
+
+/// A folder with edit.json and van.ply, the body of a van of one Gaussian.
+struct BodyFolder : TemporaryFolder {
+  BodyFolder() {
+    std::string van = "ply\nformat binary_little_endian 1.0\n";
+    for (const std::string& comment : body_comments("VAN", {6, 2, 2.5}))
+      van += "comment " + comment + "\n";
+    van += "element vertex 1\n";
+    for (const char* name : {"x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0",
+                             "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"})
+      van += std::string("property float ") + name + "\n";
+    van += "end_header\n";
+    for (int i = 0; i < 14; ++i) add_bytes(i == 10 ? 1.0f : 0.0f, &van);
+    write("van.ply", van);
+  }
+  TrafficEdit edit(const std::string& text) const {
+    return parse_traffic_edit(text, path / "edit.json");
+  }
+};
+
+TEST(EditActors, ShowsAndAddsBodiesOfFiles) {
+  const BodyFolder folder;
+  Scene scene = two_cars();
+  const std::vector<std::string> remarks =
+      edit_actors(folder.edit(R"({"actors": {"3": {"body": {"file": "van.ply"}}},
+                      "copies": [{"of": 17, "id": 18, "body": {"file": "van.ply"},
+                                  "shift_m": [-20, 0, 0]}],
+                      "added": [{"id": 50, "body": {"file": "van.ply"}, "track": [
+                                  {"time_s": 0, "position_m": [0, -9, 1]},
+                                  {"time_s": 2, "position_m": [8, -9, 1]}]}]})"),
+                  &scene);
+  EXPECT_THAT(remarks, ElementsAre());
+  ASSERT_EQ(scene.actors.size(), 4u);
+  for (const std::size_t i : {0, 2, 3}) {
+    ASSERT_TRUE(scene.actors[i].imported) << i;
+    EXPECT_EQ(scene.actors[i].imported->n, 1u);
+    EXPECT_EQ(scene.actors[i].size_m, Vector3d(6, 2, 2.5));
+  }
+  EXPECT_FALSE(scene.actors[1].imported);
+  EXPECT_NEAR(position(scene.actors[0], 1).z(), 0.5, 1e-9) << "a van is 1 m higher than a car";
+  EXPECT_EQ(scene.actors[3].id, 50);
+  EXPECT_LT((position(scene.actors[3], 1) - Vector3d(4, -9, 1)).norm(), 1e-6);
+
+  // Another edit of what is there.
+  edit_actors(folder.edit(R"({"actors": {"17": {"body": 3}, "3": {"remove": true}}})"), &scene);
+  EXPECT_TRUE(scene.actors[0].imported);
+}
+
+TEST(EditActors, ABodyThatCannotBeReadChangesNothing) {
+  const BodyFolder folder;
+  Scene scene = two_cars();
+  folder.write("cut.ply", "ply\nformat");
+  for (const char* text :
+       {R"({"actors": {"3": {"remove": true}, "17": {"body": {"file": "cut.ply"}}}})",
+        R"({"actors": {"3": {"remove": true}, "17": {"body": {"file": "none.ply"}}}})"}) {
+    EXPECT_THROW(edit_actors(folder.edit(text), &scene), std::runtime_error) << text;
+    EXPECT_EQ(scene.actors.size(), 2u) << text;
+  }
+}
+
+TEST(EditActors, RemarksOnObjectsAtNoFrame) {
+  Scene scene = two_cars();
+  EXPECT_THAT(
+      edit_actors(parse_traffic_edit(R"({"actors": {"3": {"hide_s": [0, 5]}}})", "e"), &scene),
+      ElementsAre("object 3 is at no frame of the drive"));
+}
+
 TEST(EditActors, RemarksOnObjectsThatOverlap) {
   Scene scene = two_cars();
   EXPECT_THAT(edit_actors(parse_traffic_edit(R"({"actors": {"3": {"shift_m": [1, 2.5, 0]}}})", "e"),
@@ -106,7 +217,11 @@ TEST(EditActors, NamesWhatTheDriveDoesNotHave) {
            {R"({"actors": {"3": {"body": 8}}})", "actors.3.body"},
            {R"({"actors": {"3": {"hide_s": [3, 4]}}})", "actors.3.hide_s[0]"},
            {R"({"copies": [{"of": 5, "id": 6}]})", "copies[0].of"},
-           {R"({"copies": [{"of": 3, "id": 17}]})", "copies[0].id"}}) {
+           {R"({"copies": [{"of": 3, "id": 17}]})", "copies[0].id"},
+           {R"({"copies": [{"of": 3, "id": 4, "hide_s": [3, 4]}]})", "copies[0].hide_s[0]"},
+           {R"({"actors": {"3": {"track": [{"time_s": 3, "position_m": [0, 0, 0]},
+                                           {"time_s": 4, "position_m": [0, 0, 0]}]}}})",
+            "actors.3.track[0].time_s"}}) {
     const std::string message = refusal_of(text);
     EXPECT_THAT(message, HasSubstr("edit.json")) << text;
     EXPECT_THAT(message, HasSubstr(field)) << text;

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <span>
 #include <unordered_map>
 
 #include "redrive/base/error.h"
@@ -12,6 +13,7 @@ namespace redrive {
 namespace {
 
 constexpr std::size_t kReturnsPerRange = 16384;
+constexpr std::size_t kReturnsAtOnce = std::size_t{1} << 19;  ///< each image is read once for them
 constexpr std::size_t kNearestViews =
     32;  // of a cloud's origin; further ones hardly see its points
 // Views of each camera nearest in time that may see a return, and then further ones: what a camera
@@ -21,7 +23,7 @@ constexpr int kViewsInTime = 2, kMoreViewsInTime = 24;
 /// A training view that may see a return.
 struct ColourView {
   const Camera* camera;
-  const Image8* image;
+  std::size_t view;
   ShutterPoses world_from_camera;
   Rigid3d camera_from_world;  ///< of the middle row
   Eigen::Vector3d position_in_world_m;
@@ -29,13 +31,13 @@ struct ColourView {
 
   std::optional<std::size_t> pixel_of(const Eigen::Vector3d& in_world) const {
     const auto seen = project_shutter(*camera, world_from_camera, camera_from_world, in_world);
-    return seen ? static_pixel(*image, seen->pixel) : std::nullopt;
+    return seen ? pixel_index(camera->width, camera->height, seen->pixel) : std::nullopt;
   }
 };
 
 class Colouring {
  public:
-  Colouring(const Scene& scene, const std::vector<Image8>& images) : of_camera_(scene.rig.size()) {
+  explicit Colouring(const Scene& scene) : of_camera_(scene.rig.size()) {
     for (std::size_t i = 0; i < scene.views.size(); ++i) {
       const View& view = scene.views[i];
       if (view.held_out) continue;
@@ -43,7 +45,7 @@ class Colouring {
       const ShutterPoses poses = scene.shutter_poses(view);
       const Rigid3d middle = poses.at(0.5);
       of_camera_[view.camera].push_back(static_cast<int>(views_.size()));
-      views_.push_back({&rig.camera, &images[i], poses, middle.inverse(Eigen::Isometry),
+      views_.push_back({&rig.camera, i, poses, middle.inverse(Eigen::Isometry),
                         middle.translation(), scene.frames[view.frame].t_ns + rig.time_offset_ns});
     }
     for (auto& views : of_camera_)
@@ -80,18 +82,19 @@ class Colouring {
     return views;
   }
 
-  std::optional<ColouredPoint> colour(const Eigen::Vector3d& in_world,
-                                      const std::vector<int>& nearest) const {
-    for (const int v : nearest)
-      if (const auto pixel = views_[v].pixel_of(in_world))
-        return ColouredPoint{in_world.cast<float>(), colour_at(*views_[v].image, *pixel),
-                             views_[v].position_in_world_m.cast<float>()};
-    return std::nullopt;
-  }
+  const ColourView& view(int v) const { return views_[static_cast<std::size_t>(v)]; }
 
  private:
   std::vector<ColourView> views_;
   std::vector<std::vector<int>> of_camera_;  ///< views by time
+};
+
+/// A return whose colour is searched.
+struct Uncoloured {
+  std::size_t i;          ///< of the return
+  int tried = 0;          ///< views, of those that may see it
+  int seen_by = -1;       ///< the next of them that it projects into; -1: none is left
+  std::size_t pixel = 0;  ///< there
 };
 
 Eigen::Vector3d vector_at(const std::vector<float>& values, std::size_t n, std::size_t i) {
@@ -100,36 +103,85 @@ Eigen::Vector3d vector_at(const std::vector<float>& values, std::size_t n, std::
 
 }  // namespace
 
-PointCloud lidar_points(const Scene& scene, const std::vector<Image8>& images,
-                        const LidarReturns& returns, ThreadPool& pool) {
+PointCloud lidar_points(const Scene& scene, const ViewImages& images, const LidarReturns& returns,
+                        ThreadPool& pool) {
   REDRIVE_CHECK_OP(images.size(), ==, scene.views.size());
-  const Colouring colouring(scene, images);
+  const Colouring colouring(scene);
   std::unordered_map<std::int64_t, std::vector<int>> of_origin;  // a cloud's origin has one time
   for (std::size_t i = 0; i < returns.n && !scene.metric; ++i)
     if (const auto [at, is_new] = of_origin.try_emplace(returns.t_ns[i]); is_new)
       at->second = colouring.nearest_in_space(vector_at(returns.origin, returns.n, i));
-
-  std::vector<std::vector<ColouredPoint>> parts((returns.n + kReturnsPerRange - 1) /
-                                                kReturnsPerRange);
-  pool.run_ranges(returns.n, kReturnsPerRange, [&](std::size_t begin, std::size_t end) {
+  const auto in_world = [&](std::size_t i) {
+    return Eigen::Vector3d(vector_at(returns.origin, returns.n, i) +
+                           double(returns.range_m[i]) * vector_at(returns.direction, returns.n, i));
+  };
+  // Goes on to the next view that each return projects into, whatever its image has there.
+  const auto find_views = [&](std::span<Uncoloured> points) {
+    std::int64_t near_ns = 0, more_ns = 0;
     std::vector<int> in_time, in_more_time;
-    for (std::size_t i = begin; i < end; ++i) {
-      const std::int64_t t_ns = returns.t_ns[i];
-      if (scene.metric && (i == begin || t_ns != returns.t_ns[i - 1])) {
-        colouring.nearest_in_time(t_ns, kViewsInTime, &in_time);
-        in_more_time.clear();
+    for (Uncoloured& point : points) {
+      const std::int64_t t_ns = returns.t_ns[point.i];
+      if (scene.metric && (in_time.empty() || t_ns != near_ns))
+        colouring.nearest_in_time(near_ns = t_ns, kViewsInTime, &in_time);
+      const std::vector<int>& first = scene.metric ? in_time : of_origin.at(t_ns);
+      const int of_first = static_cast<int>(first.size());
+      const Eigen::Vector3d at = in_world(point.i);
+      point.seen_by = -1;
+      while (point.seen_by < 0) {
+        int v;
+        if (point.tried < of_first) {
+          v = first[point.tried];
+        } else {
+          if (!scene.metric) break;
+          if (in_more_time.empty() || t_ns != more_ns)
+            colouring.nearest_in_time(more_ns = t_ns, kMoreViewsInTime, &in_more_time);
+          if (point.tried - of_first >= std::ssize(in_more_time)) break;
+          v = in_more_time[point.tried - of_first];
+        }
+        ++point.tried;
+        if (const auto pixel = colouring.view(v).pixel_of(at)) {
+          point.seen_by = v;
+          point.pixel = *pixel;
+        }
       }
-      const Eigen::Vector3d in_world =
-          vector_at(returns.origin, returns.n, i) +
-          double(returns.range_m[i]) * vector_at(returns.direction, returns.n, i);
-      auto point = colouring.colour(in_world, scene.metric ? in_time : of_origin.at(t_ns));
-      if (!point && scene.metric) {
-        if (in_more_time.empty()) colouring.nearest_in_time(t_ns, kMoreViewsInTime, &in_more_time);
-        point = colouring.colour(in_world, in_more_time);
-      }
-      if (point) parts[begin / kReturnsPerRange].push_back(*point);
     }
-  });
+  };
+
+  std::vector<std::vector<ColouredPoint>> parts;
+  for (std::size_t begin = 0; begin < returns.n; begin += kReturnsAtOnce) {
+    const std::size_t n = std::min(kReturnsAtOnce, returns.n - begin);
+    std::vector<std::optional<ColouredPoint>> coloured(n);
+    std::vector<Uncoloured> points(n);
+    for (std::size_t k = 0; k < n; ++k) points[k].i = begin + k;
+    while (!points.empty()) {
+      pool.run_ranges(points.size(), kReturnsPerRange, [&](std::size_t from, std::size_t to) {
+        find_views(std::span(points).subspan(from, to - from));
+      });
+      std::erase_if(points, [](const Uncoloured& point) { return point.seen_by < 0; });
+      // By view, so that each image is read once.
+      std::vector<std::vector<std::uint32_t>> of_view(scene.views.size());
+      for (std::size_t k = 0; k < points.size(); ++k)
+        of_view[colouring.view(points[k].seen_by).view].push_back(static_cast<std::uint32_t>(k));
+      std::vector<std::size_t> seeing;
+      for (std::size_t v = 0; v < of_view.size(); ++v)
+        if (!of_view[v].empty()) seeing.push_back(v);
+      pool.run(static_cast<int>(seeing.size()), [&](int chunk) {
+        const ImagePointer image = images[seeing[chunk]];
+        for (const std::uint32_t k : of_view[seeing[chunk]]) {
+          const Uncoloured& point = points[k];
+          if (is_static(*image, point.pixel))
+            coloured[point.i - begin] =
+                ColouredPoint{in_world(point.i).cast<float>(), colour_at(*image, point.pixel),
+                              colouring.view(point.seen_by).position_in_world_m.cast<float>()};
+        }
+      });
+      std::erase_if(points,
+                    [&](const Uncoloured& point) { return coloured[point.i - begin].has_value(); });
+    }
+    parts.emplace_back();
+    for (const auto& point : coloured)
+      if (point) parts.back().push_back(*point);
+  }
   return make_point_cloud(parts);
 }
 

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "redrive/base/parallel.h"
+#include "redrive/scene/image_cache.h"
 #include "redrive/scene/lidar_returns.h"
 #include "redrive/scene/point_cloud.h"
 
@@ -16,7 +17,7 @@ namespace redrive {
 /// returns are cloud_returns, that of the view nearest to the return's origin. A view sees a point
 /// that projects to an opaque pixel that is not masked; occlusion is not examined. images[i]
 /// belongs to scene.views[i]; those of held-out views are not used.
-PointCloud lidar_points(const Scene& scene, const std::vector<Image8>& images,
-                        const LidarReturns& returns, ThreadPool& pool);
+PointCloud lidar_points(const Scene& scene, const ViewImages& images, const LidarReturns& returns,
+                        ThreadPool& pool);
 
 }  // namespace redrive

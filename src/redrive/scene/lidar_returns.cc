@@ -29,14 +29,6 @@ struct Ray {
   std::uint16_t intensity;
 };
 
-/// The road below a box, and what stands beside it, is not on the object.
-bool is_on_object(const MovingBox& box, const Eigen::Vector3d& in_box) {
-  constexpr double kBeside_m = 0.1, kAboveGround_m = 0.12;
-  const Eigen::Vector3d half = box.half_size_m - Eigen::Vector3d::Constant(kBoxMargin_m);
-  return (in_box.cwiseAbs().array() <= half.array() + kBeside_m).all() &&
-         in_box.z() >= kAboveGround_m - half.z();
-}
-
 /// Makes rays of one revolution; adds returns on moving objects to `out` and counts dropped ones.
 std::vector<Ray> rays_of(const std::vector<LidarPoint>& points,
                          const std::vector<LidarPoint>& before, const Recording& recording,
@@ -105,6 +97,13 @@ std::vector<CloudPoint> read_cloud(const Recording& recording, const Scene& scen
 }
 
 }  // namespace
+
+bool is_on_object(const MovingBox& box, const Eigen::Vector3d& in_box) {
+  constexpr double kBeside_m = 0.1, kAboveGround_m = 0.12;
+  const Eigen::Vector3d half = box.half_size_m - Eigen::Vector3d::Constant(kBoxMargin_m);
+  return (in_box.cwiseAbs().array() <= half.array() + kBeside_m).all() &&
+         in_box.z() >= kAboveGround_m - half.z();
+}
 
 std::vector<std::uint8_t> mark_repeated(const std::vector<LidarPoint>& points,
                                         const std::vector<LidarPoint>& before) {

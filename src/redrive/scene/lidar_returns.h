@@ -39,6 +39,10 @@ struct LidarReturns {
   std::size_t hidden = 0;             ///< occluded points of a cloud (cloud_returns.h)
 };
 
+/// Whether a point in a box's axes is on its object: the road below, and what stands beside it, is
+/// not. `box`: grown by kBoxMargin_m.
+bool is_on_object(const MovingBox& box, const Eigen::Vector3d& in_box);
+
 /// Marks the points that are bit for bit in `before`, too: [n] 1 or 0.
 std::vector<std::uint8_t> mark_repeated(const std::vector<LidarPoint>& points,
                                         const std::vector<LidarPoint>& before);

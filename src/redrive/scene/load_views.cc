@@ -145,15 +145,27 @@ std::vector<float> load_depth(const std::filesystem::path& path, const RigCamera
   return depth_m;
 }
 
+ViewLoader::ViewLoader(const Scene& scene, ThreadPool& pool)
+    : maps_(scene.undistort ? scene.rig.size() : 0) {
+  cv::setNumThreads(1);
+  scene_.rig = scene.rig;
+  scene_.downscale = scene.downscale;
+  scene_.undistort = scene.undistort;
+  scene_.background = scene.background;
+  pool.run(static_cast<int>(maps_.size()),
+           [&](int camera) { maps_[camera] = make_undistort_map(scene.rig[camera]); });
+}
+
+Image8 ViewLoader::operator()(const View& view) const {
+  return load_with_map(scene_, view, maps_.empty() ? nullptr : &maps_[view.camera]);
+}
+
 std::vector<Image8> load_views(const Scene& scene, ThreadPool& pool) {
-  cv::setNumThreads(1);  // parallel over images instead
-  std::vector<ResampleMap> maps(scene.undistort ? scene.rig.size() : 0);
-  pool.run(static_cast<int>(maps.size()),
-           [&](int camera) { maps[camera] = make_undistort_map(scene.rig[camera]); });
+  const ViewLoader load(scene, pool);
   std::vector<Image8> images(scene.views.size());
   pool.run(static_cast<int>(images.size()), [&](int i) {
     const View& view = scene.views[i];
-    Image8 image = load_with_map(scene, view, scene.undistort ? &maps[view.camera] : nullptr);
+    Image8 image = load(view);
     if (!view.held_out) images[i] = std::move(image);
   });
   return images;

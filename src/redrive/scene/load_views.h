@@ -7,6 +7,7 @@
 
 #include "redrive/base/parallel.h"
 #include "redrive/image/image.h"
+#include "redrive/scene/resample.h"
 #include "redrive/scene/scene.h"
 
 namespace redrive {
@@ -18,6 +19,19 @@ namespace redrive {
 /// calibration's. UsageError: transparent pixels without a background, or a background for images
 /// without alpha.
 Image8 load_view(const Scene& scene, const View& view);
+
+/// Loads the views of a scene one at a time, as load_view, from any thread.
+class ViewLoader {
+ public:
+  /// Sets OpenCV to one thread: views are loaded in parallel instead.
+  ViewLoader(const Scene& scene, ThreadPool& pool);
+  Image8 operator()(const View& view) const;
+
+ private:
+  /// The options of Scene that loading needs; views are those of the caller.
+  Scene scene_;
+  std::vector<ResampleMap> maps_;  ///< by camera, where the scene undistorts
+};
 
 /// Loads the ground-truth depth of a recorded image (16-bit PNG, mm along the ray; 0 and 65535:
 /// unknown) for the pixels of `rig.camera`: [height, width] metres, of the nearest recorded pixel,

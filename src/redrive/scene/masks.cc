@@ -11,9 +11,8 @@
 namespace redrive {
 namespace {
 
-constexpr int kWorkingWidth = 320;     // of the images for find_ego_outline
-constexpr std::size_t kMaxViews = 50;  // more add little
-constexpr int kRowMargin = 2;          // rows above broken ones are dark, and JPEG blurs
+constexpr int kWorkingWidth = 320;  // of the images for find_ego_outline
+constexpr int kRowMargin = 2;       // rows above broken ones are dark, and JPEG blurs
 constexpr std::uint8_t kBlack = 8, kBright = 50;
 
 /// Selects training views of a camera; of many, pairs of neighbours spread over the drive.
@@ -21,9 +20,9 @@ std::vector<std::size_t> choose_views(const Scene& scene, int camera) {
   std::vector<std::size_t> all;
   for (std::size_t i = 0; i < scene.views.size(); ++i)
     if (scene.views[i].camera == camera && !scene.views[i].held_out) all.push_back(i);
-  if (all.size() <= kMaxViews) return all;
+  if (all.size() <= kMostMaskViews) return all;
   std::vector<std::size_t> chosen;
-  constexpr std::size_t kPairs = kMaxViews / 2;
+  constexpr std::size_t kPairs = kMostMaskViews / 2;
   for (std::size_t p = 0; p < kPairs; ++p)
     for (const std::size_t next : {0, 1})
       chosen.push_back(all[p * (all.size() - 2) / (kPairs - 1) + next]);
@@ -174,6 +173,29 @@ Mask without_moving_objects(const Scene& scene, const View& view, const Mask& of
   return mask;
 }
 
+/// As object_map; `directions` returns those of the camera's pixels.
+template <class Directions>
+std::vector<std::uint32_t> object_map_of(const Scene& scene, const View& view,
+                                         const MovingObjects& moving, Directions&& directions) {
+  const RigCamera& rig = scene.rig[view.camera];
+  const Rigid3d world_from_camera = scene.world_from_camera(view);
+  std::vector<std::uint32_t> map(static_cast<std::size_t>(rig.camera.width) * rig.camera.height);
+  std::vector<MovingBox> boxes = moving.at(scene.frames[view.frame].t_ns + rig.time_offset_ns);
+  if (boxes.empty()) return map;
+  const std::vector<Eigen::Vector3f>& of_pixels = directions();
+  std::ranges::sort(boxes, std::greater<>(), [&](const MovingBox& box) {
+    return (box.box_from_world * world_from_camera.translation()).norm();
+  });
+  for (const MovingBox& box : boxes) {  // nearer ones over farther ones
+    Mask mask = full_mask(rig.camera.width, rig.camera.height);
+    mask_box(box, world_from_camera, of_pixels, &mask);
+    const auto object = std::ranges::find(moving.objects(), box.id, &MovingObject::id);
+    for (std::size_t i = 0; i < map.size(); ++i)
+      if (!mask.used[i]) map[i] = static_cast<std::uint32_t>(object - moving.objects().begin()) + 1;
+  }
+  return map;
+}
+
 }  // namespace
 
 std::size_t Mask::left_out() const {
@@ -245,6 +267,25 @@ std::vector<Mask> static_masks(const Scene& scene, const std::vector<Image8>& im
   return masks;
 }
 
+std::vector<Mask> static_masks(const Scene& scene, const ViewLoader& load,
+                               const std::filesystem::path& folder, ThreadPool& pool, bool on_car) {
+  std::vector<Mask> masks;
+  for (int c = 0; c < static_cast<int>(scene.rig.size()); ++c) {
+    const RigCamera& rig = scene.rig[c];
+    const std::filesystem::path file = mask_file(folder, rig);
+    if (!folder.empty() && std::filesystem::exists(file)) {
+      masks.push_back(read_mask(file, rig, scene.downscale));
+      continue;
+    }
+    const std::vector<std::size_t> chosen = choose_views(scene, c);
+    std::vector<Image8> images(scene.views.size());
+    pool.run(static_cast<int>(chosen.size()),
+             [&](int i) { images[chosen[i]] = load(scene.views[chosen[i]]); });
+    masks.push_back(find_static_mask(scene, c, images, on_car));
+  }
+  return masks;
+}
+
 std::filesystem::path mask_file(const std::filesystem::path& folder, const RigCamera& camera) {
   return folder / (camera.name + ".png");
 }
@@ -276,36 +317,15 @@ Mask view_mask(const Scene& scene, const View& view, const Mask& of_camera,
 
 std::vector<std::uint32_t> object_map(const Scene& scene, const View& view,
                                       const MovingObjects& moving) {
-  const RigCamera& rig = scene.rig[view.camera];
-  const Rigid3d world_from_camera = scene.world_from_camera(view);
-  std::vector<std::uint32_t> map(static_cast<std::size_t>(rig.camera.width) * rig.camera.height);
-  std::vector<MovingBox> boxes = moving.at(scene.frames[view.frame].t_ns + rig.time_offset_ns);
-  if (boxes.empty()) return map;
-  const std::vector<Eigen::Vector3f> directions = directions_of(rig.camera);
-  std::ranges::sort(boxes, std::greater<>(), [&](const MovingBox& box) {
-    return (box.box_from_world * world_from_camera.translation()).norm();
-  });
-  for (const MovingBox& box : boxes) {  // nearer ones over farther ones
-    Mask mask = full_mask(rig.camera.width, rig.camera.height);
-    mask_box(box, world_from_camera, directions, &mask);
-    const auto object = std::ranges::find(moving.objects(), box.id, &MovingObject::id);
-    for (std::size_t i = 0; i < map.size(); ++i)
-      if (!mask.used[i]) map[i] = static_cast<std::uint32_t>(object - moving.objects().begin()) + 1;
-  }
-  return map;
+  return object_map_of(scene, view, moving,
+                       [&] { return directions_of(scene.rig[view.camera].camera); });
 }
 
 void mark_objects(const Scene& scene, const MovingObjects& objects, ThreadPool& pool,
                   std::vector<Image8>* images) {
+  const ViewMasker masker(scene, {}, MovingObjects(std::vector<MovingObject>()), objects, pool);
   pool.run(static_cast<int>(images->size()), [&](int i) {
-    const View& view = scene.views[i];
-    Image8& image = (*images)[i];
-    if (view.held_out) return;
-    const std::vector<std::uint32_t> map = object_map(scene, view, objects);
-    if (std::ranges::none_of(map, [](std::uint32_t object) { return object != 0; })) return;
-    if (image.used.empty()) image.used.assign(map.size(), 255);
-    for (std::size_t pixel = 0; pixel < map.size(); ++pixel)
-      if (map[pixel] != 0 && image.used[pixel] != 0) image.used[pixel] = kMovingPixel;
+    if (!scene.views[i].held_out) masker.apply(scene.views[i], &(*images)[i]);
   });
 }
 
@@ -318,20 +338,41 @@ void apply_mask(const Mask& mask, Image8* image) {
     if (!mask.used[i]) image->used[i] = 0;
 }
 
+ViewMasker::ViewMasker(const Scene& scene, std::vector<Mask> of_cameras, MovingObjects masked,
+                       MovingObjects marked, ThreadPool& pool)
+    : scene_(scene),
+      of_cameras_(std::move(of_cameras)),
+      masked_(std::move(masked)),
+      marked_(std::move(marked)),
+      directions_(scene.rig.size()) {
+  REDRIVE_CHECK(of_cameras_.empty() || of_cameras_.size() == scene.rig.size());
+  if (!masked_.objects().empty() || !marked_.objects().empty())
+    pool.run(static_cast<int>(directions_.size()),
+             [&](int c) { directions_[c] = directions_of(scene.rig[c].camera); });
+}
+
+void ViewMasker::apply(const View& view, Image8* image) const {
+  const std::vector<Eigen::Vector3f>& directions = directions_[view.camera];
+  if (!of_cameras_.empty())
+    apply_mask(without_moving_objects(scene_, view, of_cameras_[view.camera], masked_, directions),
+               image);
+  if (marked_.objects().empty()) return;
+  const std::vector<std::uint32_t> map = object_map_of(
+      scene_, view, marked_, [&]() -> const auto& { return directions; });
+  if (std::ranges::none_of(map, [](std::uint32_t object) { return object != 0; })) return;
+  if (image->used.empty()) image->used.assign(map.size(), 255);
+  for (std::size_t pixel = 0; pixel < map.size(); ++pixel)
+    if (map[pixel] != 0 && image->used[pixel] != 0) image->used[pixel] = kMovingPixel;
+}
+
 void apply_masks(const Scene& scene, const std::vector<Mask>& camera_masks,
                  const MovingObjects& moving, ThreadPool& pool, std::vector<Image8>* images) {
   REDRIVE_CHECK_OP(camera_masks.size(), ==, scene.rig.size());
   REDRIVE_CHECK_OP(images->size(), ==, scene.views.size());
-  std::vector<std::vector<Eigen::Vector3f>> directions(scene.rig.size());
-  if (!moving.objects().empty())
-    pool.run(static_cast<int>(directions.size()),
-             [&](int c) { directions[c] = directions_of(scene.rig[c].camera); });
+  const ViewMasker masker(scene, camera_masks, moving, MovingObjects(std::vector<MovingObject>()),
+                          pool);
   pool.run(static_cast<int>(images->size()), [&](int i) {
-    const View& view = scene.views[i];
-    if (!view.held_out)
-      apply_mask(without_moving_objects(scene, view, camera_masks[view.camera], moving,
-                                        directions[view.camera]),
-                 &(*images)[i]);
+    if (!scene.views[i].held_out) masker.apply(scene.views[i], &(*images)[i]);
   });
 }
 

@@ -10,6 +10,7 @@
 
 #include "redrive/base/parallel.h"
 #include "redrive/image/image.h"
+#include "redrive/scene/load_views.h"
 #include "redrive/scene/moving_objects.h"
 #include "redrive/scene/scene.h"
 
@@ -49,6 +50,12 @@ std::filesystem::path mask_file(const std::filesystem::path& folder, const RigCa
 std::vector<Mask> static_masks(const Scene& scene, const std::vector<Image8>& images,
                                const std::filesystem::path& folder, ThreadPool& pool, bool on_car);
 
+/// Likewise of images that are not in memory; loads those of a camera that its mask is found in.
+std::vector<Mask> static_masks(const Scene& scene, const ViewLoader& load,
+                               const std::filesystem::path& folder, ThreadPool& pool, bool on_car);
+/// Training views of a camera that its mask is found in, at most; more add little.
+constexpr std::size_t kMostMaskViews = 50;
+
 /// Writes the mask_file of each camera whose mask masks a pixel. The folder must exist. read_masks
 /// gives cameras without a file a full mask.
 void write_masks(const std::filesystem::path& folder, const std::vector<Mask>& masks,
@@ -78,6 +85,22 @@ void apply_mask(const Mask& mask, Image8* image);
 /// Applies its view_mask to each training view. images[i] belongs to scene.views[i].
 void apply_masks(const Scene& scene, const std::vector<Mask>& camera_masks,
                  const MovingObjects& moving, ThreadPool& pool, std::vector<Image8>* images);
+
+/// Applies masks and marks objects in the image of one view at a time, from any thread.
+class ViewMasker {
+ public:
+  /// `of_cameras`: masks of the rig's cameras, none: no pixel is masked; `masked`: objects whose
+  /// pixels are masked; `marked`: as mark_objects. The scene must outlive it.
+  ViewMasker(const Scene& scene, std::vector<Mask> of_cameras, MovingObjects masked,
+             MovingObjects marked, ThreadPool& pool);
+  void apply(const View& view, Image8* image) const;
+
+ private:
+  const Scene& scene_;
+  std::vector<Mask> of_cameras_;
+  MovingObjects masked_, marked_;
+  std::vector<std::vector<Eigen::Vector3f>> directions_;  ///< by camera, of its pixels
+};
 
 /// Returns the image with masked pixels tinted red.
 Image8 overlay(const Image8& image, const Mask& mask);

@@ -54,6 +54,18 @@ TEST_F(MasksTest, ReadsEditedMasks) {
   EXPECT_EQ(again[1].used, masks[1].used);
 }
 
+TEST_F(MasksTest, LoadsTheImagesItselfWithTheSameResult) {
+  load();
+  const std::vector<Mask> loaded = static_masks(scene_, images_, {}, pool_, true),
+                          own = static_masks(scene_, ViewLoader(scene_, pool_), {}, pool_, true);
+  ASSERT_EQ(own.size(), loaded.size());
+  for (std::size_t c = 0; c < own.size(); ++c) EXPECT_EQ(own[c].used, loaded[c].used) << c;
+
+  write_mask(folder_.path / "FRONT.png", full_mask(24, 16), scene_.rig[1], 1);
+  const ViewLoader load(scene_, pool_);
+  EXPECT_EQ(static_masks(scene_, load, folder_.path, pool_, true)[1].left_out(), 0u);
+}
+
 TEST_F(MasksTest, WritesMasksThatMaskAPixel) {
   load();
   std::vector<Mask> masks = {full_mask(20, 14), full_mask(24, 16)};

@@ -4,6 +4,7 @@
 
 #include <array>
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <string>
 #include <utility>
@@ -12,6 +13,8 @@
 #include "redrive/math/rigid3.h"
 
 namespace redrive {
+
+struct ActorBody;
 
 struct MovingObject {
   /// Where a time is among the keys.
@@ -31,8 +34,10 @@ struct MovingObject {
   std::vector<Key> keys;                             ///< by time, at least one
   bool is_refined = false;                           ///< the keys have a model's corrections
   // Changes (scene/edit_actors.h):
-  std::optional<std::int64_t> body;    ///< id of the object whose Gaussians it shows; its own
-  std::array<float, 3> gain{1, 1, 1};  ///< factors of r, g, b
+  std::optional<std::int64_t> body;  ///< id of the object whose Gaussians it shows; its own
+  /// Gaussians of another run that it shows instead (scene/actor_body.h); null: none.
+  std::shared_ptr<const ActorBody> imported = nullptr;
+  std::array<float, 3> gain{1, 1, 1};                            ///< factors of r, g, b
   std::vector<std::pair<std::int64_t, std::int64_t>> hidden_ns;  ///< times at which it is not drawn
 
   /// Two keys at most 0.5 s apart, or the nearest one within 0.1 s; nothing at other times.

@@ -8,20 +8,21 @@
 
 namespace redrive {
 
-bool MovingBox::intersects(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction,
-                           double most) const {
+std::optional<double> MovingBox::entry(const Eigen::Vector3d& origin,
+                                       const Eigen::Vector3d& direction, double most) const {
   const Eigen::Vector3d o = box_from_world * origin, d = box_from_world.linear() * direction;
   double enter = 0, leave = most;
   for (int k = 0; k < 3; ++k) {
     if (d[k] == 0) {
-      if (std::abs(o[k]) > half_size_m[k]) return false;
+      if (std::abs(o[k]) > half_size_m[k]) return std::nullopt;
       continue;
     }
     const double a = (-half_size_m[k] - o[k]) / d[k], b = (half_size_m[k] - o[k]) / d[k];
     enter = std::max(enter, std::min(a, b));
     leave = std::min(leave, std::max(a, b));
   }
-  return enter <= leave;
+  if (enter > leave) return std::nullopt;
+  return enter;
 }
 
 MovingObjects::MovingObjects(const std::vector<Box>& boxes, const std::vector<FramePose>& frames,
@@ -66,6 +67,12 @@ MovingObjects MovingObjects::without(const std::vector<MovingObject>& others) co
     return std::ranges::find(others, object.id, &MovingObject::id) != others.end();
   });
   return rest;
+}
+
+MovingObjects MovingObjects::with(const std::vector<MovingObject>& others) const {
+  MovingObjects all = *this;
+  all.objects_.insert(all.objects_.end(), others.begin(), others.end());
+  return all;
 }
 
 MovingObjects read_moving_objects(const Recording& recording, const Scene& scene) {

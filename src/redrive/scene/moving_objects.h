@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <limits>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -23,10 +24,15 @@ struct MovingBox {
   bool contains(const Eigen::Vector3d& in_world) const {
     return ((box_from_world * in_world).cwiseAbs().array() <= half_size_m.array()).all();
   }
-  /// Whether the ray from `origin` along `direction`, both in the world, intersects the box (slab
-  /// test), before origin + most * direction.
+  /// Returns where the ray from `origin` along `direction`, both in the world, enters the box (slab
+  /// test), in lengths of `direction`: 0 if it begins inside; nothing if it does not before `most`.
+  std::optional<double> entry(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction,
+                              double most = std::numeric_limits<double>::infinity()) const;
+  /// Whether the ray intersects the box before origin + most * direction.
   bool intersects(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction,
-                  double most = std::numeric_limits<double>::infinity()) const;
+                  double most = std::numeric_limits<double>::infinity()) const {
+    return entry(origin, direction, most).has_value();
+  }
 };
 
 /// Covers protruding mirrors and wheels, and errors of boxes, poses and exposure times.
@@ -53,6 +59,8 @@ class MovingObjects {
   const std::vector<MovingObject>& objects() const& { return objects_; }  ///< by id
   /// Returns all but these.
   MovingObjects without(const std::vector<MovingObject>& others) const;
+  /// Returns these and `others`, which move, too.
+  MovingObjects with(const std::vector<MovingObject>& others) const;
   const std::vector<MovingObject>& parked() const { return parked_; }  ///< that do not move
 
  private:

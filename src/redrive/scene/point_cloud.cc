@@ -24,18 +24,29 @@ PointCloud make_point_cloud(const std::vector<std::vector<ColouredPoint>>& parts
   return cloud;
 }
 
-std::optional<std::size_t> visible_pixel(const Image8& image, const Eigen::Vector2d& pixel) {
+std::optional<std::size_t> pixel_index(int width, int height, const Eigen::Vector2d& pixel) {
   const double x = std::floor(pixel.x() + 0.5), y = std::floor(pixel.y() + 0.5);
-  if (!(x >= 0 && y >= 0 && x < image.width && y < image.height)) return std::nullopt;
-  const std::size_t i = static_cast<std::size_t>(y) * image.width + static_cast<std::size_t>(x);
-  if (!image.used.empty() && image.used[i] == 0) return std::nullopt;
-  if (!image.alpha.empty() && image.alpha[i] != 255) return std::nullopt;
-  return i;
+  if (!(x >= 0 && y >= 0 && x < width && y < height)) return std::nullopt;
+  return static_cast<std::size_t>(y) * width + static_cast<std::size_t>(x);
+}
+
+bool is_visible(const Image8& image, std::size_t index) {
+  return (image.used.empty() || image.used[index] != 0) &&
+         (image.alpha.empty() || image.alpha[index] == 255);
+}
+
+bool is_static(const Image8& image, std::size_t index) {
+  return is_visible(image, index) && (image.used.empty() || image.used[index] != kMovingPixel);
+}
+
+std::optional<std::size_t> visible_pixel(const Image8& image, const Eigen::Vector2d& pixel) {
+  const auto i = pixel_index(image.width, image.height, pixel);
+  return i && is_visible(image, *i) ? i : std::nullopt;
 }
 
 std::optional<std::size_t> static_pixel(const Image8& image, const Eigen::Vector2d& pixel) {
-  const auto i = visible_pixel(image, pixel);
-  return i && !image.used.empty() && image.used[*i] == kMovingPixel ? std::nullopt : i;
+  const auto i = pixel_index(image.width, image.height, pixel);
+  return i && is_static(image, *i) ? i : std::nullopt;
 }
 
 }  // namespace redrive

@@ -36,7 +36,13 @@ PointCloud make_point_cloud(const std::vector<std::vector<ColouredPoint>>& parts
 constexpr std::uint8_t kMovingPixel = 128;
 
 /// Returns the index of the pixel whose area holds `pixel` (integer coordinates are centres), or
-/// nothing where that is outside the image, masked or not opaque.
+/// nothing outside an image of this size.
+std::optional<std::size_t> pixel_index(int width, int height, const Eigen::Vector2d& pixel);
+/// Whether pixel `index` is neither masked nor transparent.
+bool is_visible(const Image8& image, std::size_t index);
+/// Likewise, and no moving object may be there.
+bool is_static(const Image8& image, std::size_t index);
+/// Returns pixel_index, or nothing where it is masked or not opaque.
 std::optional<std::size_t> visible_pixel(const Image8& image, const Eigen::Vector2d& pixel);
 /// Likewise nothing where a moving object may be.
 std::optional<std::size_t> static_pixel(const Image8& image, const Eigen::Vector2d& pixel);

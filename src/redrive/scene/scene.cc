@@ -133,7 +133,7 @@ ShutterPoses Scene::with_actors(ShutterPoses poses, const RigCamera& camera,
   const std::size_t keys = poses.keys().size();
   std::vector<ShutterPoses::Actor> seen;
   for (const MovingObject& actor : actors) {
-    ShutterPoses::Actor here{actor.body.value_or(actor.id), actor.gain, {}};
+    ShutterPoses::Actor here{actor.body.value_or(actor.id), actor.gain, {}, actor.imported};
     for (std::size_t key = 0; key < keys; ++key) {
       const double part =
           keys == 1 ? 0 : static_cast<double>(key) / static_cast<double>(keys - 1) - 0.5;

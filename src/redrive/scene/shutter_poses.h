@@ -4,6 +4,7 @@
 
 #include <array>
 #include <cstdint>
+#include <memory>
 #include <utility>
 #include <vector>
 
@@ -12,6 +13,8 @@
 
 namespace redrive {
 
+struct ActorBody;
+
 class ShutterPoses {
  public:
   /// Poses of the camera in the axes of an object that moves, at the times of the keys.
@@ -19,6 +22,7 @@ class ShutterPoses {
     std::int64_t body = 0;               ///< MovingObject::id of the Gaussians
     std::array<float, 3> gain{1, 1, 1};  ///< factors of r, g, b
     std::vector<PlainPose> actor_from_camera;
+    std::shared_ptr<const ActorBody> imported = nullptr;  ///< MovingObject::imported
   };
 
   ShutterPoses(const Rigid3d& pose) : keys_{plain(pose)} {}  // NOLINT: most images have one pose

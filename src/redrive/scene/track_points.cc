@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <utility>
 
 #include <Eigen/Eigenvalues>
 #include <opencv2/imgproc.hpp>
@@ -18,6 +19,7 @@ constexpr int kLength = 14;          // images of a track
 constexpr int kMinObservations = 4;  // three would not show an outlier along the epipolar line
 constexpr int kStartEvery = 2;       // images; more where there are more than kMaxStarts
 constexpr int kMaxStarts = 400;      // about 10 s on two cores
+constexpr int kBatch = kMostTrackImages - kLength;  // images of a batch, if not all in memory
 // A larger window takes the depth of what is in front of or beside its centre.
 constexpr int kWindow_px = 7, kBlock_px = 5, kMargin_px = 4;
 constexpr int kMinCell_px = 5, kMaxCells = 20'000;  // one corner a cell
@@ -49,9 +51,10 @@ DistanceRange distance_range(const Scene& scene) {
 
 /// A training image prepared for tracking.
 struct TrackImage {
-  const Image8* image;
+  std::size_t view;
   ShutterPoses world_from_camera;
-  std::vector<cv::Mat> pyramid;  ///< of the reduced image
+  ImagePointer image = {};            ///< null where the batch does not need it
+  std::vector<cv::Mat> pyramid = {};  ///< of the reduced image, likewise
 };
 
 /// Area-averages by a whole factor; the remainder is cropped, as Camera::downscaled does.
@@ -186,25 +189,42 @@ struct ActiveTrack {
 /// The training images of one camera. Points in images are those of the reduced ones.
 class CameraTracker {
  public:
-  CameraTracker(const Scene& scene, int camera, const std::vector<Image8>& images, ThreadPool& pool)
+  CameraTracker(const Scene& scene, int camera)
       : camera_(scene.rig[camera].camera), range_(distance_range(scene)) {
     for (std::size_t i = 0; i < scene.views.size(); ++i)
       if (scene.views[i].camera == camera && !scene.views[i].held_out)
-        images_.push_back({&images[i], scene.shutter_poses(scene.views[i]), {}});
+        images_.push_back({i, scene.shutter_poses(scene.views[i])});
     factor_ =
         static_cast<int>(std::ceil(std::sqrt(double(camera_.width) * camera_.height / kMaxPixels)));
     // Until the smaller side has a few windows: motions of a tenth of the image are found.
     for (int side = std::min(camera_.width, camera_.height) / factor_ / 2; side >= 4 * kWindow_px;
          side /= 2)
       ++levels_;
-    if (this->images() < kMinObservations) return;
-    pool.run(this->images(), [&](int i) {
-      cv::buildOpticalFlowPyramid(reduced(grey_of(*images_[i].image), factor_), images_[i].pyramid,
+  }
+
+  int images() const { return static_cast<int>(images_.size()); }
+
+  /// Prepares images [begin, end) for points_from and lets the others go.
+  void prepare(int begin, int end, const ViewImages& images, ThreadPool& pool) {
+    for (int i = 0; i < this->images(); ++i)
+      if (i < begin || i >= end) {
+        images_[i].image.reset();
+        images_[i].pyramid.clear();
+      }
+    pool.run(end - begin, [&](int k) {
+      TrackImage& of = images_[begin + k];
+      if (of.image) return;
+      of.image = images[of.view];
+      cv::buildOpticalFlowPyramid(reduced(grey_of(*of.image), factor_), of.pyramid,
                                   {kWindow_px, kWindow_px}, levels_, /*withDerivatives=*/false);
     });
   }
 
-  int images() const { return static_cast<int>(images_.size()); }
+  /// Returns the images [first, second) that points_from uses.
+  std::pair<int, int> used_by(int start, int step) const {
+    const int end = std::clamp(start + (kLength - 1) * step, 0, images() - 1);
+    return {std::min(start, end), std::max(start, end) + 1};
+  }
 
   /// Tracks from image `start` on, step 1 or -1, and triangulates.
   std::vector<ColouredPoint> points_from(int start, int step) const {
@@ -353,7 +373,7 @@ class CameraTracker {
 
 }  // namespace
 
-PointCloud track_points(const Scene& scene, const std::vector<Image8>& images, ThreadPool& pool) {
+PointCloud track_points(const Scene& scene, const ViewImages& images, ThreadPool& pool) {
   REDRIVE_CHECK_OP(images.size(), ==, scene.views.size());
   cv::setNumThreads(1);  // parallel over images instead
   const auto trained = std::ranges::count(scene.views, false, &View::held_out);
@@ -361,7 +381,7 @@ PointCloud track_points(const Scene& scene, const std::vector<Image8>& images, T
   const int every = std::max<int>(kStartEvery, (2 * trained + kMaxStarts - 1) / kMaxStarts);
   std::vector<std::vector<ColouredPoint>> parts;
   for (int camera = 0; camera < static_cast<int>(scene.rig.size()); ++camera) {
-    const CameraTracker tracker(scene, camera, images, pool);
+    CameraTracker tracker(scene, camera);
     struct Start {
       int image, step;
     };
@@ -373,9 +393,20 @@ PointCloud track_points(const Scene& scene, const std::vector<Image8>& images, T
     }
     const std::size_t done = parts.size();
     parts.resize(done + starts.size());
-    pool.run(static_cast<int>(starts.size()), [&](int s) {
-      parts[done + s] = tracker.points_from(starts[s].image, starts[s].step);
-    });
+    // Batches of starts by the last image that they use, so that few images are needed at once.
+    const int size = images.all_in_memory() ? std::max(1, tracker.images()) : kBatch;
+    std::vector<std::vector<int>> batches(tracker.images() / size + 1);
+    for (int s = 0; s < std::ssize(starts); ++s)
+      batches[(tracker.used_by(starts[s].image, starts[s].step).second - 1) / size].push_back(s);
+    for (int b = 0; b < std::ssize(batches); ++b) {
+      if (batches[b].empty()) continue;
+      const int end = std::min((b + 1) * size, tracker.images());
+      tracker.prepare(std::max(0, b * size - kLength + 1), end, images, pool);
+      pool.run(static_cast<int>(batches[b].size()), [&](int k) {
+        const int s = batches[b][k];
+        parts[done + s] = tracker.points_from(starts[s].image, starts[s].step);
+      });
+    }
   }
   return make_point_cloud(parts);
 }

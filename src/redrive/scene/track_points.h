@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "redrive/base/parallel.h"
+#include "redrive/scene/image_cache.h"
 #include "redrive/scene/point_cloud.h"
 #include "redrive/scene/scene.h"
 
@@ -17,6 +18,8 @@ namespace redrive {
 /// camera must overlap: photographs too far apart give none. images[i] belongs to scene.views[i];
 /// those of held-out views are not used, nor are masked or transparent pixels. The poses are those
 /// of Scene::shutter_poses. The result does not depend on the number of threads.
-PointCloud track_points(const Scene& scene, const std::vector<Image8>& images, ThreadPool& pool);
+PointCloud track_points(const Scene& scene, const ViewImages& images, ThreadPool& pool);
+/// Images that track_points uses at once where not all are in memory, at most.
+constexpr int kMostTrackImages = 32;
 
 }  // namespace redrive

@@ -16,7 +16,6 @@ namespace {
 constexpr const char* kCellErrors = "cell_errors";
 constexpr const char* kPoses[] = {"poses", "poses.first_moment", "poses.second_moment"};
 constexpr const char* kFormat = "redrive-14";
-constexpr const char* kHoldsOutLidar = "holds_out_lidar";  // missing in runs of earlier builds
 
 /// Visits the scalars of a state, without its model's, once each by name; writing and reading share
 /// this list.
@@ -130,7 +129,6 @@ SafetensorsFile checkpoint_file(const TrainState& state) {
     }
   };
   visit_numbers(state, note);
-  note(kHoldsOutLidar, static_cast<int>(state.holds_out_lidar));
   visit_model(state, note);
   std::vector<SafetensorsEntry> entries;
   for (const ModelTensor& tensor : model.tensors())
@@ -190,9 +188,6 @@ TrainState parse_checkpoint(std::string_view bytes, const std::filesystem::path&
                        "must be a finite number in range");
   };
   visit_numbers(state, read);
-  int holds_out_lidar = 0;
-  if (parsed.metadata.contains(kHoldsOutLidar)) read(kHoldsOutLidar, holds_out_lidar);
-  state.holds_out_lidar = holds_out_lidar != 0;
   visit_model(state, read);
   check_state(state, file);
   const auto fail = [&](const Hyperparameter& what, const std::string& value,

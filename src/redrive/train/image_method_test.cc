@@ -54,7 +54,8 @@ struct StripModel final : Model {
   void initialize_from(const TrainingSet& data, std::uint64_t, ThreadPool&) override {
     strips = first_strips;
     parameters = Buffer<float>(size());
-    const Image8& image = data.images[training_views(data).front()];
+    const ImagePointer first = data.images[training_views(data).front()];
+    const Image8& image = *first;
     for (int k = 0; k < 3; ++k) {
       double sum = 0;
       for (std::size_t i = k; i < image.rgb.size(); i += 3) sum += image.rgb[i];
@@ -76,7 +77,8 @@ struct StripModel final : Model {
     const std::uint64_t drawn = request.world_size * request.step + request.rank;
     const std::uint64_t key = random_key(request.seed, kStreamTest, drawn / views.size());
     const std::size_t view = views[permute_index(key, drawn % views.size(), views.size())];
-    const Image8& image = data.images[view];
+    const ImagePointer drawn_image = data.images[view];
+    const Image8& image = *drawn_image;
     const std::size_t pixels = static_cast<std::size_t>(image.width) * image.height;
     double loss = 0;
     for (std::size_t pixel = 0; pixel < pixels; ++pixel)

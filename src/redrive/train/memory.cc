@@ -7,6 +7,8 @@
 #include "redrive/base/error.h"
 #include "redrive/recording/recording_reader.h"
 #include "redrive/scene/cloud_returns.h"
+#include "redrive/scene/masks.h"
+#include "redrive/scene/track_points.h"
 #include "redrive/train/step.h"
 
 namespace redrive {
@@ -20,13 +22,6 @@ constexpr std::uint64_t kSortedRay = 40;
 
 std::uint64_t pixels(const Camera& camera) { return std::uint64_t(camera.width) * camera.height; }
 
-std::string gib(double bytes) {
-  constexpr double kGiB = 1024.0 * 1024 * 1024;
-  char text[32];
-  std::snprintf(text, sizeof text, bytes < 0.995 * kGiB ? "%.2f GiB" : "%.1f GiB", bytes / kGiB);
-  return text;
-}
-
 constexpr const char* kOfImages = "--downscale, --frames or --cameras (images and their rays: ";
 constexpr const char* kOfLidar = "--frames or --lidar-rays 0 (LiDAR: ";
 std::string step_option(const Model& model) { return "--batch (" + model.describe_batch() + ": "; }
@@ -36,8 +31,7 @@ std::string what_to_lower(std::vector<std::pair<std::uint64_t, std::string>> par
   std::ranges::sort(parts, std::greater<>());
   std::string lower;
   for (const auto& [bytes, what] : parts)
-    if (bytes > 0)
-      lower += (lower.empty() ? "" : ", ") + what + gib(static_cast<double>(bytes)) + ")";
+    if (bytes > 0) lower += (lower.empty() ? "" : ", ") + what + gib_text(bytes) + ")";
   return lower;
 }
 
@@ -57,15 +51,28 @@ MemoryEstimate estimate_memory(const Run& run, int threads) {
   // Image8 and the lists of unmasked, or of opaque and transparent pixels (UsedPixels): a bit per
   // pixel and a count every 64.
   const bool masked = run.options.masks != "none" && run.recording.metric;
-  std::uint64_t largest = 0;
+  std::uint64_t largest = 0, largest_trained = 0;  // pixels
   for (const View& view : scene.views) {
     const RigCamera& rig = scene.rig[view.camera];
     largest = std::max(largest, pixels(rig.recorded));
+    largest_trained = std::max(largest_trained, pixels(rig.camera));
     if (view.held_out) continue;
     const bool used = masked || !view.mask.path.empty(),
                alpha = scene.background != Background::kNone;
     const std::uint64_t bytes = 3 + alpha + used, lists = alpha ? 2 : used;
     need.images += pixels(rig.camera) * bytes + lists * pixels(rig.camera) * 3 / 16;
+  }
+  if (model.keeps_half_images(scene)) need.images += need.images / 4;
+  if (model.streams_images()) {
+    // The images that a stage before training needs at once, and one of each thread.
+    const auto at_once =
+        static_cast<std::uint64_t>(kMostTrackImages + threads + image_decoders(threads));
+    need.decoders = static_cast<std::uint64_t>(image_decoders(threads)) * 8 * largest;
+    need.least_images =
+        std::max(at_once * (scene.background == Background::kNone ? 4 : 5), kMostMaskViews * 3) *
+            largest_trained +
+        need.decoders;
+    if (need.least_images >= need.images) need.least_images = 0;
   }
   // Per thread the recorded image, the undistorted one and the bytes of its file.
   need.decoding = std::uint64_t(threads) * 8 * largest;
@@ -119,16 +126,33 @@ std::optional<DeviceMemoryEstimate> estimate_device_memory(const Run& run,
   return need;
 }
 
+int image_decoders(int threads) { return std::max(1, threads / 2); }
+
+std::optional<std::uint64_t> image_cache_bytes(const MemoryEstimate& need, std::uint64_t allowed) {
+  if (need.total() <= allowed || need.least_images == 0) return std::nullopt;
+  const std::uint64_t others = need.total_with(0);
+  REDRIVE_CHECK_OP(others, <=, allowed);
+  return std::max((allowed - others) / 21 * 20, need.least_images) - need.decoders;
+}
+
+std::string gib_text(std::uint64_t bytes) {
+  constexpr double kGiB = 1024.0 * 1024 * 1024;
+  const double gib = static_cast<double>(bytes) / kGiB;
+  char text[32];
+  std::snprintf(text, sizeof text, gib < 0.995 ? "%.2f GiB" : "%.1f GiB", gib);
+  return text;
+}
+
 std::string memory_text(std::uint64_t needed, std::uint64_t allowed) {
-  return "needs about " + gib(static_cast<double>(needed)) + " of " +
-         gib(static_cast<double>(allowed)) + " allowed";
+  return "needs about " + gib_text(needed) + " of " + gib_text(allowed) + " allowed";
 }
 
 void check_memory(const MemoryEstimate& need, std::uint64_t allowed, const TrainOptions& options) {
-  if (need.total() <= allowed) return;
+  if (need.least() <= allowed) return;
+  const std::uint64_t images = need.least_images > 0 ? need.least_images : need.images;
   throw UsageError("--memory", options.memory,
-                   memory_text(need.total(), allowed) + "; lower " +
-                       what_to_lower({{need.images + need.rays, kOfImages},
+                   memory_text(need.least(), allowed) + "; lower " +
+                       what_to_lower({{images + need.rays, kOfImages},
                                       {need.lidar + need.sorting, kOfLidar},
                                       {need.step, need.step_option}}));
 }

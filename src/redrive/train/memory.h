@@ -18,7 +18,10 @@ struct MemoryEstimate {
   std::uint64_t program = 0;  ///< code, libraries, threads
   std::uint64_t state = 0;    ///< parameters and moments
   std::uint64_t images = 0;   ///< of all training views, with masks
-  std::uint64_t lidar = 0;    ///< all returns
+  /// Of them, of a cache that can hold no fewer, with what decodes into it; 0: all are needed.
+  std::uint64_t least_images = 0;
+  std::uint64_t decoders = 0;  ///< part of least_images: that of the threads that decode
+  std::uint64_t lidar = 0;     ///< all returns
   // The peak is in loading or in training:
   std::uint64_t decoding = 0;  ///< images as recorded
   std::uint64_t sorting = 0;  ///< LiDAR points as recorded, and their rays, before they are returns
@@ -27,13 +30,22 @@ struct MemoryEstimate {
   std::string step_option;    ///< that lowers it: "--batch (2048 rays: "
   std::uint64_t saving = 0;   ///< a checkpoint before it is written
 
-  std::uint64_t total() const {  ///< at the peak
-    const std::uint64_t sum = program + state + images +
+  std::uint64_t total() const { return total_with(images); }  ///< at the peak
+  /// With a cache of the smallest size, where images may be in one.
+  std::uint64_t least() const { return total_with(least_images > 0 ? least_images : images); }
+  std::uint64_t total_with(std::uint64_t of_images) const {
+    const std::uint64_t sum = program + state + of_images +
                               std::max({decoding, lidar + sorting, lidar + rays + step + saving});
     return sum + sum / 20;  // small buffers, and gaps between blocks
   }
 };
 MemoryEstimate estimate_memory(const Run& run, int threads);
+
+/// Returns the bytes of the cache of images (ImageCacheOptions) that --memory leaves, where not all
+/// images fit; nothing where they do. `need` must have passed check_memory.
+std::optional<std::uint64_t> image_cache_bytes(const MemoryEstimate& need, std::uint64_t allowed);
+/// Number of threads beside training's that decode images.
+int image_decoders(int threads);
 
 /// Bytes that a run takes of a GPU, which also has the data that batches are gathered from.
 struct DeviceMemoryEstimate {
@@ -52,6 +64,8 @@ std::optional<DeviceMemoryEstimate> estimate_device_memory(const Run& run,
                                                            const kernels::Backend& backend,
                                                            const MemoryEstimate& host);
 
+/// "1.3 GiB", of bytes.
+std::string gib_text(std::uint64_t bytes);
 /// "needs about 1.3 GiB of 16.8 GiB allowed", of bytes.
 std::string memory_text(std::uint64_t needed, std::uint64_t allowed);
 /// Throws UsageError naming the options to lower if more is needed than allowed.

@@ -95,6 +95,7 @@ void append_metrics(const RunPaths& paths, const MetricsRow& row) {
                          {"learning_rate", row.learning_rate},
                          {"rays_per_s", row.rays_per_s}};
   for (const auto& [name, value] : row.losses) json["losses"][name] = value;
+  if (row.image_wait_s > 0) json["image_wait_s"] = row.image_wait_s;
   append_line(paths.metrics(), json);
 }
 

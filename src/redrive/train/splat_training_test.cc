@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The trainer with method splat, whose parameters grow while it trains.
+#include <optional>
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -117,6 +119,150 @@ TEST_F(SplatTrainingTest, ThreadsChangeNoBit) {
   EXPECT_TRUE(same_weights(one.state, four.state));
   EXPECT_EQ(one.state.poses.corrections.values, four.state.poses.corrections.values);
   EXPECT_EQ(curve(one), curve(four));
+}
+
+/// Trains on a sample with these bytes of images, or with all in memory.
+struct Streamed {
+  redrive::Run run;
+  std::optional<TrainingData> data;
+};
+
+Streamed train_streamed(const std::filesystem::path& root, TrainOptions options,
+                        std::optional<std::uint64_t> cache_bytes, kernels::Backend& backend) {
+  const std::atomic<bool> never{false};
+  options.method = "splat";
+  options.max_seconds = 0;
+  validate(options);
+  Streamed out;
+  redrive::Run& run = out.run;
+  run.options = options;
+  run.recording = open_recording(options);
+  run.scene = make_scene(run.recording, scene_options(options));
+  run.state = make_initial_state(options, run.scene);
+  load_actors(&run);
+  run.paths = create_run(root, run.options, {}, run.state.model.get());
+  ThreadPool pool(backend.threads());
+  out.data.emplace(prepare_training_data(run, pool, cache_bytes));
+  train(&run, *out.data, {&backend}, nullptr, never);
+  return out;
+}
+
+class StreamedTraining : public TrainingTest, public ::testing::WithParamInterface<const char*> {};
+
+// Masks of the vehicle and of moving objects, LiDAR, actors, halved images and windows.
+TEST_P(StreamedTraining, EndsBitEqualWithAnySizeOfTheCache) {
+  TrainOptions options;
+  options.recording = std::string(REDRIVE_SAMPLES) + GetParam();
+  options.downscale = 4;
+  options.max_steps = 60;
+  options.holdout_every = 7;
+  options.refine_poses = "off";
+  options.set("max_gaussians", 4000);
+  options.set("densify_every", 25);
+  options.set("window_pixels", 4096);  // images are cut, and halved at first
+  const auto backend = processor_backend(2), other = processor_backend(3);
+  const Streamed whole = train_streamed(folder_.path / "whole", options, {}, *backend);
+  ASSERT_FALSE(whole.data->cache);
+  const Streamed tiny = train_streamed(folder_.path / "tiny", options, 1, *other);
+  ASSERT_TRUE(tiny.data->cache);
+  EXPECT_TRUE(tiny.data->images.empty());
+  const Streamed some = train_streamed(folder_.path / "some", options, 3 << 20, *backend);
+  for (const Streamed* streamed : {&tiny, &some}) {
+    EXPECT_EQ(streamed->data->pixels, whole.data->sampler(whole.run.scene, 1).pixels());
+    for (std::size_t c = 0; c < whole.data->left_out.masks.size(); ++c)
+      EXPECT_EQ(streamed->data->left_out.masks[c].used, whole.data->left_out.masks[c].used) << c;
+    EXPECT_TRUE(same_weights(streamed->run.state, whole.run.state));
+    EXPECT_EQ(curve(streamed->run), curve(whole.run));
+  }
+  EXPECT_LT(some.data->cache->statistics().decoded, tiny.data->cache->statistics().decoded);
+  EXPECT_GT(tiny.data->cache->statistics().waited_s, 0);
+}
+
+INSTANTIATE_TEST_SUITE_P(Samples, StreamedTraining, testing::Values("/street", "/street_traffic"));
+
+TEST_F(SplatTrainingTest, AnImageThatBreaksWhileItTrainsIsNamed) {
+  redrive::Run run = splat_run("run", 60);
+  run.recording = make_test_recording(folder_.path, 8);
+  run.scene = make_scene(run.recording, scene_options(run.options));
+  run.state = make_initial_state(run.options, run.scene);
+  ThreadPool pool(2);
+  const TrainingData data = prepare_training_data(run, pool, 1);
+  const std::filesystem::path broken = run.scene.views[3].image;
+  folder_.write(broken.filename(), "no image");
+  try {
+    train(&run, data, {backend_.get()}, nullptr, never_);
+    ADD_FAILURE() << "no error";
+  } catch (const InputError& error) {
+    EXPECT_THAT(error.what(), testing::HasSubstr(broken.string()));
+  }
+}
+
+TEST_F(SplatTrainingTest, ADriveThatDoesNotFitGetsASmallerCache) {
+  redrive::Run run = splat_run("run", 1);
+  run.recording = make_test_recording(folder_.path, 200);
+  run.scene = make_scene(run.recording, scene_options(run.options));
+  run.state = make_initial_state(run.options, run.scene);
+  const MemoryEstimate need = estimate_memory(run, 2);
+  ASSERT_GT(need.least_images, 0u);
+  ASSERT_LT(need.least_images, need.images);
+  EXPECT_FALSE(image_cache_bytes(need, need.total())) << "all fit";
+  const std::uint64_t least = need.least(), some = (least + need.total()) / 2;
+  check_memory(need, least, run.options);
+  EXPECT_EQ(*image_cache_bytes(need, least), need.least_images - need.decoders);
+  EXPECT_GT(*image_cache_bytes(need, some), need.least_images - need.decoders);
+  EXPECT_LT(*image_cache_bytes(need, some), need.images);
+  EXPECT_THROW(check_memory(need, least - 1, run.options), UsageError);
+}
+
+// The objects of samples/street_traffic come from the recording again; their Gaussians, bounds and
+// corrections from the checkpoint.
+TEST_F(SplatTrainingTest, AResumedRunHasItsMovingObjectsAgain) {
+  const auto begin = [&](const char* name) {
+    redrive::Run run;
+    run.options.recording = REDRIVE_SAMPLES "/street_traffic";
+    run.options.method = "splat";
+    run.options.cameras = {"F_MIDLONGRANGECAM_CL"};
+    run.options.downscale = 8;
+    run.options.holdout_every = 6;
+    run.options.max_steps = 30;
+    run.options.max_seconds = 0;
+    run.options.checkpoint_every = 10;
+    run.options.set("max_gaussians", 4000);
+    run.options.set("densify_every", 12);
+    run.recording = open_recording(run.options);
+    run.scene = make_scene(run.recording, scene_options(run.options));
+    run.state = make_initial_state(run.options, run.scene);
+    load_actors(&run);
+    record_hyperparameters(*run.state.model, &run.options);
+    ThreadPool pool(2);
+    const TrainingData data = prepare_training_data(run, pool);
+    run.paths = create_run(
+        folder_.path / name, run.options,
+        [&](const RunPaths& paths) { write_run_masks(paths, data, run.scene); },
+        run.state.model.get());
+    return run;
+  };
+  redrive::Run whole = begin("whole"), parts = begin("parts");
+  ASSERT_EQ(whole.scene.actors.size(), 2u) << "the parked one is of the world";
+  EXPECT_EQ(train(&whole, *backend_, never_), TrainEnd::kFinished);
+  for (const std::int64_t stop_after : {3, 10}) {  // before and after the number changes
+    Interference interference{.stop_after = stop_after};
+    InterferingRasteriser backend(*backend_, &interference);
+    EXPECT_EQ(train(&parts, backend, interference.stop), TrainEnd::kInterrupted);
+    parts = open_run(parts.paths.root, /*to_resume=*/true);
+    ASSERT_EQ(parts.scene.actors.size(), 2u);
+    for (std::size_t a = 0; a < 2; ++a) {
+      EXPECT_EQ(parts.scene.actors[a].id, whole.scene.actors[a].id);
+      EXPECT_FALSE(parts.scene.actors[a].is_refined) << "training corrects them itself";
+    }
+  }
+  EXPECT_EQ(train(&parts, *backend_, never_), TrainEnd::kFinished);
+  EXPECT_TRUE(same_weights(parts.state, whole.state));
+  EXPECT_EQ(splat(parts).actor_ids, splat(whole).actor_ids);
+  EXPECT_EQ(splat(parts).actor_ends, splat(whole).actor_ends);
+  EXPECT_EQ(curve(parts), curve(whole));
+  const redrive::Run opened = open_run(parts.paths.root);
+  EXPECT_TRUE(opened.scene.actors[0].is_refined);
 }
 
 TEST_F(SplatTrainingTest, TheRunFolderIsComplete) {

@@ -75,9 +75,6 @@ struct TrainState {
   Buffer<float> cell_errors;       ///< error map, of PixelSampler::cells; empty: not used
   double seconds = 0;              ///< of training, including resumed runs
   std::uint64_t seed = 0;          ///< in use; differs from the option after a restart
-  /// Whether the LiDAR revolutions of held-out frames do not train. False in runs of earlier
-  /// builds.
-  bool holds_out_lidar = true;
   int restarts = 0;
   int rollbacks = 0;               ///< of this start
   double rate_factor = 1;          ///< product of the roll-backs' factors of the learning rate

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstdio>
 #include <limits>
+#include <utility>
 
 #include "redrive/base/error.h"
 #include "redrive/base/rng.h"
@@ -43,10 +44,10 @@ class Trainer {
         options_(run->options),
         scene_(run->scene),
         frames_(run->recording.frames),
-        sampler_(scene_, data.images, run->options.seed),
+        sampler_(data.sampler(scene_, run->options.seed)),
         lidar_sampler_(data.lidar, run->options.seed),
         data_{scene_,
-              data.images,
+              data.view_images(),
               data.lidar,
               sampler_,
               data.lidar.n > 0 && run->state.model->uses_lidar() ? &lidar_sampler_ : nullptr,
@@ -64,6 +65,7 @@ class Trainer {
     truncate_metrics(run_.paths, {state_.restarts, state_.rollbacks, state_.step});
     print_schedule();
     if (state_.step == 0) save();
+    waited_s_ = row_waited_s_ = data_.images.statistics().waited_s;
     while (true) {
       while (progress() < 1) {
         if (stop) return end(TrainEnd::kInterrupted);
@@ -283,6 +285,8 @@ class Trainer {
       std::size_t i = 0;
       for (const LossTerm& term : state_.model->loss_terms({}))
         row.losses.emplace_back(term.name, window.terms[i++] / window.steps);
+      const double waited_s = data_.images.statistics().waited_s;
+      row.image_wait_s = waited_s - std::exchange(row_waited_s_, waited_s);
       append_metrics(run_.paths, row);
     }
     last_was_high_ = is_high(watched(), state_.loss_watch);
@@ -321,6 +325,11 @@ class Trainer {
   TrainEnd end(TrainEnd how) {
     if (state_.window.steps > 0) show_progress();
     progress_.finish();
+    const ImageCache::Statistics images = data_.images.statistics();
+    if (images.reads > 0)
+      std::printf("steps waited %.1f s for images; %lld decoded, at most %.1f MB in memory\n",
+                  images.waited_s - waited_s_, static_cast<long long>(images.decoded),
+                  static_cast<double>(images.most_bytes) / 1e6);
     if (loss_rose()) {
       std::fprintf(stderr, "redrive: step %lld: %s; the checkpoint before that stands\n",
                    static_cast<long long>(state_.step), high_loss().c_str());
@@ -345,6 +354,8 @@ class Trainer {
   double saved_seconds_;        // state_.seconds at the last checkpoint
   bool save_due_ = false;       // since then
   bool last_was_high_ = false;  // the last whole window; false at every checkpoint
+  // Of ViewImages::statistics, before the first step and at the last row of metrics.
+  double waited_s_ = 0, row_waited_s_ = 0;
   std::int64_t steps_ = 0, steps_per_epoch_ = 0;
   Progress progress_;
 };

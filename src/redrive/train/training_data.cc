@@ -4,72 +4,177 @@
 #include <algorithm>
 
 #include "redrive/base/error.h"
+#include "redrive/scene/find_moving.h"
 #include "redrive/scene/load_views.h"
+#include "redrive/scene/moving_file.h"
+#include "redrive/train/memory.h"
 
 namespace redrive {
 namespace {
 
-/// `masks` and the recording's moving objects; nothing with --masks none.
-Exclusions with_moving(const Run& run, const std::function<std::vector<Mask>()>& masks) {
+/// `masks`, the recording's moving objects and `found` ones; nothing with --masks none.
+Exclusions with_moving(const Run& run, const std::function<std::vector<Mask>()>& masks,
+                       const std::function<std::vector<MovingObject>()>& found) {
   if (run.options.masks != "none")
-    return {masks(), read_moving_objects(run.recording, run.scene).without(run.scene.actors)};
+    return {masks(),
+            read_moving_objects(run.recording, run.scene).without(run.scene.actors).with(found())};
   std::vector<Mask> full;
   for (const RigCamera& rig : run.scene.rig)
     full.push_back(full_mask(rig.camera.width, rig.camera.height));
   return {full, MovingObjects({}, run.recording.frames, run.scene.global_from_world)};
 }
 
-/// The folder that --masks names, empty if none is.
-std::filesystem::path mask_folder(const Run& run) {
-  const std::string& given = run.options.masks;
-  if (given == "auto" || given == "none") return {};
-  if (!std::filesystem::is_directory(given))
-    throw UsageError("--masks", given, "must be auto, none or a folder");
-  if (std::ranges::none_of(run.scene.rig, [&](const RigCamera& rig) {
-        return std::filesystem::exists(mask_file(given, rig));
-      }))
-    throw UsageError("--masks", given,
-                     "holds no mask of a camera that is trained on, such as " +
-                         mask_file("", run.scene.rig[0]).string());
-  return given;
+LidarReturns training_returns(const Run& run, const MovingObjects& moving, ThreadPool& pool) {
+  LidarSelection selection;
+  selection.frame = [held_out = held_out_frames(run.scene)](std::int64_t frame) {
+    return !held_out.contains(frame);
+  };
+  return load_lidar_returns(run.recording, run.scene, moving, pool, selection);
 }
 
-TrainingData applied(const Run& run, ThreadPool& pool, Exclusions left_out,
-                     std::vector<Image8> images) {
-  apply_masks(run.scene, left_out.masks, left_out.moving, pool, &images);
-  if (!run.scene.actors.empty())
-    mark_objects(run.scene, MovingObjects(run.scene.actors), pool, &images);
-  LidarReturns lidar;
-  if (run.state.model->uses_lidar()) {
-    const MovingObjects moving =
-        run.scene.actors.empty() ? left_out.moving : read_moving_objects(run.recording, run.scene);
-    LidarSelection selection;
-    if (run.state.holds_out_lidar)
-      selection.frame = [held_out = held_out_frames(run.scene)](std::int64_t frame) {
-        return !held_out.contains(frame);
-      };
-    lidar = load_lidar_returns(run.recording, run.scene, moving, pool, selection);
+/// Throws InputError if the masks of a block (train/blocks.h) did not come with it: without a file
+/// nothing is masked.
+void check_link(const std::filesystem::path& masks) {
+  std::error_code error;
+  if (std::filesystem::is_symlink(masks, error) && !std::filesystem::exists(masks, error))
+    throw InputError(masks, "", "",
+                     "links to a folder that is not there; cp -rL copies a block with its masks");
+}
+
+/// Bytes of a training view's image at most.
+std::uint64_t largest_image(const Scene& scene) {
+  std::uint64_t largest = 0;
+  for (const RigCamera& rig : scene.rig)
+    largest = std::max(largest, (scene.background == Background::kNone ? 4 : 5) *
+                                    std::uint64_t(rig.camera.width) * rig.camera.height);
+  return largest;
+}
+
+/// The images that a cache decodes: a copy of what the run's scene was when training began.
+struct StreamedImages {
+  Scene scene;
+  ViewLoader load;
+  ViewMasker masker;
+
+  StreamedImages(const Run& run, const Exclusions& left_out, ThreadPool& pool)
+      : scene(run.scene),
+        load(scene, pool),
+        masker(scene, left_out.masks, left_out.moving, MovingObjects(scene.actors), pool) {}
+  Image8 image(int view) const {
+    const View& of = scene.views[static_cast<std::size_t>(view)];
+    Image8 image = load(of);
+    masker.apply(of, &image);
+    return image;
   }
-  return {std::move(images), std::move(left_out), std::move(lidar)};
+};
+
+/// Makes the cache of a run's images and reads each of them once: for errors, and to count pixels.
+void stream_images(const Run& run, std::uint64_t bytes, ThreadPool& pool, TrainingData* data) {
+  const auto images = std::make_shared<const StreamedImages>(run, data->left_out, pool);
+  const Scene& scene = images->scene;
+  ImageCacheOptions options;
+  options.bytes = bytes;
+  options.image_bytes = largest_image(scene);
+  options.decoders = image_decoders(pool.threads());
+  data->cache = std::make_unique<ImageCache>(
+      static_cast<int>(scene.views.size()), [images](int view) { return images->image(view); },
+      options);
+  std::vector<std::uint64_t> pixels(scene.views.size());
+  std::vector<RayTable> tables;
+  for (const RigCamera& rig : scene.rig) tables.push_back(make_ray_table(rig.camera));
+  pool.run(static_cast<int>(pixels.size()), [&](int v) {
+    const View& view = scene.views[static_cast<std::size_t>(v)];
+    if (view.held_out)
+      images->load(view);
+    else
+      pixels[v] = epoch_pixels(tables[view.camera], *data->cache->get({v, false}));
+  });
+  for (const std::uint64_t of_view : pixels) data->pixels += of_view;
+}
+
+/// Applies `left_out` to the images, or to those of a cache where `cache_bytes` is given.
+TrainingData applied(const Run& run, ThreadPool& pool, Exclusions left_out,
+                     std::vector<Image8> images, std::optional<std::uint64_t> cache_bytes) {
+  TrainingData data{{}, std::move(left_out), {}, {}, 0};
+  if (cache_bytes) {
+    stream_images(run, *cache_bytes, pool, &data);
+  } else {
+    data.images = std::move(images);
+    apply_masks(run.scene, data.left_out.masks, data.left_out.moving, pool, &data.images);
+    if (!run.scene.actors.empty())
+      mark_objects(run.scene, MovingObjects(run.scene.actors), pool, &data.images);
+  }
+  if (run.state.model->uses_lidar())
+    data.lidar =
+        training_returns(run,
+                         run.scene.actors.empty() ? data.left_out.moving
+                                                  : read_moving_objects(run.recording, run.scene)
+                                                        .with(found_objects(data.left_out.moving)),
+                         pool);
+  return data;
 }
 
 }  // namespace
 
+std::filesystem::path moving_file(const std::filesystem::path& masks) {
+  return masks / "moving.json";
+}
+
+std::vector<MovingObject> find_moving(const Run& run, const std::filesystem::path& folder,
+                                      ThreadPool& pool) {
+  if (!folder.empty() && std::filesystem::exists(moving_file(folder)))
+    return read_moving_file(moving_file(folder));
+  if (run.recording.lidar_files.empty()) return {};
+  return find_moving_objects(
+      training_returns(run, read_moving_objects(run.recording, run.scene), pool), pool);
+}
+
+std::filesystem::path mask_folder(const TrainOptions& options, const Scene& scene) {
+  const std::string& given = options.masks;
+  if (given == "auto" || given == "none") return {};
+  if (!std::filesystem::is_directory(given))
+    throw UsageError("--masks", given, "must be auto, none or a folder");
+  if (std::ranges::none_of(scene.rig, [&](const RigCamera& rig) {
+        return std::filesystem::exists(mask_file(given, rig));
+      }))
+    throw UsageError("--masks", given,
+                     "holds no mask of a camera that is trained on, such as " +
+                         mask_file("", scene.rig[0]).string());
+  return given;
+}
+
 Exclusions read_exclusions(const Run& run) {
-  return with_moving(run, [&] { return read_masks(run.paths.masks(), run.scene); });
+  return with_moving(
+      run,
+      [&] {
+        check_link(run.paths.masks());
+        return read_masks(run.paths.masks(), run.scene);
+      },
+      [&] { return read_moving_file(moving_file(run.paths.masks())); });
 }
 
-TrainingData load_training_data(const Run& run, ThreadPool& pool) {
-  return applied(run, pool, read_exclusions(run), load_views(run.scene, pool));
+TrainingData load_training_data(const Run& run, ThreadPool& pool,
+                                std::optional<std::uint64_t> cache_bytes) {
+  return applied(run, pool, read_exclusions(run),
+                 cache_bytes ? std::vector<Image8>() : load_views(run.scene, pool), cache_bytes);
 }
 
-TrainingData prepare_training_data(const Run& run, ThreadPool& pool) {
+TrainingData prepare_training_data(const Run& run, ThreadPool& pool,
+                                   std::optional<std::uint64_t> cache_bytes) {
   const std::filesystem::path folder =
-      mask_folder(run);  // first, so that a wrong folder is reported at once
-  std::vector<Image8> images = load_views(run.scene, pool);
+      mask_folder(run.options, run.scene);  // first, so that a wrong folder is reported at once
+  std::vector<Image8> images;
+  if (!cache_bytes) images = load_views(run.scene, pool);
   Exclusions left_out = with_moving(
-      run, [&] { return static_masks(run.scene, images, folder, pool, run.recording.metric); });
-  return applied(run, pool, std::move(left_out), std::move(images));
+      run,
+      [&] {
+        const bool on_car = run.recording.metric;
+        return cache_bytes
+                   ? static_masks(run.scene, ViewLoader(run.scene, pool), folder, pool, on_car)
+                   : static_masks(run.scene, images, folder, pool, on_car);
+      },
+      [&] { return find_moving(run, folder, pool); });
+  return applied(run, pool, std::move(left_out), std::move(images), cache_bytes);
 }
 
 void write_run_masks(const RunPaths& paths, const TrainingData& training, const Scene& scene) {
@@ -77,6 +182,8 @@ void write_run_masks(const RunPaths& paths, const TrainingData& training, const 
   std::filesystem::create_directory(paths.masks(), error);
   if (error) throw IoError(paths.masks(), error.message());
   write_masks(paths.masks(), training.left_out.masks, scene);
+  const std::vector<MovingObject> found = found_objects(training.left_out.moving);
+  if (!found.empty()) write_moving_file(moving_file(paths.masks()), found);
 }
 
 }  // namespace redrive

@@ -2,6 +2,11 @@
 // Data of a run: images with masks applied, and LiDAR returns.
 #pragma once
 
+#include <memory>
+#include <optional>
+
+#include "redrive/rays/ray_table.h"
+#include "redrive/scene/image_cache.h"
 #include "redrive/scene/lidar_returns.h"
 #include "redrive/scene/masks.h"
 #include "redrive/train/run.h"
@@ -19,16 +24,37 @@ struct Exclusions {
 Exclusions read_exclusions(const Run& run);
 
 struct TrainingData {
-  std::vector<Image8> images;  ///< of scene.views, held-out ones empty
+  std::vector<Image8> images;  ///< of scene.views, held-out ones empty; or all are in `cache`
   Exclusions left_out;         ///< of them
   LidarReturns lidar;          ///< none if the model uses none
+  std::unique_ptr<ImageCache> cache;  ///< decodes images when needed; null: all are in memory
+  std::uint64_t pixels = 0;           ///< of an epoch, where there is a cache
+
+  ViewImages view_images() const { return cache ? ViewImages(*cache) : ViewImages(images); }
+  PixelSampler sampler(const Scene& scene, std::uint64_t seed) const {
+    if (cache) return PixelSampler(scene, pixels, seed);
+    return PixelSampler(scene, images, seed);
+  }
 };
 
-/// Loads the data of an existing run.
-TrainingData load_training_data(const Run& run, ThreadPool& pool);
+/// Loads the data of an existing run. `cache_bytes`: of the cache that images are decoded into when
+/// needed (image_cache_bytes in train/memory.h); without it all are in memory. All images are read
+/// once in either case, so that errors are found: InputError names the file.
+TrainingData load_training_data(const Run& run, ThreadPool& pool,
+                                std::optional<std::uint64_t> cache_bytes = {});
 /// Loads the data of a new run. Masks are detected, or read from the folder that options.masks
 /// names; throws UsageError if that has no mask of any camera.
-TrainingData prepare_training_data(const Run& run, ThreadPool& pool);
+TrainingData prepare_training_data(const Run& run, ThreadPool& pool,
+                                   std::optional<std::uint64_t> cache_bytes = {});
+/// Returns the folder that --masks names; empty for auto and none. UsageError if it has no mask of
+/// any camera.
+std::filesystem::path mask_folder(const TrainOptions& options, const Scene& scene);
+/// Returns RUN/masks/moving.json.
+std::filesystem::path moving_file(const std::filesystem::path& masks);
+/// Returns the objects that move and that nobody annotated: of `folder` (mask_folder) where it has
+/// a moving_file, else searched in the LiDAR of the run's frames that are not held out.
+std::vector<MovingObject> find_moving(const Run& run, const std::filesystem::path& folder,
+                                      ThreadPool& pool);
 /// Writes the masks of prepare_training_data into paths.masks(), for create_run.
 void write_run_masks(const RunPaths& paths, const TrainingData& training, const Scene& scene);
 

@@ -6,6 +6,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/recording/aimotive.h"
+#include "redrive/recording/las.h"
 #include "redrive/recording/scan_files.h"
 #include "redrive/train/train_testing.h"
 
@@ -106,7 +107,7 @@ TEST_F(TrainingDataTest, RevolutionsOfHeldOutFramesDoNotTrain) {
   run_.recording.body_from_lidar = Rigid3d::Identity();
   std::vector<std::int64_t> times;
   for (const FramePose& frame : run_.recording.frames) {
-    const ScanPoint point{{20, 0, 0}, frame.t_ns};
+    const LidarRecord point{{20, 0, 0}, frame.t_ns};
     const std::string name = "frame_" + std::to_string(frame.id) + ".las";
     folder_.write(name, make_las(std::span(&point, 1)));
     run_.recording.lidar_files.push_back({frame.id, folder_.path / name});
@@ -114,7 +115,7 @@ TEST_F(TrainingDataTest, RevolutionsOfHeldOutFramesDoNotTrain) {
   }
   EXPECT_EQ(prepare_training_data(run_, pool_).lidar.t_ns,
             (std::vector<std::int64_t>{times[1], times[3]}));
-  run_.state.holds_out_lidar = false;
+  for (View& view : run_.scene.views) view.held_out = false;
   EXPECT_EQ(prepare_training_data(run_, pool_).lidar.t_ns, times);
 }
 

@@ -8,6 +8,8 @@
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
 #include "redrive/base/json_field.h"
+#include "redrive/recording/json_numbers.h"
+#include "redrive/recording/traffic_edit.h"
 #include "redrive/recording/view_requests.h"
 
 namespace redrive::view {
@@ -96,13 +98,32 @@ ViewRequest view_of(const JsonField& message) {
   }
   if (message.has("path_s") && !message.at("path_s").json().is_null())
     view.path_s = bounded(message.at("path_s"), 0, kMaxPath_s);
+  if (message.has("object") && !message.at("object").json().is_null())
+    view.object = message.at("object").integer();
   return view;
 }
 
+/// Returns u and v.
+std::array<double, 2> pointer_of(const JsonField& field) {
+  return numbers_within<2>(field, 0, 1, "must be two numbers in 0..1");
+}
+
 Pick pick_of(const JsonField& message) {
-  const JsonField at = message.at("at");
-  if (!at.json().is_array() || at.size() != 2) at.fail("must be two numbers");
-  return {count_of(message.at("id")), bounded(at.at(0), 0, 1), bounded(at.at(1), 0, 1)};
+  const auto [u, v] = pointer_of(message.at("at"));
+  return {count_of(message.at("id")), u, v};
+}
+
+DragMessage drag_of(const JsonField& message) {
+  DragMessage drag;
+  drag.id = count_of(message.at("id"));
+  drag.object = message.at("object").integer();
+  drag.turns = boolean_of(message.at("turns"));
+  drag.from = pointer_of(message.at("from"));
+  drag.to = pointer_of(message.at("to"));
+  drag.shift_m = numbers_within<3>(message.at("shift_m"), -kMaxActorShift_m, kMaxActorShift_m,
+                                   "must be three numbers in -1e4..1e4");
+  drag.turn_deg = bounded(message.at("turn_deg"), -360, 360);
+  return drag;
 }
 
 std::string path_name_of(const JsonField& field) {
@@ -130,7 +151,7 @@ bool valid_path_name(std::string_view name) {
 
 ClientMessage parse_client_message(std::string_view text) {
   if (text.size() > kMaxMessageBytes)
-    throw InputError(kFile, "", "", "must have at most 65536 bytes");
+    throw InputError(kFile, "", "", "must have at most 1048576 bytes");
   const nlohmann::json json = parse_json(text, kFile);
   const JsonField message(json, kFile);
   const std::string type = message.at("type").string();
@@ -140,7 +161,11 @@ ClientMessage parse_client_message(std::string_view text) {
   if (type == "train") return TrainCommand{boolean_of(message.at("paused"))};
   if (type == "path") return path_of(message);
   if (type == "load_path") return LoadPath{path_name_of(message.at("name"))};
-  message.at("type").fail("must be view, shown, pick, train, path or load_path");
+  if (type == "edit")
+    return EditMessage{count_of(message.at("id")), name_of(message.at("file")),
+                       message.at("text").string()};
+  if (type == "drag") return drag_of(message);
+  message.at("type").fail("must be view, shown, pick, train, path, load_path, edit or drag");
 }
 
 }  // namespace redrive::view

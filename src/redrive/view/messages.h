@@ -3,13 +3,17 @@
 //   {"type": "view", "id", "camera", "frame", "shift_m": [forward, left, up], "yaw_deg",
 //    "pitch_deg", "layer", "exposure", "overlays": [NAME, ..], "reference": bool,
 //    "novel": null or {"set": NAME, "index"},
-//    "mount": null or {"at": "X,Y,Z,YAW,PITCH,ROLL", "lens": TEXT}}, as of `redrive render`
+//    "mount": null or {"at": "X,Y,Z,YAW,PITCH,ROLL", "lens": TEXT}}, as of `redrive render`,
+//    "object": null or ID}
 //   {"type": "shown", "sequence"}
 //   {"type": "pick", "id", "at": [u, v]}
 //   {"type": "train", "paused": bool}
 //   {"type": "path", "fps", "keyframes": [as of a camera path], "save": null or {"name",
 //   "overwrite"}}
 //   {"type": "load_path", "name"}
+//   {"type": "edit", "id", "file": NAME, "text": TEXT of an EDIT.json}
+//   {"type": "drag", "id", "object": ID, "turns": bool, "from": [u, v], "to": [u, v],
+//    "shift_m": [forward, left, up], "turn_deg"}
 // A view with "path_s" is at that time of the page's last path.
 #pragma once
 
@@ -27,8 +31,8 @@
 
 namespace redrive::view {
 
-/// The longest message that is read.
-constexpr std::size_t kMaxMessageBytes = 65536;
+/// The longest message that is read: an EDIT.json with some 10,000 points of tracks.
+constexpr std::size_t kMaxMessageBytes = 1 << 20;
 
 /// What the colours of an image show.
 enum class Layer { kImage, kDepth, kNormals, kOpacity, kCoverage };
@@ -70,6 +74,7 @@ struct ViewRequest {
   std::optional<NovelView> novel;  ///< takes the place of camera, frame, shift and angles
   std::optional<OwnMount> mount;   ///< takes the place of the camera
   std::optional<double> path_s;  ///< time on the path, whose pose replaces frame, shift and angles
+  std::optional<std::int64_t> object;  ///< id of the moving object whose box is drawn
 
   bool is_driven() const {
     return !novel && !mount && !path_s && shift_m == std::array<double, 3>{} && yaw_deg == 0 &&
@@ -109,7 +114,25 @@ struct LoadPath {
   std::string name;  ///< valid_path_name
 };
 
-using ClientMessage = std::variant<ViewRequest, Shown, Pick, TrainCommand, PathMessage, LoadPath>;
+/// The page's changes to moving objects, which its later views show.
+struct EditMessage {
+  std::uint64_t id = 0;  ///< comes back with the answer
+  std::string file;      ///< name of the file, for errors
+  std::string text;      ///< of an EDIT.json (recording/traffic_edit.h), not yet parsed
+};
+
+/// Asks where an object belongs that is dragged in the image that was sent last.
+struct DragMessage {
+  std::uint64_t id = 0;  ///< comes back with the answer
+  std::int64_t object = 0;
+  bool turns = false;                  ///< its handle is dragged, and turns it
+  std::array<double, 2> from{}, to{};  ///< of the pointer: u, v as of Pick
+  std::array<double, 3> shift_m{};     ///< ActorChange::shift_m when the drag began
+  double turn_deg = 0;                 ///< ActorChange::turn_deg when the drag began
+};
+
+using ClientMessage = std::variant<ViewRequest, Shown, Pick, TrainCommand, PathMessage, LoadPath,
+                                   EditMessage, DragMessage>;
 
 /// Whether a saved path may have this name: 1 to 64 of A-Z a-z 0-9 _ -.
 bool valid_path_name(std::string_view name);

@@ -119,6 +119,49 @@ TEST(Messages, RefusesOtherPaths) {
   refuses("/save", true);
 }
 
+TEST(Messages, ReadsEditsAndDrags) {
+  const auto edit = std::get<EditMessage>(parse_client_message(
+      R"({"type": "edit", "id": 4, "file": "EDIT.json", "text": "{\"actors\": 1"})"));
+  EXPECT_EQ(edit.id, 4u);
+  EXPECT_EQ(edit.file, "EDIT.json");
+  EXPECT_EQ(edit.text, R"({"actors": 1)") << "is parsed where its errors can be answered";
+  nlohmann::json json = {{"type", "drag"},       {"id", 5},          {"object", 7},
+                         {"turns", true},        {"from", {0.5, 0}}, {"to", {0, 1}},
+                         {"shift_m", {1, 2, 3}}, {"turn_deg", -20.5}};
+  const auto drag = std::get<DragMessage>(parse_client_message(json.dump()));
+  EXPECT_EQ(drag.object, 7);
+  EXPECT_TRUE(drag.turns);
+  EXPECT_EQ(drag.from, (std::array<double, 2>{0.5, 0}));
+  EXPECT_EQ(drag.to, (std::array<double, 2>{0, 1}));
+  EXPECT_EQ(drag.shift_m, (std::array<double, 3>{1, 2, 3}));
+  EXPECT_EQ(drag.turn_deg, -20.5);
+  for (const auto& [key, value] :
+       std::vector<std::pair<std::string, nlohmann::json>>{{"object", "7"},
+                                                           {"turns", 1},
+                                                           {"from", {0.5, 1.5}},
+                                                           {"to", {0.5}},
+                                                           {"shift_m", {0, 0, 1e5}},
+                                                           {"turn_deg", 400},
+                                                           {"id", -1}}) {
+    nlohmann::json wrong = json;
+    wrong[key] = value;
+    EXPECT_THROW(parse_client_message(wrong.dump()), InputError) << wrong;
+    wrong.erase(key);
+    EXPECT_THROW(parse_client_message(wrong.dump()), InputError) << "without " << key;
+  }
+  EXPECT_THROW(parse_client_message(R"({"type": "edit", "id": 4, "file": "a", "text": {}})"),
+               InputError);
+  EXPECT_THROW(parse_client_message(nlohmann::json{
+                   {"type", "edit"}, {"id", 4}, {"file", std::string(257, 'a')}, {"text", "{}"}}
+                                        .dump()),
+               InputError);
+  json = view_message();
+  json["object"] = 7;
+  EXPECT_EQ(std::get<ViewRequest>(parse_client_message(json.dump())).object, 7);
+  json["object"] = nullptr;
+  EXPECT_FALSE(std::get<ViewRequest>(parse_client_message(json.dump())).object);
+}
+
 TEST(Messages, RefusesEverythingElse) {
   for (const char* text :
        {"", "{", "[]", "null", "7", R"({"type": 1})", R"({"type": "run"})", R"({"type": "shown"})",
@@ -132,7 +175,8 @@ TEST(Messages, RefusesEverythingElse) {
     json[key] = value;
     EXPECT_THROW(parse_client_message(json.dump()), InputError) << json;
     json.erase(key);
-    if (key != std::string_view("novel") && key != std::string_view("mount")) {
+    if (key != std::string_view("novel") && key != std::string_view("mount") &&
+        key != std::string_view("object")) {
       EXPECT_THROW(parse_client_message(json.dump()), InputError) << "without " << key;
     }
   };
@@ -152,6 +196,7 @@ TEST(Messages, RefusesEverythingElse) {
   refuses("mount", {{"at", "0,0,0,0,0,0"}, {"lens", "pinhole:180:64x64"}});
   refuses("reference", 1);
   refuses("novel", {{"set", "left_1"}});
+  refuses("object", "7");
   EXPECT_THROW(parse_client_message(R"({"type": "load_path", "name": "a/b"})"), InputError);
   EXPECT_THROW(parse_client_message(std::string(kMaxMessageBytes + 1, ' ')), InputError);
 }

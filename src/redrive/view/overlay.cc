@@ -9,6 +9,7 @@
 
 #include "redrive/recording/recording_reader.h"
 #include "redrive/recording/trajectory.h"
+#include "redrive/view/traffic.h"
 
 namespace redrive::view {
 namespace {
@@ -101,16 +102,17 @@ void draw_frustum(const Camera& camera, const Rigid3d& world_from_camera, const 
   }
 }
 
-void draw_box(const Box& box, const Rigid3d& world_from_box, LinePen* pen) {
+void draw_box(const char* kind, const std::string& label, const Eigen::Vector3d& size_m,
+              const Rigid3d& world_from_box, LinePen* pen) {
   const auto corner = [&](int i) -> Eigen::Vector3d {
-    return world_from_box * (0.5 * Eigen::Vector3d((i & 1 ? 1 : -1) * box.size_m.x(),
-                                                   (i & 2 ? 1 : -1) * box.size_m.y(),
-                                                   (i & 4 ? 1 : -1) * box.size_m.z()));
+    return world_from_box *
+           (0.5 * Eigen::Vector3d((i & 1 ? 1 : -1) * size_m.x(), (i & 2 ? 1 : -1) * size_m.y(),
+                                  (i & 4 ? 1 : -1) * size_m.z()));
   };
-  pen->begin("box", box.type + " " + std::to_string(box.object_id));
+  pen->begin(kind, label);
   for (const int i : {4, 5, 7, 6, 4, 0, 1, 3, 2, 0}) pen->to(corner(i));
   for (const int i : {1, 2, 3}) {
-    pen->begin("box");
+    pen->begin(kind);
     pen->to(corner(i));
     pen->to(corner(i + 4));
   }
@@ -137,9 +139,23 @@ std::vector<OverlayLine> Overlay::lines(const Placement& placement, const Overla
     for (const FrameFile& file : run_.recording.box_files)
       if (file.frame_id == placement.frame)
         for (const Box& box : run_.recording.reader->read_boxes(file))
-          draw_box(box,
+          draw_box("box", box.type + " " + std::to_string(box.object_id), box.size_m,
                    world_from_global * pose_at(run_.recording.frames, box.t_ns) * box.body_from_box,
                    &pen);
+  return lines;
+}
+
+std::vector<OverlayLine> object_lines(const Placement& placement, const MovingObject& object) {
+  std::vector<OverlayLine> lines;
+  const auto world_from_box = object.world_from_box(placement.t_ns);
+  if (!world_from_box) return lines;
+  LinePen pen(placement, &lines);
+  draw_box("object", object.type + " " + std::to_string(object.id), object.size_m, *world_from_box,
+           &pen);
+  const Eigen::Vector3d handle = handle_in_box(object.size_m);
+  pen.begin("handle");
+  pen.to(*world_from_box * Eigen::Vector3d(0, 0, handle.z()));
+  pen.to(*world_from_box * handle);
   return lines;
 }
 

@@ -16,7 +16,7 @@ namespace redrive::view {
 
 /// A line in an image: u, v from 0 at the left and upper edge to 1 at the others.
 struct OverlayLine {
-  const char* kind = "";  ///< "trajectory", "frustum", "box"
+  const char* kind = "";  ///< "trajectory", "frustum", "box", "object", "handle"
   std::string label;      ///< of the first point of an object; may be empty
   std::vector<Eigen::Vector2d> points;
 };
@@ -53,6 +53,10 @@ class Overlay {
   Points cloud_;
   std::list<std::pair<std::int64_t, std::shared_ptr<const Points>>> revolutions_;  ///< latest first
 };
+
+/// Returns the box of a moving object at the placement's time ("object"), and a line on the road
+/// from its middle to the point that turns it ("handle"); nothing where it is not there.
+std::vector<OverlayLine> object_lines(const Placement& placement, const MovingObject& object);
 
 /// Returns the lengths of the runs of used and masked pixels in turn, row by row, the first one of
 /// used pixels: 7 bits a byte, low ones first, the eighth bit set where more follow.

@@ -6,7 +6,6 @@
 #include <gtest/gtest.h>
 
 #include "redrive/base/error.h"
-#include "redrive/model/nerf_model.h"
 #include "redrive/recording/recording_reader.h"
 #include "redrive/render/paint_backend_testing.h"
 #include "redrive/scene/scene_testing.h"
@@ -41,13 +40,7 @@ class OverlayTest : public testing::Test {
     for (int frame = 10; frame < 14; ++frame)  // the last one has no pose
       run_.recording.lidar_files.push_back({frame, ""});
     run_.options.method = "nerf";
-    auto model = std::make_unique<NerfModel>();
-    model->config.width = 32;
-    model->samples = 4;
-    model->near_m = 1;
-    model->far_m = 10;
-    model->parameters = Buffer<float>(nerf_parameter_count(model->config));
-    run_.state.model = std::move(model);
+    run_.state.model = make_painted_model();
   }
 
   /// Returns the sixth byte of each point over FRONT's image of the first frame.

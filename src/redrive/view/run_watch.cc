@@ -3,19 +3,43 @@
 
 #include <sys/stat.h>
 
+#include <algorithm>
 #include <exception>
+
+#include "redrive/base/error.h"
+#include "redrive/render/open_to_render.h"
+#include "redrive/train/blocks.h"
+#include "redrive/train/seam_exposure.h"
 
 namespace redrive::view {
 
 RunWatch::RunWatch(const std::filesystem::path& root)
-    : paths_{root}, opened_(stamp()), run_(std::make_shared<const Run>(open_run(root))) {}
+    : paths_{root}, opened_(stamp()), run_(std::make_shared<const Run>(open_to_render(root))) {}
+
+std::vector<std::filesystem::path> RunWatch::files() const {
+  if (!is_divided_run(paths_.root)) return {paths_.checkpoint()};
+  std::vector<std::filesystem::path> files{blocks_file(paths_.root), exposure_file(paths_.root)};
+  try {
+    for (const Block& block : read_blocks(paths_.root))
+      files.push_back(RunPaths{block_folder(paths_.root, block)}.checkpoint());
+  } catch (const InputError&) {  // thrown again where the run is opened
+  }
+  return files;
+}
 
 RunWatch::Stamp RunWatch::stamp() const {
-  struct stat status {};
-  if (stat(paths_.checkpoint().c_str(), &status) != 0) return std::nullopt;
-  return std::tuple(
-      static_cast<std::uint64_t>(status.st_ino), static_cast<std::uint64_t>(status.st_size),
-      1000000000ll * status.st_mtim.tv_sec + static_cast<std::int64_t>(status.st_mtim.tv_nsec));
+  Stamp all;
+  for (const std::filesystem::path& file : files()) {
+    struct stat status {};
+    if (stat(file.c_str(), &status) != 0) continue;
+    if (!all) all.emplace();
+    auto& [inode, size, written_ns] = *all;
+    inode += static_cast<std::uint64_t>(status.st_ino);
+    size += static_cast<std::uint64_t>(status.st_size);
+    written_ns = std::max<std::int64_t>(
+        written_ns, 1000000000ll * status.st_mtim.tv_sec + status.st_mtim.tv_nsec);
+  }
+  return all;
 }
 
 RunNews RunWatch::look() {
@@ -29,7 +53,7 @@ RunNews RunWatch::look() {
   } else if (now != opened_) {
     opened_ = now;
     try {
-      run_ = std::make_shared<const Run>(open_run(paths_.root));
+      run_ = std::make_shared<const Run>(open_to_render(paths_.root));
       problem_.clear();
       return {run_, ""};
     } catch (const std::exception& error) {

@@ -9,6 +9,7 @@
 #include <optional>
 #include <string>
 #include <tuple>
+#include <vector>
 
 #include "redrive/train/run.h"
 
@@ -22,19 +23,23 @@ struct RunNews {
 
 class RunWatch {
  public:
-  /// Throws InputError as open_run.
+  /// A run or a divided run. Throws InputError as open_to_render.
   explicit RunWatch(const std::filesystem::path& root);
 
   std::shared_ptr<const Run> run() const { return run_; }  ///< as it was opened last
 
-  /// Opens the run again where its checkpoint is another file than before. Throws nothing for a run
+  /// Opens the run again where a checkpoint is another file than before. Throws nothing for a run
   /// that is gone or damaged; it is opened once it is back.
   RunNews look();
 
  private:
-  /// Identifies the file of the checkpoint: inode, size, time of writing. Nothing: there is none.
+  /// Identifies the files: sums of inodes and sizes, time of the last writing. Nothing: there is
+  /// none.
   using Stamp = std::optional<std::tuple<std::uint64_t, std::uint64_t, std::int64_t>>;
   Stamp stamp() const;
+  /// Returns the checkpoints that belong to the run, of a divided one also its list of blocks
+  /// and their brightness.
+  std::vector<std::filesystem::path> files() const;
 
   RunPaths paths_;
   Stamp opened_;  ///< as of the last attempt

@@ -12,11 +12,13 @@
 #include "redrive/math/angles.h"
 #include "redrive/math/wgs84.h"
 #include "redrive/model/method.h"
+#include "redrive/render/divided_model.h"
 #include "redrive/render/normals.h"
 #include "redrive/render/view_pose.h"
 #include "redrive/report/report_images.h"
 #include "redrive/scene/load_views.h"
 #include "redrive/scene/masks.h"
+#include "redrive/view/traffic.h"
 
 namespace redrive::view {
 namespace {
@@ -40,6 +42,13 @@ Value cached(std::list<std::pair<Key, Value>>* entries, const Key& key, std::siz
 
 [[noreturn]] void refuse(const char* field, const std::string& value, const char* rule) {
   throw InputError("message", field, value, rule);
+}
+
+/// Throws UsageError for a drive trained in blocks: some images in a kilometre say nothing of what
+/// was seen, and all of them would load every block.
+void refuse_blocks(const Run& run, const char* what) {
+  if (dynamic_cast<const DividedModel*>(run.state.model.get()))
+    throw UsageError(what, "", "is shown of single blocks: redrive view RUN/blocks/000");
 }
 
 nlohmann::json three(const Eigen::Vector3d& v) { return {v.x(), v.y(), v.z()}; }
@@ -158,7 +167,8 @@ nlohmann::json ViewRenderer::describe() const {
           {"cameras", cameras},
           {"frames", frames},
           {"held_out", held_out},
-          {"novel", novel}};
+          {"novel", novel},
+          {"objects", objects_to_json(scene)}};
 }
 
 std::shared_ptr<const GroundTruthView> ViewRenderer::ground_truth(const NovelView& novel) {
@@ -199,16 +209,20 @@ RigCamera ViewRenderer::requested_camera(const ViewRequest& request) const {
   return run_.scene.rig[index];
 }
 
-Placement ViewRenderer::place(const ViewRequest& request) {
+Placement ViewRenderer::place(const ViewRequest& request, const Scene& traffic) {
   if (request.novel) {
     const auto view = ground_truth(*request.novel);
     const auto set = std::ranges::find(novel_, request.novel->set, &NovelGroundTruth::name);
     const RequestedView& named = set->request(request.novel->index);
     const RigCamera& of_run = run_.scene.rig[run_.scene.camera_index(named.camera)];
-    Placement placement{named.camera, named.frame_id, view->camera,        view->world_from_camera,
-                        {},           view->exposure, view->poses.actors()};
-    placement.world_from_body =
-        view->world_from_camera * of_run.body_from_sensor.inverse(Eigen::Isometry);
+    Placement placement{.camera_name = named.camera,
+                        .frame = named.frame_id,
+                        .camera = view->camera,
+                        .world_from_camera = view->world_from_camera,
+                        .world_from_body = view->world_from_camera *
+                                           of_run.body_from_sensor.inverse(Eigen::Isometry),
+                        .exposure = view->exposure};
+    add_traffic(traffic, set->camera(request.novel->index), time_of(named.frame_id), &placement);
     if (request.exposure != "own") placement.exposure = exposure_of(request, named.camera);
     return placement;
   }
@@ -221,31 +235,47 @@ Placement ViewRenderer::place(const ViewRequest& request) {
   const Rigid3d world_from_camera =
       shifted_camera(run_.scene.global_from_world, *body, body_from_sensor, ShiftAxes::kBody,
                      Eigen::Vector3d(request.shift_m.data()));
-  return {camera.name,
-          request.frame,
-          camera.camera,
-          world_from_camera,
-          *body,
-          exposure_of(request, camera.name),
-          posed_at_frame(run_.recording, run_.scene, camera, world_from_camera, request.frame)
-              .actors()};
+  Placement placement{.camera_name = camera.name,
+                      .frame = request.frame,
+                      .camera = camera.camera,
+                      .world_from_camera = world_from_camera,
+                      .world_from_body = *body,
+                      .exposure = exposure_of(request, camera.name)};
+  add_traffic(traffic, camera, time_of(request.frame), &placement);
+  return placement;
 }
 
-Placement ViewRenderer::place_at(const ViewRequest& request, const Rigid3d& world_from_camera) {
+Placement ViewRenderer::place_at(const ViewRequest& request, const PathKey& key,
+                                 const Scene& traffic) {
   ViewRequest mounted = request;
   mounted.shift_m = {};
   mounted.yaw_deg = mounted.pitch_deg = 0;
   mounted.novel.reset();
   mounted.mount.reset();
-  Placement placement = place(mounted);
+  Placement placement = place(mounted, traffic);
   placement.world_from_body =
-      world_from_camera *
+      key.world_from_camera *
       (placement.world_from_camera.inverse(Eigen::Isometry) * placement.world_from_body);
-  placement.world_from_camera = world_from_camera;
-  placement.actors = posed_at_frame(run_.recording, run_.scene, requested_camera(mounted),
-                                    world_from_camera, request.frame)
-                         .actors();
+  placement.world_from_camera = key.world_from_camera;
+  add_traffic(traffic, requested_camera(mounted), drive_time_ns(key, run_.scene), &placement);
   return placement;
+}
+
+/// Sets the moving objects to those that the camera sees, exposed at a frame of this time; none
+/// without a time.
+void ViewRenderer::add_traffic(const Scene& traffic, const RigCamera& camera,
+                               std::optional<std::int64_t> frame_ns, Placement* placement) const {
+  placement->actors.clear();
+  if (!frame_ns) return;
+  placement->t_ns = *frame_ns + camera.time_offset_ns;
+  placement->actors = traffic.with_actors(placement->world_from_camera, camera, *frame_ns).actors();
+}
+
+/// Returns the time of a frame of the recording.
+std::optional<std::int64_t> ViewRenderer::time_of(std::int64_t frame) const {
+  const auto found = std::ranges::find(run_.recording.frames, frame, &FramePose::id);
+  if (found == run_.recording.frames.end()) return std::nullopt;
+  return found->t_ns;
 }
 
 std::shared_ptr<const RayTable> ViewRenderer::table(const Camera& camera, const std::string& name,
@@ -290,6 +320,7 @@ Image8 ViewRenderer::colours(const RenderJob& job, Layer layer) {
     case Layer::kOpacity: return opacity_image(image);
     case Layer::kCoverage:
       if (!has_model()) return to_image8(image);
+      refuse_blocks(run_, "the coverage");
       if (!coverage_) coverage_ = std::make_unique<Coverage>(run_, backend_);
       return coverage_colours(image, coverage_->seen(job.strips_.front()->camera,
                                                      job.placement().world_from_camera, image));
@@ -335,7 +366,8 @@ std::optional<double> ViewRenderer::psnr_db(const ViewRequest& request, const Re
   return score_image(backend_, job.image(), masked).psnr_db;
 }
 
-nlohmann::json ViewRenderer::pick(const RenderJob& job, double u, double v) const {
+nlohmann::json ViewRenderer::pick(const RenderJob& job, double u, double v,
+                                  const Scene& traffic) const {
   const RenderedImage& image = job.image();
   const int x = std::clamp(static_cast<int>(u * image.width), 0, image.width - 1),
             y = std::clamp(static_cast<int>(v * image.height), 0, image.height - 1);
@@ -344,15 +376,23 @@ nlohmann::json ViewRenderer::pick(const RenderJob& job, double u, double v) cons
                            {"opacity", image.opacity[at]},
                            {"camera", job.placement().camera_name},
                            {"frame", job.placement().frame},
-                           {"surface", false}};
+                           {"surface", false},
+                           {"object", nullptr}};
   if (!has_model()) return answer;
   const auto direction = job.strips_.front()->camera.unproject(Eigen::Vector2d(x, y));
   const double depth_m = image.depth[at];
-  // As in eval/coverage.h: below 1/2 a ray hits nothing.
-  if (!direction || !image.valid[at] || image.opacity[at] < 0.5f || !std::isfinite(depth_m) ||
-      depth_m <= 0)
-    return answer;
   const Placement& placement = job.placement();
+  // As in eval/coverage.h: below 1/2 a ray hits nothing.
+  const bool hits = direction && image.valid[at] && image.opacity[at] >= 0.5f &&
+                    std::isfinite(depth_m) && depth_m > 0;
+  if (direction && image.valid[at]) {
+    const auto object =
+        object_on_ray(traffic, placement.t_ns, placement.world_from_camera.translation(),
+                      placement.world_from_camera.linear() * *direction);
+    // Before its box: by more than a surface is thick.
+    if (object && (!hits || depth_m > 0.95 * object->from_m - 0.3)) answer["object"] = object->id;
+  }
+  if (!hits) return answer;
   const Eigen::Vector3d in_world = placement.world_from_camera * (depth_m * *direction);
   answer["surface"] = true;
   answer["depth_m"] = depth_m;
@@ -375,6 +415,7 @@ void ViewRenderer::forget_field() {
 }
 
 PointSearch ViewRenderer::begin_search(const Eigen::Vector3d& point_in_world) {
+  refuse_blocks(run_, "the images that saw a point");
   if (!observers_) observers_ = std::make_unique<PointObservers>(run_, backend_);
   return observers_->begin(point_in_world);
 }

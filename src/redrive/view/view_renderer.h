@@ -14,6 +14,7 @@
 
 #include "redrive/eval/coverage.h"
 #include "redrive/eval/novel_ground_truth.h"
+#include "redrive/render/camera_path.h"
 #include "redrive/render/renderer.h"
 #include "redrive/train/run.h"
 #include "redrive/train/training_data.h"
@@ -28,7 +29,8 @@ struct Placement {
   Camera camera;  ///< at full size
   Rigid3d world_from_camera, world_from_body;
   Exposure exposure;
-  std::vector<ShutterPoses::Actor> actors;  ///< of the frame's time
+  std::int64_t t_ns = 0;                         ///< when the camera sees what moves
+  std::vector<ShutterPoses::Actor> actors = {};  ///< at that time
 };
 
 /// An image that is rendered strip by strip, so that the viewer can leave it for a newer one.
@@ -66,10 +68,13 @@ class ViewRenderer {
   /// Returns {"cameras", "frames", "held_out", "novel", ...}: what a page needs to know.
   nlohmann::json describe() const;
 
-  /// Throws InputError where the run has no such camera, frame or novel view.
-  Placement place(const ViewRequest& request);
-  /// Places the request's camera at a pose; its frame gives the exposure.
-  Placement place_at(const ViewRequest& request, const Rigid3d& world_from_camera);
+  /// `traffic`: has the moving objects. Throws InputError where the run has no such camera, frame
+  /// or novel view.
+  Placement place(const ViewRequest& request, const Scene& traffic);
+  Placement place(const ViewRequest& request) { return place(request, run_.scene); }
+  /// Places the request's camera at a key of a path, whose time moving objects have; the request's
+  /// frame gives the exposure.
+  Placement place_at(const ViewRequest& request, const PathKey& key, const Scene& traffic);
 
   /// `strip_s`: the time to spend in one step, for methods that march rays; those that rasterise
   /// have one step. `expected_s`: of the whole image.
@@ -93,8 +98,9 @@ class ViewRenderer {
   std::optional<double> psnr_db(const ViewRequest& request, const RenderJob& job);
 
   /// Returns {"pixel", "opacity", "surface", "depth_m", "world_m", "body_m", "ecef_m", "wgs84"} of
-  /// the surface at (u, v), 0..1 over the image.
-  nlohmann::json pick(const RenderJob& job, double u, double v) const;
+  /// the surface at (u, v), 0..1 over the image, and "object", null or the id of the moving object
+  /// there that no surface hides.
+  nlohmann::json pick(const RenderJob& job, double u, double v, const Scene& traffic) const;
 
   /// Forgets what was made of the field before it changed.
   void forget_field();
@@ -114,6 +120,9 @@ class ViewRenderer {
   const View* find_view(const std::string& camera, std::int64_t frame) const;
   RigCamera requested_camera(const ViewRequest& request) const;
   Exposure exposure_of(const ViewRequest& request, const std::string& camera) const;
+  void add_traffic(const Scene& traffic, const RigCamera& camera,
+                   std::optional<std::int64_t> frame_ns, Placement* placement) const;
+  std::optional<std::int64_t> time_of(std::int64_t frame) const;
 
   const Run& run_;
   kernels::Backend& backend_;

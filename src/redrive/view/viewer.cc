@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <utility>
 
 #include <nlohmann/json.hpp>
@@ -48,15 +49,23 @@ std::string reference_key(const ViewRequest& view) {
 
 }  // namespace
 
-Viewer::Viewer(std::shared_ptr<const Run> run, kernels::Backend& backend, Look look)
-    : backend_(backend), look_(std::move(look)), look_at_(Clock::now() + kLook) {
+Viewer::Viewer(std::shared_ptr<const Run> run, kernels::Backend& backend, Look look, FirstEdit edit)
+    : backend_(backend),
+      first_edit_(std::move(edit)),
+      look_(std::move(look)),
+      look_at_(Clock::now() + kLook) {
+  if (!first_edit_.text.empty())
+    parsed_first_edit_ =
+        std::make_shared<const TrafficEdit>(parse_traffic_edit(first_edit_.text, first_edit_.file));
   show(std::move(run));
+  if (parsed_first_edit_) check(*parsed_first_edit_);
 }
 Viewer::~Viewer() = default;
 
 void Viewer::opened(ClientId id) {
   const std::lock_guard lock(mutex_);
   clients_[id] = std::make_shared<Client>();
+  clients_[id]->edit = parsed_first_edit_;
   has_news_ = true;
   wake_.notify_one();
 }
@@ -79,6 +88,10 @@ void Viewer::received(ClientId id, std::string_view text) {
     inbox.arrived = Clock::now();
   } else if (const auto* const pick = std::get_if<Pick>(&*message)) {
     inbox.pick = *pick;
+  } else if (auto* const edit = std::get_if<EditMessage>(&*message)) {
+    inbox.edit = std::move(*edit);
+  } else if (const auto* const drag = std::get_if<DragMessage>(&*message)) {
+    inbox.drag = *drag;
   } else if (const auto* const train = std::get_if<TrainCommand>(&*message)) {
     paused_ = train->paused;
   } else if (!std::holds_alternative<Shown>(*message)) {
@@ -103,7 +116,11 @@ void Viewer::show(std::shared_ptr<const Run> run) {
   // What throws does so before anything changes.
   ViewRenderer renderer(*run, backend_);
   Overlay overlay(*run);
-  std::string hello = text_message(renderer.describe());
+  nlohmann::json described = renderer.describe();
+  described["edit"] = nullptr;
+  if (parsed_first_edit_)
+    described["edit"] = {{"text", first_edit_.text}, {"file", first_edit_.saved_as}};
+  std::string hello = text_message(described);
   renderer_.emplace(std::move(renderer));
   overlay_.emplace(std::move(overlay));
   hello_ = std::move(hello);
@@ -148,9 +165,10 @@ bool Viewer::work(bool waits) {
     }
   }
   // The clients after the one that was served last come first.
-  std::ranges::rotate(turn, std::ranges::find_if(turn, [&](const auto& entry) {
-                        return entry.first > last_served_;
-                      }));
+  std::rotate(turn.begin(),
+              std::ranges::find_if(turn,
+                                   [&](const auto& entry) { return entry.first > last_served_; }),
+              turn.end());
   Clock::time_point wake_at = Clock::now() + std::chrono::milliseconds(100);
   for (auto& [id, client] : turn) {
     if (!work(id, *client, &wake_at)) continue;
@@ -174,6 +192,7 @@ void Viewer::show_again() {
     // At full size at once, since the camera rests; what is being refined goes on.
     if (client->sent_factor == 1) client->sent_factor = 2;
     client->search = std::nullopt;
+    client->traffic = nullptr;  // tracks are trained along
   }
 }
 
@@ -204,6 +223,14 @@ bool Viewer::work(ClientId id, Client& client, Clock::time_point* wake_at) {
   if (!client.path_messages.empty()) {
     const std::vector<ClientMessage> messages = std::exchange(client.path_messages, {});
     for (const ClientMessage& message : messages) answer_path(id, client, message);
+    return true;
+  }
+  if (client.edit_message) {
+    answer_edit(id, client, *std::exchange(client.edit_message, std::nullopt));
+    return true;
+  }
+  if (client.drag) {
+    answer_drag(id, client, *std::exchange(client.drag, std::nullopt));
     return true;
   }
   if (client.curve != curve_) {
@@ -266,46 +293,6 @@ bool Viewer::work_on_image(ClientId id, Client& client, Clock::time_point* wake_
   return true;
 }
 
-/// Sends {"kind": "paths", "names", ...}.
-void Viewer::send_paths(ClientId id, nlohmann::json more) {
-  more["kind"] = "paths";
-  more["names"] = PathStore(*run_).names();
-  send(id, more);
-}
-
-void Viewer::answer_path(ClientId id, Client& client, const ClientMessage& message) {
-  const PathStore store(*run_);
-  try {
-    if (!renderer_->has_model()) throw InputError("message", "type", "path", "there is no run");
-    if (const auto* const load = std::get_if<LoadPath>(&message)) {
-      send_paths(id, {{"loaded", store.load(load->name)}, {"name", load->name}});
-      return;
-    }
-    const auto& path = std::get<PathMessage>(message);
-    client.path = store.keys(path.keyframes);
-    if (!path.save) return;
-    store.save(path);
-    send_paths(id, {{"saved", path.save->name}});
-  } catch (const std::exception& error) {
-    send_paths(id, {{"error", error.what()}});
-  }
-}
-
-void Viewer::answer_pick(ClientId id, Client& client, const Pick& pick) {
-  nlohmann::json answer = client.last ? renderer_->pick(*client.last, pick.u, pick.v)
-                                      : nlohmann::json{{"surface", false}};
-  answer["kind"] = "picked";
-  answer["id"] = pick.id;
-  send(id, answer);
-  client.searched = std::nullopt;
-  if (answer["surface"]) {
-    const std::vector<double> at = answer["world_m"];
-    client.searched = pick.id;
-    client.search = std::nullopt;
-    client.search_at = Eigen::Vector3d(at.data());
-  }
-}
-
 /// Searches for some time the training images that saw the point that was picked last. Returns
 /// false where there is nothing to search.
 bool Viewer::search_on(ClientId id, Client& client) {
@@ -328,10 +315,11 @@ bool Viewer::search_on(ClientId id, Client& client) {
 
 void Viewer::begin(Client& client) {
   const ViewRequest& view = *client.view;
+  const Scene& traffic = traffic_of(client);
   const Placement placement =
       view.path_s && !client.path.empty()
-          ? renderer_->place_at(view, interpolate_path(client.path, *view.path_s).world_from_camera)
-          : renderer_->place(view);
+          ? renderer_->place_at(view, interpolate_path(client.path, *view.path_s), traffic)
+          : renderer_->place(view, traffic);
   Pace& pace = paces_[{placement.camera_name, view.layer}];
   int factor = 1;
   if (client.sent_factor == 0)
@@ -377,7 +365,12 @@ void Viewer::finish(ClientId id, Client& client) {
   nlohmann::json lines = nlohmann::json::array();
   try {
     points = overlay_->points(job, view.overlays);
-    lines = lines_to_json(overlay_->lines(placement, view.overlays));
+    std::vector<OverlayLine> drawn = overlay_->lines(placement, view.overlays);
+    const Scene& traffic = traffic_of(client);
+    if (const auto object = std::ranges::find(traffic.actors, view.object, &MovingObject::id);
+        object != traffic.actors.end())
+      std::ranges::move(object_lines(placement, *object), std::back_inserter(drawn));
+    lines = lines_to_json(drawn);
     std::optional<Mask> mask;
     if (view.overlays.masks && view.is_driven()) mask = renderer_->mask(view);
     if (mask) masked = mask_runs(*mask);

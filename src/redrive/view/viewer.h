@@ -24,6 +24,7 @@
 #include "redrive/view/path_store.h"
 #include "redrive/view/run_watch.h"
 #include "redrive/view/server.h"
+#include "redrive/view/traffic.h"
 #include "redrive/view/view_renderer.h"
 
 namespace redrive::view {
@@ -44,8 +45,9 @@ class Viewer : public ServerEvents {
  public:
   using Look = std::function<RunNews()>;
   /// The backend must outlive it. `look` is called every few seconds between two images, on the
-  /// thread of serve().
-  Viewer(std::shared_ptr<const Run> run, kernels::Backend& backend, Look look = {});
+  /// thread of serve(). `edit`: of moving objects, that pages begin with.
+  Viewer(std::shared_ptr<const Run> run, kernels::Backend& backend, Look look = {},
+         FirstEdit edit = {});
   ~Viewer() override;
 
   /// Makes images until `stop`; looks at it 10 times a second.
@@ -80,7 +82,11 @@ class Viewer : public ServerEvents {
   bool search_on(ClientId id, Client& client);
   void answer_path(ClientId id, Client& client, const ClientMessage& message);
   void send_paths(ClientId id, nlohmann::json more);
+  const Scene& traffic_of(Client& client);
   void answer_pick(ClientId id, Client& client, const Pick& pick);
+  void answer_edit(ClientId id, Client& client, const EditMessage& message);
+  void check(const TrafficEdit& edit) const;
+  void answer_drag(ClientId id, Client& client, const DragMessage& drag);
   void begin(Client& client);
   bool more_of_the_cloud(ClientId id, Client& client);
   void finish(ClientId id, Client& client);
@@ -93,6 +99,8 @@ class Viewer : public ServerEvents {
   std::optional<ViewRenderer> renderer_;  ///< of run_, as are the next two
   std::optional<Overlay> overlay_;
   std::string hello_;
+  const FirstEdit first_edit_;
+  std::shared_ptr<const TrafficEdit> parsed_first_edit_;  ///< null: none
   Look look_;
   Clock::time_point look_at_;
   std::string curve_;  ///< of training, as it is sent

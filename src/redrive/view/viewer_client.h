@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the viewer knows of a page. Only viewer.cc includes it.
+// What the viewer knows of a page. Only viewer.cc and viewer_answers.cc include it.
 #pragma once
 
 #include <algorithm>
 #include <cstdint>
 #include <iterator>
+#include <memory>
 #include <optional>
 #include <string>
 #include <utility>
@@ -19,7 +20,9 @@ struct Viewer::Inbox {
   std::optional<ViewRequest> view;
   Clock::time_point arrived{};
   std::optional<Pick> pick;
-  std::uint64_t shown = 0;           ///< number of the last image that the page drew
+  std::uint64_t shown = 0;  ///< number of the last image that the page drew
+  std::optional<EditMessage> edit;
+  std::optional<DragMessage> drag;
   std::vector<ClientMessage> paths;  ///< PathMessage and LoadPath
 };
 
@@ -39,6 +42,10 @@ struct Viewer::Client {
   std::size_t sent_revolutions = 0;  ///< of the cloud, with the last image
   std::uint64_t sent = 0, shown = 0;
   std::optional<Pick> pick;
+  std::optional<EditMessage> edit_message;
+  std::optional<DragMessage> drag;
+  std::shared_ptr<const TrafficEdit> edit;  ///< null: none
+  std::shared_ptr<const Scene> traffic;     ///< the run's as edited; null: not made yet
   std::vector<ClientMessage> path_messages;
   std::vector<PathKey> path;
 
@@ -60,6 +67,7 @@ struct Viewer::Client {
     searched = std::nullopt;
     search = std::nullopt;
     job = last = std::nullopt;
+    traffic = nullptr;
   }
 
   void take_news() {
@@ -73,6 +81,9 @@ struct Viewer::Client {
     std::ranges::move(inbox.paths, std::back_inserter(path_messages));
     inbox.paths.clear();
     if (inbox.pick) pick = std::exchange(inbox.pick, std::nullopt);
+    if (inbox.edit) edit_message = std::exchange(inbox.edit, std::nullopt);
+    if (inbox.drag) drag = inbox.drag;
+    inbox.drag.reset();
     shown = std::min(inbox.shown, sent);
   }
 };

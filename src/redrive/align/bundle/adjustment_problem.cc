@@ -48,6 +48,7 @@ void AdjustmentProblem::add(std::vector<TriangulatedTrack>* triangulated,
                             const std::vector<LidarTie>& ties) {
   const ExposureMotions times(model_);
   auto tie = ties.begin();  // in the order of their points
+  const int sensors = 1 + static_cast<int>(model_.cameras.size());
   for (std::size_t t = 0; t < triangulated->size(); ++t) {
     TriangulatedTrack& entry = (*triangulated)[t];
     double* const point = landmark(&entry.point.value);
@@ -56,31 +57,36 @@ void AdjustmentProblem::add(std::vector<TriangulatedTrack>* triangulated,
       const Observation& seen = tracks_[entry.track].seen[i];
       const LocalMotion motion = times.of(seen);
       RigModelCamera& camera = model_.cameras[seen.camera];
-      problem_.AddResidualBlock(
+      const ceres::ResidualBlockId id = problem_.AddResidualBlock(
           reprojection_cost(camera, motion, seen.pixel, sigma_of(seen, sigma_px), entry.point)
               .release(),
           &image_loss_, model_.corrections[motion.segment].data(),
           model_.corrections[motion.segment + 1].data(), camera.extrinsics.data(), &camera.offset_s,
           &camera.readout_s, camera.intrinsics.data(), point);
+      groups_[id] = seen.frame * sensors + 1 + seen.camera;
     }
     for (; tie != ties.end() && tie->point == t; ++tie) {
       const LocalMotion motion = model_.motion_at(tie->t_ns);
-      problem_.AddResidualBlock(point_on_surface_cost(motion, tie->surface, entry.point).release(),
-                                &image_loss_, model_.corrections[motion.segment].data(),
-                                model_.corrections[motion.segment + 1].data(), point);
+      const ceres::ResidualBlockId id = problem_.AddResidualBlock(
+          point_on_surface_cost(motion, tie->surface, entry.point).release(), &image_loss_,
+          model_.corrections[motion.segment].data(), model_.corrections[motion.segment + 1].data(),
+          point);
+      groups_[id] = motion.segment * sensors;
     }
   }
 }
 
 void AdjustmentProblem::add(std::vector<PlanarPatch>* patches) {
+  const int sensors = 1 + static_cast<int>(model_.cameras.size());
   for (PlanarPatch& patch : *patches) {
     double* const plane = landmark(&patch.plane.value);
     for (const int i : patch.samples) {
       const LocalMotion motion = model_.motion_at(lidar_[i].t_ns);
-      problem_.AddResidualBlock(
+      const ceres::ResidualBlockId id = problem_.AddResidualBlock(
           point_to_plane_cost(motion, lidar_[i].in_body, patch.sigma_m, patch.plane).release(),
           &lidar_loss_, model_.corrections[motion.segment].data(),
           model_.corrections[motion.segment + 1].data(), plane);
+      groups_[id] = motion.segment * sensors;
     }
   }
 }
@@ -185,7 +191,7 @@ ceres::Solver::Summary AdjustmentProblem::solve(int iterations) {
 }
 
 void AdjustmentProblem::compute_covariance(BundleResult* result) {
-  ReducedCovariance covariance = reduced_covariance(problem_, rig_, points_);
+  ReducedCovariance covariance = reduced_covariance(problem_, rig_, points_, groups_);
   result->covariance = std::move(covariance.matrix);
   result->robust_covariance = std::move(covariance.robust);
   result->variance = std::move(covariance.variance);

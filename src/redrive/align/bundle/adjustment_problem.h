@@ -12,6 +12,7 @@
 #include "redrive/align/bundle/bundle_adjustment.h"
 #include "redrive/align/bundle/cost_functions.h"
 #include "redrive/align/bundle/lidar_ties.h"
+#include "redrive/align/bundle/reduced_covariance.h"
 
 namespace redrive {
 
@@ -68,6 +69,7 @@ class AdjustmentProblem {
   std::vector<std::array<double, 3>> landmarks_;
   std::vector<std::array<double, 3>*> targets_;
   std::vector<std::optional<int>> offset_index_, readout_index_;
+  ResidualGroups groups_;  ///< residuals of an image, or of the LiDAR between two frames
 };
 
 }  // namespace redrive

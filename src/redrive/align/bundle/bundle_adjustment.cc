@@ -288,6 +288,15 @@ bool hold_unobservable(const std::vector<int>& used, const BundlePriors& priors,
   return !offsets.empty() || !held->extrinsics.empty();
 }
 
+HeldNumbers all_numbers(const RigModel& model) {
+  HeldNumbers all;
+  for (int c = 0; c < static_cast<int>(model.cameras.size()); ++c) {
+    all.time_offsets.push_back({c});
+    for (int axis = 0; axis < kExtrinsicAxes; ++axis) all.extrinsics.push_back({c, axis});
+  }
+  return all;
+}
+
 bool all_observable(const std::vector<ContrastFit>& fits) {
   return std::ranges::all_of(fits, &ContrastFit::observable);
 }
@@ -307,8 +316,9 @@ BundleResult adjust_bundle(RigModel* model, const std::vector<Track>& tracks,
   BundleResult result;
   std::vector<double> sigma_px(model->cameras.size(), kStartSigma_px);
   int rounds = options.rounds;
-  bool judged = false;
-  HeldNumbers held{options.held_offsets, {}};
+  bool tested_observability = options.fixed_cameras;
+  HeldNumbers held =
+      options.fixed_cameras ? all_numbers(*model) : HeldNumbers{options.held_offsets, {}};
   for (int round = 0; round < rounds && !result.converged; ++round) {
     const RigModel before = *model;
     std::vector<TriangulatedTrack> triangulated =
@@ -374,8 +384,8 @@ BundleResult adjust_bundle(RigModel* model, const std::vector<Track>& tracks,
                       1e3 * model->cameras[c].readout_s);
       std::fflush(stdout);
     }
-    if (!judged && (result.converged || 2 * (round + 1) >= rounds)) {
-      judged = true;
+    if (!tested_observability && (result.converged || 2 * (round + 1) >= rounds)) {
+      tested_observability = true;
       problem.compute_covariance(&result);
       if (hold_unobservable(count_used(tracks, triangulated, model->cameras.size()), options.priors,
                             !lidar.empty(), model, &result, &held)) {

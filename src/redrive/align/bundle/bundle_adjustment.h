@@ -45,6 +45,7 @@ struct BundleOptions {
   std::vector<bool> readouts;  ///< by camera, whether to estimate the readout; empty: of none
   PlaneOptions planes;
   std::vector<UnobservableTimeOffset> held_offsets;  ///< known to be unobservable
+  bool fixed_cameras = false;  ///< whether extrinsics and time offsets keep their initial values
   int rounds = 10;
   bool verbose = false;  ///< prints a line a round
 

@@ -9,7 +9,7 @@ namespace redrive {
 namespace {
 
 constexpr double kNear_m = 1;           // distance of a point to a return of its patch
-constexpr double kPointSigma_m = 0.01;  // of a point's distance from its surface: added to noise
+constexpr double kPointSigma_m = 0.01;  // deviation of a point from its surface, beside the noise
 
 constexpr double kCorner_m = 0.5;       // of a point to a return of a patch that faces elsewhere,
 constexpr double kSameDirection = 0.9;  // by this cosine

@@ -17,19 +17,78 @@ namespace {
 
 constexpr double kMinFraction = 0.2;  // lower bound: less curvature comes from gross outliers
 
-/// Terms of an eliminated block with one parameter of the rig.
-struct RigTerms {
-  Eigen::Vector3d with_own = Eigen::Vector3d::Zero();  ///< columns of the normal matrix
-  double gradient = 0;
+/// The gradient of one row, which belongs to an eliminated block.
+struct RowTerms {
+  int group = -1;
+  std::vector<std::pair<int, double>> gradient;  ///< by parameter of the rig
+  Eigen::Vector3d own;                           ///< by those of the block
 };
 
-/// One eliminated block: its own blocks of the normal matrix and gradient, and those with the rig.
+/// One eliminated block: its own part of the normal matrix, that with the rig, and its rows.
 struct Eliminated {
   double curvature = 1;  ///< as a fraction of the normal matrix: curvature_fractions
   Eigen::Matrix3d own = Eigen::Matrix3d::Zero();
-  Eigen::Vector3d gradient = Eigen::Vector3d::Zero();
-  std::map<int, RigTerms> with_rig;  ///< by parameter of the rig
+  std::map<int, Eigen::Vector3d> with_rig;  ///< by parameter of the rig
+  std::vector<RowTerms> rows;
 };
+
+/// Sums, by group, of the gradients of a block's rows by the rig's parameters, in the order of
+/// with_rig, with the block eliminated. `inverse`: of `own`.
+std::map<int, Eigen::VectorXd> gradients_by_group(const Eliminated& e,
+                                                  const Eigen::Matrix3d& inverse) {
+  std::map<int, int> position;
+  for (const auto& [a, with_a] : e.with_rig) position.emplace(a, static_cast<int>(position.size()));
+  std::map<int, Eigen::VectorXd> gradients;
+  std::map<int, Eigen::Vector3d> own;
+  for (const RowTerms& row : e.rows) {
+    Eigen::VectorXd& gradient =
+        gradients.try_emplace(row.group, Eigen::VectorXd::Zero(position.size())).first->second;
+    for (const auto& [a, value] : row.gradient) gradient[position.at(a)] += value;
+    own.try_emplace(row.group, Eigen::Vector3d::Zero()).first->second += row.own;
+  }
+  for (auto& [group, gradient] : gradients) {
+    const Eigen::Vector3d weighted = inverse * own.at(group);
+    int i = 0;
+    for (const auto& [a, with_a] : e.with_rig) gradient[i++] -= with_a.dot(weighted);
+  }
+  return gradients;
+}
+
+/// Sums of gradients of all blocks by group.
+class GroupGradients {
+ public:
+  explicit GroupGradients(int n) : n_(n) {}
+  void add(int group, const std::vector<int>& index, const Eigen::VectorXd& gradient) {
+    if (group < 0) return;
+    Eigen::VectorXd& sum = sums_.try_emplace(group, Eigen::VectorXd::Zero(n_)).first->second;
+    for (std::size_t i = 0; i < index.size(); ++i)
+      sum[index[i]] += gradient[static_cast<Eigen::Index>(i)];
+  }
+  /// Sum of g g^T over the groups.
+  Eigen::MatrixXd squares() const {
+    Eigen::MatrixXd all(n_, sums_.size());
+    Eigen::Index column = 0;
+    for (const auto& [group, sum] : sums_) all.col(column++) = sum;
+    return all * all.transpose();
+  }
+
+ private:
+  int n_;
+  std::map<int, Eigen::VectorXd> sums_;
+};
+
+/// By row; -1: none.
+std::vector<int> groups_of_rows(const ceres::Problem& problem,
+                                const std::vector<ceres::ResidualBlockId>& blocks,
+                                const ResidualGroups& groups) {
+  std::vector<int> of_row;
+  for (const ceres::ResidualBlockId id : blocks) {
+    const auto found = groups.find(id);
+    of_row.insert(of_row.end(), problem.GetCostFunctionForResidualBlock(id)->num_residuals(),
+                  found == groups.end() ? -1 : found->second);
+  }
+  return of_row;
+}
 
 /// By row: the curvature of the robust loss as a fraction of its weight, averaged over all
 /// residuals of that loss, since the curvature of a single outlier is negative. 1 without a loss;
@@ -79,7 +138,8 @@ Eigen::MatrixXd inverse_of(const Eigen::MatrixXd& normal) {
 }  // namespace
 
 ReducedCovariance reduced_covariance(ceres::Problem& problem, const std::vector<double*>& rig,
-                                     const std::vector<double*>& free) {
+                                     const std::vector<double*>& free,
+                                     const ResidualGroups& groups) {
   ceres::Problem::EvaluateOptions options;
   options.parameter_blocks = rig;
   options.parameter_blocks.insert(options.parameter_blocks.end(), free.begin(), free.end());
@@ -94,6 +154,7 @@ ReducedCovariance reduced_covariance(ceres::Problem& problem, const std::vector<
       curvature_fractions(problem, options.residual_blocks, residuals);
   options.apply_loss_function = true;
   REDRIVE_CHECK(problem.Evaluate(options, nullptr, &residuals, nullptr, &jacobian));
+  const std::vector<int> group_of_row = groups_of_rows(problem, options.residual_blocks, groups);
 
   Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(n, n), curved = normal, spread = normal;
   std::vector<Eliminated> eliminated(free.size());
@@ -108,6 +169,7 @@ ReducedCovariance reduced_covariance(ceres::Problem& problem, const std::vector<
       block = column / 3;
       own[column % 3] = jacobian.values[i];
     }
+    RowTerms terms{group_of_row[row], {}, own * residuals[row]};
     for (int a = begin; a < split; ++a) {
       if (jacobian.values[a] == 0) continue;
       for (int b = begin; b < split; ++b) {
@@ -117,15 +179,17 @@ ReducedCovariance reduced_covariance(ceres::Problem& problem, const std::vector<
         if (block < 0) spread(jacobian.cols[b], jacobian.cols[a]) += product;
       }
       if (block < 0) continue;
-      RigTerms& terms = eliminated[block].with_rig[jacobian.cols[a]];
-      terms.with_own += jacobian.values[a] * own;
-      terms.gradient += jacobian.values[a] * residuals[row];
+      eliminated[block]
+          .with_rig.try_emplace(jacobian.cols[a], Eigen::Vector3d::Zero())
+          .first->second += jacobian.values[a] * own;
+      terms.gradient.emplace_back(jacobian.cols[a], jacobian.values[a] * residuals[row]);
     }
     if (block < 0) continue;
     eliminated[block].curvature = fractions[row];
     eliminated[block].own += own * own.transpose();
-    eliminated[block].gradient += own * residuals[row];
+    eliminated[block].rows.push_back(std::move(terms));
   }
+  GroupGradients of_groups(n);
   for (const Eliminated& e : eliminated) {
     // Directions without information, below 1e-12 of the largest eigenvalue, remove nothing.
     const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(e.own);
@@ -134,16 +198,26 @@ ReducedCovariance reduced_covariance(ceres::Problem& problem, const std::vector<
       if (solver.eigenvalues()[k] > 1e-12 * solver.eigenvalues()[2])
         inverse += solver.eigenvectors().col(k) * solver.eigenvectors().col(k).transpose() /
                    solver.eigenvalues()[k];
-    for (const auto& [a, of_a] : e.with_rig) {
-      const Eigen::Vector3d weighted = inverse * of_a.with_own;
-      const double gradient = of_a.gradient - weighted.dot(e.gradient);
-      for (const auto& [b, of_b] : e.with_rig) {
-        normal(b, a) -= weighted.dot(of_b.with_own);
-        curved(b, a) -= e.curvature * weighted.dot(of_b.with_own);
-        spread(b, a) += gradient * (of_b.gradient - of_b.with_own.dot(inverse * e.gradient));
+    for (const auto& [a, with_a] : e.with_rig) {
+      const Eigen::Vector3d weighted = inverse * with_a;
+      for (const auto& [b, with_b] : e.with_rig) {
+        normal(b, a) -= weighted.dot(with_b);
+        curved(b, a) -= e.curvature * weighted.dot(with_b);
       }
     }
+    std::vector<int> index;
+    for (const auto& [a, with_a] : e.with_rig) index.push_back(a);
+    Eigen::VectorXd of_block = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(index.size()));
+    for (const auto& [group, gradient] : gradients_by_group(e, inverse)) {
+      of_block += gradient;
+      of_groups.add(group, index, gradient);
+    }
+    for (std::size_t a = 0; a < index.size(); ++a)
+      for (std::size_t b = 0; b < index.size(); ++b)
+        spread(index[b], index[a]) +=
+            of_block[static_cast<Eigen::Index>(b)] * of_block[static_cast<Eigen::Index>(a)];
   }
+  spread += of_groups.squares();
   ReducedCovariance covariance;
   covariance.matrix = inverse_of(normal);
   const Eigen::MatrixXd by_curvature = inverse_of(curved);

@@ -103,6 +103,32 @@ TEST(ReducedCovariance, AccountsForCorrelatedResidualsOfAPoint) {
   }
 }
 
+// As above, with errors that eight images share: each image measures the number once at each of
+// five points.
+TEST(ReducedCovariance, AccountsForCorrelatedResidualsOfAGroup) {
+  constexpr int kPoints = 5, kGroups = 8;
+  testing::SyntheticNoise noise(24);
+  double value = 0;
+  Eigen::VectorXd errors = random_vector(&noise, kGroups);
+  errors.array() -= errors.mean();  // the optimum is 0, and errors of a point cancel
+  std::array<std::array<double, 3>, kPoints> points{};
+  std::vector<double*> free;
+  ceres::Problem problem;
+  ResidualGroups groups;
+  for (auto& point : points) {
+    free.push_back(point.data());
+    for (int group = 0; group < kGroups; ++group)
+      groups[problem.AddResidualBlock(
+          new LinearTerm({Eigen::VectorXd::Ones(1), Eigen::VectorXd::Zero(3)}, errors[group]),
+          nullptr, &value, point.data())] = group;
+  }
+  const double n = kPoints * kGroups;
+  EXPECT_NEAR(reduced_covariance(problem, {&value}, free, groups).variance[0],
+              kPoints * kPoints * errors.squaredNorm() / (n * n), 1e-12);
+  EXPECT_NEAR(reduced_covariance(problem, {&value}, free).variance[0], 1 / n, 1e-12)
+      << "without groups";
+}
+
 // A number is measured at 60 points, four times each with the same error of one sigma, under a
 // Cauchy loss of scale two. The stated covariance is that of repetitions. (With the loss's weights
 // as curvature it would be three quarters of that.)

@@ -115,6 +115,8 @@ double model_error(const RigModel& model, int axis, int ties) {
   return 1 / std::sqrt(std::max(information, 1e-12));
 }
 
+double tie_error_m(int ties) { return ties >= kMinTies ? kTied_m : 0; }
+
 double extrinsic_sigma(const RigModel& model, const BundleResult& result, const Vector6d& prior,
                        int camera, int axis) {
   const double sigma =

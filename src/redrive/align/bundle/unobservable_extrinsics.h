@@ -22,9 +22,10 @@ Vector6d body_axis_of_extrinsics(const RigModelCamera& camera, int axis);
 /// The camera's present correction in body axes.
 Vector6d extrinsics_in_body(const RigModelCamera& camera);
 
-/// Standard deviation of a number: that of the residuals, at least as correlated within a point or
-/// patch, and the error that remains however many residuals agree (model_error); at most that of
-/// the calibration, `prior`, or the correction itself.
+/// Standard deviation of a number: min(sqrt(v + model_error^2), max(prior, |change|)) with v the
+/// variance of the residuals, the larger one of independent ones and of those correlated within a
+/// point, patch, image or scan (ReducedCovariance::robust), and model_error the error that remains
+/// however many residuals agree.
 double extrinsic_sigma(const RigModel& model, const BundleResult& result, const Vector6d& prior,
                        int camera, int axis);
 
@@ -32,6 +33,10 @@ double extrinsic_sigma(const RigModel& model, const BundleResult& result, const 
 /// rotation about an axis by the car's rotations about others and by the distance driven across it,
 /// a translation by rotations; ties to the LiDAR's surfaces determine both.
 double model_error(const RigModel& model, int axis, int ties);
+
+/// Error of a camera's position that all of its ties to the LiDAR's surfaces share, m; 0 where they
+/// are too few to count.
+double tie_error_m(int ties);
 
 /// Numbers of cameras with observations in `used` [cameras] that are observable neither by
 /// themselves nor relative to the mean of the other cameras'. Observable is a number with a

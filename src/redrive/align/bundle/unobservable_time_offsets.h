@@ -5,6 +5,7 @@
 // tracks have in common; the calibration's value is better than the best fit.
 #pragma once
 
+#include <optional>
 #include <vector>
 
 #include "redrive/align/bundle/bundle_adjustment.h"
@@ -14,6 +15,13 @@ namespace redrive {
 /// The largest standard deviation of an observable time offset: half of prior_s, the calibration's
 /// own, so that the drive contributes most of the information.
 inline double max_observable_sigma_s(double prior_s) { return prior_s / 2; }
+
+/// Standard deviation of a camera's time offset: min(sqrt(v + (m / speed)^2), max(prior_s,
+/// |change|)) with v its variance by the residuals (BundleResult::variance), m the error of
+/// positions that all of the camera's ties to the LiDAR's surfaces share (tie_error_m), and the
+/// mean speed of the drive. Nothing where the offset was not estimated.
+std::optional<double> time_offset_sigma(const RigModel& model, const BundleResult& result,
+                                        double prior_s, int camera);
 
 /// Cameras with observations in `used` [cameras] and an offset in result.covariance whose time
 /// offset is observable neither by itself nor relative to the mean of the others'. Observable is an

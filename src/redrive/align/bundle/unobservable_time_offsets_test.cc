@@ -83,6 +83,28 @@ TEST(UnobservableTimeOffsets, AreMeasuredRelativeToTheOthers) {
   }
 }
 
+// Ties to the LiDAR's surfaces share 4 mm, which at 8 m/s are 0.5 ms; few ties do not count. A
+// sigma is at most the prior's, or the correction.
+TEST(UnobservableTimeOffsets, IncludeTheErrorThatTiesShare) {
+  TimeOffsets offsets({0.1e-3, 0.1e-3, 0.1e-3, 7e-3}, independent({0.1e-3, 0.1e-3, 5e-3, 5e-3}));
+  offsets.result.ties_of_camera = {60, 40, 60, 60};
+  for (int f = 0; f < 3; ++f) {
+    Frame frame;
+    frame.t_ns = 100'000'000 * f;
+    frame.world_from_body = Eigen::Translation3d(0.8 * f, 0, 0);
+    offsets.model.initial_frames.push_back(frame);
+  }
+  const auto sigma_s = [&](int camera) {
+    return *time_offset_sigma(offsets.model, offsets.result, kPrior_s, camera);
+  };
+  EXPECT_NEAR(sigma_s(0), std::hypot(0.1e-3, 0.5e-3), 1e-12);
+  EXPECT_NEAR(sigma_s(1), 0.1e-3, 1e-12);
+  EXPECT_NEAR(sigma_s(2), kPrior_s, 1e-12);
+  EXPECT_NEAR(sigma_s(3), std::hypot(5e-3, 0.5e-3), 1e-12);
+  offsets.result.offset_index[0].reset();
+  EXPECT_FALSE(time_offset_sigma(offsets.model, offsets.result, kPrior_s, 0));
+}
+
 TEST(UnobservableTimeOffsets, ASingleOffsetIsRelativeToTheLidarOrZeroByDefinition) {
   const TimeOffsets alone({-7e-3}, Eigen::MatrixXd::Constant(1, 1, 100e-6));
   EXPECT_EQ(alone.unobservable(true), (std::vector<int>{0}));

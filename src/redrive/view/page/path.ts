@@ -46,6 +46,11 @@ export class PathPart {
     this.update();
   }
 
+  /** Shows the command as the state has it. */
+  showCommand(): void {
+    element("path-command").textContent = this.command();
+  }
+
   /** What replaces a part of the page's request while the preview plays. */
   request(): object {
     if (this.startedAt === null) return {};
@@ -177,8 +182,9 @@ export class PathPart {
   private command(): string {
     if (!this.savedAs) return "";
     const file = `${this.hello.run.replace(/\/+$/, "")}/paths/${this.savedAs}.json`;
-    return ["redrive", "render", this.hello.run, "--path", file, "--out", `${this.savedAs}.mp4`]
-      .map(quoted).join(" ");
+    const edit = this.state.edit ? ["--edit", this.state.edit] : [];
+    return ["redrive", "render", this.hello.run, "--path", file, ...edit,
+      "--out", `${this.savedAs}.mp4`].map(quoted).join(" ");
   }
 
   private async copy(): Promise<void> {
@@ -200,7 +206,7 @@ export class PathPart {
     enable("path-play", this.keys.length > 1);
     enable("path-save", this.keys.length > 0);
     enable("path-copy", this.savedAs !== "");
-    element("path-command").textContent = this.command();
+    this.showCommand();
     const list = element<HTMLSelectElement>("path-load");
     const options = ["", ...this.names].map((name) => new Option(name || "load ...", name));
     list.replaceChildren(...options);

@@ -15,6 +15,15 @@ export interface NovelSet {
   views: {file: string; camera: string; frame: number}[];
 }
 
+/** A moving object of the run. */
+export interface ObjectInfo {
+  id: number;
+  type: string;
+  frames: [number, number] | null; // the first one and the last one that it is at
+  size_m: number[];
+  nearest: {camera: string; frame: number} | null; // the image that shows it from nearest
+}
+
 export interface Hello {
   kind: "hello";
   run: string;
@@ -28,6 +37,9 @@ export interface Hello {
   frames: {id: number; t_s: number}[];
   held_out: number[];
   novel: NovelSet[];
+  objects: ObjectInfo[];
+  // Changes to moving objects that pages begin with; no file has them where its name is empty.
+  edit: {text: string; file: string} | null;
 }
 
 export interface Picked {
@@ -38,6 +50,7 @@ export interface Picked {
   opacity?: number;
   camera?: string;
   frame?: number;
+  object?: number | null; // the moving object there
   depth_m?: number;
   world_m?: number[];
   body_m?: number[];
@@ -71,8 +84,24 @@ export interface SeenBy {
   nearest?: {camera: string; frame: number; distance_m: number}[];
 }
 
+/** The answer to an edit: taken, with remarks, or not. */
+export interface Edited {
+  kind: "edited";
+  id: number;
+  remarks?: string[];
+  error?: string;
+}
+
+/** Where an object goes that is dragged; neither field where the program does not know. */
+export interface Dragged {
+  kind: "dragged";
+  id: number;
+  shift_m?: number[];
+  turn_deg?: number;
+}
+
 export interface Line {
-  kind: "trajectory" | "frustum" | "box";
+  kind: "trajectory" | "frustum" | "box" | "object" | "handle";
   label: string;
   points: number[]; // u, v, u, v, ...: 0..1 over the image
 }
@@ -131,6 +160,8 @@ export type Text =
   | Hello
   | Paths
   | Picked
+  | Edited
+  | Dragged
   | SeenBy
   | Training
   | Curve

@@ -15,7 +15,9 @@ export interface Mark {
   v: number;
 }
 
-const colours = {trajectory: "#ffd23f", frustum: "#4fd1ff", box: "#ff6ad5"};
+const colours = {
+  trajectory: "#ffd23f", frustum: "#4fd1ff", box: "#ff6ad5", object: "#7dff6a", handle: "#7dff6a",
+};
 
 /** Colours of the LiDAR points: red near, blue far. */
 const levels = Array.from({length: 256}, (_, i) => `hsl(${(i * 240) / 255} 100% 55%)`);
@@ -38,6 +40,18 @@ export class Stage {
     const u = ((clientX - box.left) * scale - x) / width;
     const v = ((clientY - box.top) * scale - y) / height;
     return u >= 0 && u < 1 && v >= 0 && v < 1 ? {u, v} : null;
+  }
+
+  /** The distance of two marks in pixels of the pointer. */
+  distance(a: Mark, b: Mark): number {
+    const scale = this.canvas.getBoundingClientRect().width / this.canvas.width;
+    const {width, height} = this.rendering;
+    return scale * Math.hypot((a.u - b.u) * width, (a.v - b.v) * height);
+  }
+
+  /** The cursor over the image; empty: the usual one. */
+  set cursor(name: string) {
+    this.canvas.style.cursor = name;
   }
 
   draw(state: State): void {
@@ -133,6 +147,12 @@ export class Stage {
       for (let i = 0; i + 1 < line.points.length; i += 2)
         context.lineTo(to.x + line.points[i] * to.width, to.y + line.points[i + 1] * to.height);
       context.stroke();
+      if (line.kind === "handle") {
+        const [u, v] = line.points.slice(-2);
+        context.beginPath();
+        context.arc(to.x + u * to.width, to.y + v * to.height, 5 * devicePixelRatio, 0, 7);
+        context.fill();
+      }
       if (line.label)
         context.fillText(
           line.label,

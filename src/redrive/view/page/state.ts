@@ -28,6 +28,9 @@ export interface State {
   layer: Layer;
   overlays: Set<OverlayName>;
   exposure: string; // own, none, CAMERA:FRAME
+  // Not in the address:
+  object: number | null; // the moving object that is selected
+  edit: string; // file that has the page's changes to moving objects; empty: there are none
 }
 
 export function initialState(hello: Hello): State {
@@ -46,6 +49,8 @@ export function initialState(hello: Hello): State {
     layer: "image",
     overlays: new Set(),
     exposure: "own",
+    object: null,
+    edit: "",
   };
 }
 
@@ -140,6 +145,7 @@ export function toRequest(state: State, id: number): object {
     reference: state.compare !== "off",
     novel: state.novel,
     mount: state.mount && {at: mountText(state.mount), lens: state.mount.lens},
+    object: state.object,
   };
 }
 
@@ -166,5 +172,6 @@ export function toCommand(state: State, hello: Hello): string {
     words.push("--out", "view.png");
   }
   if (state.exposure !== "own") words.push("--exposure", state.exposure);
+  if (state.edit) words.push("--edit", state.edit);
   return words.map(quoted).join(" ");
 }

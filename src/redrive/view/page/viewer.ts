@@ -9,8 +9,9 @@ import {
   Connection, decode, type Hello, type ImageHeader, type Picked, type Picture,
   type ReferenceHeader, type Text,
 } from "./protocol";
-import {Stage} from "./stage";
+import {Stage, type Mark} from "./stage";
 import {fromHash, isDriven, referenceKey, toHash, toRequest, type State} from "./state";
+import {TrafficPart} from "./traffic";
 import {TrainingPanel} from "./training";
 
 const degreesPerPixel = 0.15;
@@ -19,8 +20,9 @@ const turnSpeed = 45; // degrees a second
 
 /** Whether the state of a page still fits. */
 function sameRun(a: Hello, b: Hello): boolean {
-  const what = ({run, method, cameras, frames, held_out, novel}: Hello) => JSON.stringify(
-    [run, method, cameras.map(({name}) => name), frames, held_out, novel]);
+  const what = ({run, method, cameras, frames, held_out, novel, objects}: Hello) => JSON.stringify(
+    [run, method, cameras.map(({name}) => name), frames, held_out, novel,
+      objects.map(({id}) => id)]);
   return what(a) === what(b);
 }
 
@@ -33,6 +35,7 @@ class Viewer {
   private readonly training = new TrainingPanel(
     element("training"), (message) => this.connection.send(message));
   private path!: PathPart;
+  private traffic!: TrafficPart;
   private id = 0; // of the last request
   private asks = false; // the state has changed since it was asked for
   private playing = false;
@@ -43,12 +46,15 @@ class Viewer {
   private target: number[] | null = null; // of the orbit, in the body
   private picked: Picked | null = null;
   private pickMark: {u: number; v: number} | null = null;
+  private selects = false; // the point that was asked for selects an object
   private score: number | null = null;
   private noReference = "";
   private problem = ""; // of the run
   private noticed = "";
   private references = new Map<string, Picture<ReferenceHeader>>(); // the last one, by its key
   private asked = ""; // the last request, without its number
+  private address = ""; // of the state that was asked for
+  private askedView = ""; // the same without the selected object
   private shownAt: number[] = []; // times of the last images
 
   start(): void {
@@ -66,6 +72,7 @@ class Viewer {
   private receive(message: Text): void {
     if (message.kind === "hello") this.begin(message);
     if (message.kind === "paths") this.path.receive(message);
+    if (message.kind === "edited" || message.kind === "dragged") this.traffic.receive(message);
     if (message.kind === "picked") this.showPicked(message);
     if (message.kind === "seen_by") this.controls.showSeen(message);
     if (message.kind === "score" && message.id === this.id) this.score = message.psnr_db;
@@ -95,6 +102,11 @@ class Viewer {
       this.controls = new Controls(hello, this.state, () => this.changed());
       this.path = new PathPart(hello, this.state,
         (answer) => this.connection.send(answer), () => this.changed());
+      this.traffic = new TrafficPart(hello, this.state,
+        (answer) => this.connection.send(answer), () => this.changed(), () => {
+          this.asked = "";
+          this.changed();
+        });
       this.listen();
       document.title = `${hello.run} · redrive view`;
     } else if (!sameRun(this.hello, hello)) {
@@ -105,6 +117,7 @@ class Viewer {
       if (isNewer) this.controls.showStep(new Date());
     }
     this.asked = "";
+    this.traffic.connected();
     this.changed();
   }
 
@@ -112,18 +125,26 @@ class Viewer {
   private changed(): void {
     this.asks = true;
     this.controls.update();
+    this.path.showCommand();
   }
 
   private ask(): void {
     this.asks = false;
-    history.replaceState(null, "", `#${toHash(this.state, this.hello)}`);
+    // Browsers ignore more than some 200 of these in 10 s: a preview has one address.
+    const address = `#${toHash(this.state, this.hello)}`;
+    if (address !== this.address) history.replaceState(null, "", address);
+    this.address = address;
     const wanted = {...toRequest(this.state, 0), ...this.path.request()};
     const request = JSON.stringify(wanted);
     if (request === this.asked) return this.draw(); // the share of a wipe, say
     this.asked = request;
     this.score = null;
-    this.stage.marks = [];
-    this.pickMark = null;
+    const view = JSON.stringify({...wanted, object: null});
+    if (view !== this.askedView) {
+      this.stage.marks = [];
+      this.pickMark = null;
+    }
+    this.askedView = view;
     if (this.stage.reference?.header.key !== referenceKey(this.state)) this.noReference = "";
     this.connection.send({...wanted, id: ++this.id});
     this.caption();
@@ -139,7 +160,9 @@ class Viewer {
     } else {
       this.connection.send({type: "shown", sequence: header.sequence});
       const before = this.stage.image?.header;
-      if (before && before.id > header.id) return;
+      // Bitmaps need not be ready in the order of their images.
+      if (before && (before.id > header.id ||
+        (before.id === header.id && before.sequence > header.sequence))) return;
       this.stage.image = picture as Picture<ImageHeader>;
       this.notice("");
       this.shownAt = [...this.shownAt.filter((t) => t > performance.now() - 1000),
@@ -175,7 +198,12 @@ class Viewer {
       words.push(isDriven(state) && !state.novel
         ? `${(100 * this.stage.maskedShare).toFixed(1)} % masked`
         : "masks are those of the recorded image, from the frame's own pose");
-    if (this.stage.image?.header.trouble) words.push(this.stage.image.header.trouble);
+    if (state.edit && state.compare !== "off") words.push("the recorded image is not edited");
+    const header = this.stage.image?.header;
+    if (state.object !== null && header?.id === this.id &&
+      !header.lines.some(({kind}) => kind === "object"))
+      words.push(`object ${state.object} is not in this image`);
+    if (header?.trouble) words.push(header.trouble);
     if (this.score !== null && state.compare !== "off")
       words.push(`PSNR ${this.score.toFixed(2)} dB`);
     element("caption").textContent = words.join(" · ");
@@ -190,12 +218,16 @@ class Viewer {
 
   // ---- Points
 
-  private pick(mark: {u: number; v: number}): void {
+  /** `selects`: also selects the moving object there. */
+  private pick(mark: {u: number; v: number}, selects = false): void {
     this.pickMark = mark;
+    this.selects = selects;
     this.connection.send({type: "pick", id: this.id, at: [mark.u, mark.v]});
   }
 
   private showPicked(picked: Picked): void {
+    if (this.selects) this.traffic.select(picked.object ?? null);
+    this.selects = false;
     this.controls.showPoint(picked, this.picked);
     if (picked.surface) this.picked = picked;
     if (picked.id === this.id && this.pickMark)
@@ -302,28 +334,49 @@ class Viewer {
     addEventListener("keyup", (event) => this.held.delete(event.key.toLowerCase()));
     addEventListener("blur", () => this.held.clear());
     addEventListener("hashchange", () => {
-      const {overlays, ...rest} = fromHash(location.hash, this.hello);
+      const {overlays, object: _, edit: __, ...rest} = fromHash(location.hash, this.hello);
       Object.assign(this.state, rest, {overlays: this.state.overlays});
       this.state.overlays.clear();
       overlays.forEach((name) => this.state.overlays.add(name));
+      this.address = location.hash;
       this.changed();
     });
   }
 
   private listenToPointer(stage: HTMLElement): void {
-    let from: {x: number; y: number; moved: boolean; wipes: boolean} | null = null;
+    let from: {
+      x: number; y: number; moved: boolean; wipes: boolean; mark: Mark | null;
+      grip: "object" | "handle" | null;
+    } | null = null;
+    const gripAt = (mark: Mark | null) => mark && this.traffic.grip(
+      mark, this.stage.image?.header.lines ?? [], (a, b) => this.stage.distance(a, b));
     stage.addEventListener("pointerdown", (event) => {
       if (event.button !== 0) return;
       stage.setPointerCapture(event.pointerId);
       const mark = this.stage.at(event.clientX, event.clientY);
       const wipes = this.state.compare === "wipe" && mark !== null &&
         Math.abs(mark.u - (1 - this.state.share)) < 0.02;
-      from = {x: event.clientX, y: event.clientY, moved: false, wipes};
+      const grip = wipes ? null : gripAt(mark);
+      from = {x: event.clientX, y: event.clientY, moved: false, wipes, mark, grip};
     });
     stage.addEventListener("pointermove", (event) => {
-      if (!from) return;
+      if (!from) {
+        const grip = gripAt(this.stage.at(event.clientX, event.clientY));
+        this.stage.cursor = grip === "object" ? "move" : grip === "handle" ? "grab" : "";
+        return;
+      }
       const [dx, dy] = [event.clientX - from.x, event.clientY - from.y];
       if (!from.moved && Math.hypot(dx, dy) < 4) return;
+      if (from.grip && from.mark) {
+        if (!from.moved) {
+          this.play(false);
+          this.traffic.beginDrag(from.mark, from.grip === "handle");
+        }
+        from.moved = true;
+        const mark = this.stage.at(event.clientX, event.clientY);
+        if (mark) this.traffic.dragTo(mark);
+        return;
+      }
       Object.assign(from, {x: event.clientX, y: event.clientY, moved: true});
       if (from.wipes) {
         const box = stage.getBoundingClientRect();
@@ -338,7 +391,8 @@ class Viewer {
     });
     const end = (event: PointerEvent, clicks: boolean) => {
       const mark = this.stage.at(event.clientX, event.clientY);
-      if (from && !from.moved && clicks && mark) this.pick(mark);
+      if (from && !from.moved && clicks && mark) this.pick(mark, true);
+      if (from?.grip && from.moved) this.traffic.endDrag();
       from = null;
     };
     stage.addEventListener("pointerup", (event) => end(event, true));
@@ -352,13 +406,20 @@ class Viewer {
   }
 
   private keyDown(event: KeyboardEvent): void {
-    if (event.ctrlKey || event.altKey || event.metaKey) return;
+    if (event.altKey) return;
     const target = event.target as HTMLElement;
     const key = event.key.toLowerCase();
     // Fields keep their keys, sliders those that move them, buttons and boxes space and enter.
     const type = target instanceof HTMLInputElement ? target.type : "";
     const isField = type !== "" && type !== "range" && type !== "checkbox";
-    if (isField || target instanceof HTMLSelectElement) return;
+    if (isField) return;
+    if (event.ctrlKey || event.metaKey) {
+      if (key !== "z" && key !== "y") return;
+      event.preventDefault();
+      this.traffic.step(key === "y" || event.shiftKey ? 1 : -1);
+      return;
+    }
+    if (target instanceof HTMLSelectElement && (target.size < 2 || key !== "delete")) return;
     if (type === "range" && /^(arrow|home|end|page)/.test(key)) return;
     const isButton = target instanceof HTMLButtonElement || target.tagName === "SUMMARY" ||
       type === "checkbox";
@@ -378,7 +439,11 @@ class Viewer {
       b: () => this.home(),
       m: () => (this.controls.takeMount(), this.changed()),
       o: () => this.orbit(!this.orbiting),
-      p: () => this.pick({u: 0.5, v: 0.5}),
+      p: () => this.pick({u: 0.5, v: 0.5}, true),
+      q: () => this.traffic.turnBy(event.shiftKey ? 1 : 5),
+      e: () => this.traffic.turnBy(event.shiftKey ? -1 : -5),
+      delete: () => this.traffic.toggle(),
+      escape: () => this.traffic.select(null),
       c: () => (this.controls.nextCompare(), this.changed()),
       v: () => (this.controls.nextLayer(), this.changed()),
       ",": () => this.shareBy(-0.05),

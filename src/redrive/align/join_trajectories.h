@@ -1,0 +1,61 @@
+// SPDX-License-Identifier: Apache-2.0
+// Joins trajectories of a drive's windows, which overlap, into one. Each window was aligned on its
+// own: what nothing measures but the egomotion, a rigid motion of the whole window, differs from
+// window to window. These motions are estimated together, from the overlaps and from how well the
+// egomotion determines each. Over an overlap the joined trajectory passes from one window to the
+// next, so that it has no step.
+#pragma once
+
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "redrive/recording/recording.h"
+
+namespace redrive {
+
+using Matrix6d = Eigen::Matrix<double, 6, 6>;
+
+/// Frames `begin` to `end` - 1 of a drive, by index.
+struct FrameWindow {
+  int begin = 0, end = 0;
+  int size() const { return end - begin; }
+};
+
+/// Windows of equal size (+-1), at most `most` >= 10 frames, each overlapping the next by a fifth
+/// of that. A frame is in two at most. One window if there are no more than `most` frames.
+std::vector<FrameWindow> cut_windows(int frames, int most);
+
+/// A window's aligned trajectory, and covariances of rigid motions of it, 6: translation (m) and
+/// rotation (rad) in the axes of the drive's first frame, about the window's middle (the mean
+/// position).
+struct WindowTrajectory {
+  FrameWindow frames;
+  std::vector<FramePose> poses;
+  Eigen::Vector3d middle = Eigen::Vector3d::Zero();
+  Matrix6d whole = Matrix6d::Zero();  ///< of the mean over the window
+  /// Of the mean over the overlap with the previous window, and with the next one, relative to that
+  /// of the whole; zero where there is none.
+  Matrix6d start = Matrix6d::Zero(), end = Matrix6d::Zero();
+};
+
+/// `covariance`: at least [6 n, 6 n] of the poses' errors, in the axes of each body
+/// (BundleResult::covariance). `overlap_before`, `overlap_after`: frames shared with neighbours.
+/// `world_from_global`: to the axes of the drive's first frame.
+WindowTrajectory window_trajectory(const FrameWindow& frames, std::vector<FramePose> poses,
+                                   const Eigen::MatrixXd& covariance, int overlap_before,
+                                   int overlap_after, const Rigid3d& world_from_global);
+
+struct JoinedTrajectory {
+  std::vector<FramePose> frames;
+  /// [6] by frame: variances that joining adds to those of a window's shape, in the axes of the
+  /// body, a rigid motion of the whole drive excluded.
+  std::vector<Vector6d> variance;
+  double seam_m = 0, seam_rad = 0;  ///< RMS disagreement of neighbours over overlaps, once joined
+};
+
+/// `windows`: in order, from the drive's first to its last frame, at least one.
+JoinedTrajectory join_trajectories(const std::vector<WindowTrajectory>& windows,
+                                   const Rigid3d& world_from_global);
+
+}  // namespace redrive

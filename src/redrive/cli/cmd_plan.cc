@@ -1,0 +1,264 @@
+// SPDX-License-Identifier: Apache-2.0
+// redrive plan RECORDING: what `redrive train` with the same options will cost, before it starts.
+// Images are measured on a few of them; of the others sizes alone are read.
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <filesystem>
+#include <map>
+#include <memory>
+
+#include <nlohmann/json.hpp>
+
+#include "redrive/base/error.h"
+#include "redrive/base/memory_limit.h"
+#include "redrive/cli/command.h"
+#include "redrive/cli/training.h"
+#include "redrive/recording/frame_range.h"
+#include "redrive/train/blocks.h"
+#include "redrive/train/memory.h"
+#include "redrive/train/plan.h"
+
+namespace redrive {
+namespace {
+
+/// Options of train that change what it costs.
+constexpr const char* kPlannedOptions[] = {
+    "cameras", "frames",        "downscale", "holdout-every", "masks",      "method",
+    "preset",  "max-gaussians", "max-steps", "max-seconds",   "lidar-rays", "set",
+    "memory",  "backend",       "isa",       "threads",       "truth-poses"};
+constexpr int kCalibrationSteps = 100;
+constexpr std::int64_t kCalibrationImages = 48;
+
+struct PlanArguments {
+  std::string recording;
+  std::map<std::string, std::vector<std::string>> given;
+  double blocks_m = 0;  ///< 0: the drive is not divided
+  int machines = 1, cores = 0, gpus = 0;
+  bool json = false;
+};
+
+TrainOptions options_of(const PlanArguments& arguments) {
+  TrainOptions options;
+  std::vector<std::string> names;
+  options.recording = arguments.recording;
+  for (const TrainField& field : train_fields())
+    if (const auto found = arguments.given.find(field.name); found != arguments.given.end()) {
+      names.push_back(field.name);
+      for (const std::string& value : found->second) field.parse(options, value);
+    }
+  validate_fields(options);
+  if (!arguments.given.contains("method"))
+    options.method = open_recording(options).metric ? "splat" : "grid";
+  apply_preset(&options, names);
+  validate(options);
+  if (options.max_steps == 0 && options.max_seconds == 0)
+    throw UsageError("--max-steps", "", "or --max-seconds must limit the run");
+  return options;
+}
+
+std::uint64_t size_of(const std::filesystem::path& file) {
+  std::error_code error;
+  const auto size = std::filesystem::file_size(file, error);
+  if (error) throw InputError(file, "", "", error.message());
+  return size;
+}
+
+/// Sets the model of a run whose options and scene are set.
+void set_model(Run* run) { run->state.model = make_run_model(run->options, run->scene); }
+
+Run run_of(const TrainOptions& options, const Recording& recording) {
+  Run run;
+  run.options = options;
+  run.recording = recording;
+  run.scene = make_scene(run.recording, scene_options(options));
+  set_model(&run);
+  return run;
+}
+
+PlannedBlock planned(const Block& block, const Run& run, int threads) {
+  PlannedBlock out;
+  out.name = block.name;
+  out.first_frame = run.scene.frames.front().id;
+  out.last_frame = run.scene.frames.back().id;
+  out.length_m = block.end_m - block.start_m;
+  for (const View& view : run.scene.views) {
+    if (view.held_out) continue;
+    ++out.images;
+    out.image_file_bytes += size_of(view.image);
+  }
+  if (run.state.model->uses_lidar())
+    for (const FrameFile& file : run.recording.lidar_files)
+      if (file.frame_id >= out.first_frame && file.frame_id <= out.last_frame)
+        out.lidar_file_bytes += size_of(file.path);
+  const MemoryEstimate need = estimate_memory(run, threads);
+  out.memory_bytes = need.total();
+  out.least_memory_bytes = need.least();
+  out.checkpoint_bytes = 3 * sizeof(float) * run.state.model->max_size();
+  return out;
+}
+
+/// Measures on as many frames of a block as have some fifty images, spread over it.
+TrainingRates measured(const TrainOptions& whole, const Recording& recording, const Block& block,
+                       kernels::Backend& backend) {
+  TrainOptions options = block_options(whole, block);
+  const Run all = run_of(options, recording);
+  const auto images = static_cast<std::int64_t>(all.scene.views.size());
+  const std::int64_t step = (images + kCalibrationImages - 1) / kCalibrationImages;
+  FrameRange range = parse_frame_range(options.frames);
+  range.step *= static_cast<int>(std::min<std::int64_t>(step, std::ssize(all.scene.frames)));
+  options.frames = std::to_string(all.scene.frames.front().id) + ":" +
+                   std::to_string(all.scene.frames.back().id) + ":" + std::to_string(range.step);
+  options.holdout_every = 0;
+  if (options.method == "splat" && !options.hyperparameters.contains("densify_every"))
+    options.set("densify_every", kCalibrationSteps / 20);
+  Run run = run_of(options, recording);
+  run.state = make_initial_state(options, run.scene);
+  load_actors(&run);
+  return measure_rates(&run, backend, kCalibrationSteps);
+}
+
+std::string time_text(double seconds) {
+  char text[40];
+  if (seconds < 120)
+    std::snprintf(text, sizeof text, "%.0f s", seconds);
+  else if (seconds < 7200)
+    std::snprintf(text, sizeof text, "%.0f min", seconds / 60);
+  else
+    std::snprintf(text, sizeof text, "%.1f h", seconds / 3600);
+  return text;
+}
+
+std::string bytes_text(double bytes) {
+  char text[40];
+  std::snprintf(text, sizeof text, bytes < 1e9 ? "%.0f MB" : "%.1f GB",
+                bytes < 1e9 ? bytes / 1e6 : bytes / 1e9);
+  return text;
+}
+
+void print(const Scene& scene, const TrainingPlan& plan, const TrainingRates& rates,
+           const Machines& machines, int gpus) {
+  std::int64_t images = 0;
+  for (const View& view : scene.views) images += !view.held_out;
+  std::printf("drive      %zu frames over %.0f m, %zu cameras, %lld images for training\n",
+              scene.frames.size(), way_driven(scene.frames).back(), scene.rig.size(),
+              static_cast<long long>(images));
+  double length_m = 0, longest_s = 0;
+  std::int64_t most = 0;
+  std::size_t streamed = 0;
+  for (const PlannedBlock& block : plan.blocks) {
+    length_m = std::max(length_m, block.length_m);
+    longest_s = std::max(longest_s, block.seconds());
+    most = std::max(most, block.images);
+    streamed += block.streams;
+  }
+  std::printf("blocks     %zu of at most %.0f m, %lld images and %s; %zu decode images as needed\n",
+              plan.blocks.size(), length_m, static_cast<long long>(most),
+              time_text(longest_s).c_str(), streamed);
+  std::printf(
+      "rates      one core here: %.1f ms to decode an image, %.1f ms to prepare and %.1f ms to "
+      "begin with it, %.1f ms a step\n",
+      1e3 * rates.decode_s, 1e3 * rates.prepare_s, 1e3 * rates.start_s, 1e3 * rates.step_s);
+  std::printf("machines   %d with %d cores and %s each: %d blocks at once with %d cores each\n",
+              machines.machines, machines.cores, gib_text(machines.memory).c_str(),
+              plan.ranks_per_machine, plan.cores_per_rank);
+  std::printf("time       %s; %.1f core hours; efficiency %.0f %%, limited by %s\n",
+              time_text(plan.seconds).c_str(), plan.core_seconds / 3600, 100 * plan.efficiency,
+              plan.limit.c_str());
+  if (gpus > 0) std::printf("GPUs       none is used: no GPU rasterises Gaussians yet\n");
+  std::printf("memory     %s a machine\n", gib_text(plan.memory_bytes).c_str());
+  std::printf("disk       %s written, %s read\n",
+              bytes_text(static_cast<double>(plan.writes_bytes)).c_str(),
+              bytes_text(static_cast<double>(plan.reads_bytes)).c_str());
+  std::printf("traffic    at most %s/s from the recording, all machines together\n",
+              bytes_text(plan.reads_bytes_per_s).c_str());
+}
+
+int run_plan(const PlanArguments& arguments) {
+  TrainOptions options = options_of(arguments);
+  if (arguments.gpus > 0 && !find_method(options.method)->rasterises)
+    throw UsageError("--gpus", std::to_string(arguments.gpus),
+                     "must be 0: rates are measured on processors alone");
+  if (options.backend == "auto") options.backend = "cpu";
+  const kernels::BackendGroup group = make_backends(options);
+  kernels::Backend& backend = *group.backends.front();
+  const Recording recording = open_recording(options);
+  resolve_cameras(&options, recording);
+  const Scene scene = make_scene(recording, scene_options(options));
+  if (arguments.blocks_m > 0 && !recording.metric)
+    throw UsageError("--blocks", "", "is for drives: " + options.recording + " has no metres");
+  Machines machines{arguments.machines, arguments.cores > 0 ? arguments.cores : backend.threads(),
+                    allowed_memory(options, memory_bytes())};
+
+  Division division;
+  division.length_m = arguments.blocks_m > 0 ? arguments.blocks_m : 1e9;
+  division.overlap_m = default_overlap_m(division.length_m);
+  division.frame_multiple = std::max(1, options.holdout_every);
+  const std::vector<Block> blocks = divide(scene.frames, division);
+  std::vector<PlannedBlock> facts;
+  for (const Block& block : blocks)
+    facts.push_back(planned(
+        block, run_of(blocks.size() > 1 ? block_options(options, block) : options, recording),
+        backend.threads()));
+  const TrainingRates rates = measured(options, recording, blocks[blocks.size() / 2], backend);
+  const TrainingPlan plan =
+      plan_training(std::move(facts), rates, machines, {options.max_steps, options.max_seconds});
+  if (!arguments.json) {
+    print(scene, plan, rates, machines, arguments.gpus);
+    return kExitOk;
+  }
+  nlohmann::json json = to_json(plan);
+  json["recording"] = options.recording;
+  json["method"] = options.method;
+  json["frames"] = scene.frames.size();
+  json["way_m"] = way_driven(scene.frames).back();
+  json["machines"] = {{"machines", machines.machines},
+                      {"cores", machines.cores},
+                      {"memory_bytes", machines.memory}};
+  json["core_rates"] = {{"decode_s", rates.decode_s},
+                        {"prepare_s", rates.prepare_s},
+                        {"start_s", rates.start_s},
+                        {"step_s", rates.step_s}};
+  std::printf("%s\n", json.dump(2).c_str());
+  return kExitOk;
+}
+
+}  // namespace
+
+Action configure_plan(CLI::App& command) {
+  auto arguments = std::make_shared<PlanArguments>();
+  command.add_option("RECORDING", arguments->recording, "as for train")->required();
+  for (const TrainField& field : train_fields()) {
+    if (std::ranges::find(kPlannedOptions, field.name) == std::end(kPlannedOptions)) continue;
+    const auto take = [arguments, name = field.name](const std::vector<std::string>& values) {
+      arguments->given[name] = values;
+    };
+    if (field.is_flag)
+      command.add_flag_callback(
+          "--" + field.name, [take] { take({""}); }, field.help);
+    else
+      command.add_option_function<std::vector<std::string>>("--" + field.name, take, field.help)
+          ->expected(1)
+          ->multi_option_policy(field.repeats ? CLI::MultiOptionPolicy::TakeAll
+                                              : CLI::MultiOptionPolicy::Throw);
+  }
+  command
+      .add_option("--blocks", arguments->blocks_m,
+                  "metres of a block, as for train (default: one block)")
+      ->check(CLI::PositiveNumber);
+  command
+      .add_option("--machines", arguments->machines, "number of machines, 1..100000 (default: 1)")
+      ->check(CLI::Range(1, 100'000));
+  command
+      .add_option("--cores", arguments->cores,
+                  "cores of each machine, 1..4096 (default: those of --threads here)")
+      ->check(CLI::Range(1, 4096));
+  command
+      .add_option("--gpus", arguments->gpus,
+                  "GPUs of each machine, 0..64; splat has no use for them (default: 0)")
+      ->check(CLI::Range(0, 64));
+  command.add_flag("--json", arguments->json, "prints the plan as JSON");
+  return [arguments] { return run_plan(*arguments); };
+}
+
+}  // namespace redrive

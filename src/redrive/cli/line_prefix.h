@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: Apache-2.0
+// Output of several processes in one stream: whole lines, which say what they are about.
+#pragma once
+
+#include <memory>
+#include <string>
+
+namespace redrive {
+
+/// While it lives, standard output and standard error of stdio are written line by line, and
+/// progress is printed as lines though a launcher may give each process a terminal.
+class PrefixedOutput {
+ public:
+  PrefixedOutput();
+  ~PrefixedOutput();
+  PrefixedOutput(const PrefixedOutput&) = delete;
+  PrefixedOutput& operator=(const PrefixedOutput&) = delete;
+
+  /// Sets what lines of the calling thread begin with; empty: nothing.
+  static void set_prefix(const std::string& prefix);
+
+ private:
+  struct Stream;
+  std::unique_ptr<Stream> out_, err_;
+  int standard_output_ = -1;  // a copy of the descriptor
+};
+
+}  // namespace redrive

@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: Apache-2.0
+// Training of a divided run by one process or by those that a launcher started: process 0 leads,
+// the others follow it.
+#pragma once
+
+#include <functional>
+
+#include "redrive/base/process_group.h"
+#include "redrive/train/divided_run.h"
+
+namespace redrive {
+
+/// Returns the threads and the memory that a process may use: its part where several share them.
+BlockResources block_resources(const ProcessGroup& group, const TrainOptions& options);
+
+/// Joins the processes that a launcher started and returns the exit code: as process 0 that of
+/// `lead`, as another one that of process 0, after training blocks of `root` as it is told to. An
+/// error of `lead` is printed and ends all.
+int with_processes(const std::filesystem::path& root,
+                   const std::function<int(ProcessGroup&)>& lead);
+
+/// Throws UsageError if a launcher started several processes, of which one run has no use.
+void check_one_process(const ProcessGroup& group);
+
+/// Trains the blocks that are not finished, as process 0, and compares their brightness. Prints how
+/// it ended and returns the exit code. The caller holds the lock of the run.
+int train_blocks(ProcessGroup& group, DividedRun* whole);
+
+}  // namespace redrive

@@ -1,0 +1,126 @@
+// SPDX-License-Identifier: Apache-2.0
+// The blocks of a divided run (train/blocks.h) as one model: an image is rendered by the block that
+// holds its camera, and around a border by both, blended (Tancik et al., Block-NeRF, CVPR 2022).
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "redrive/render/block_cache.h"
+#include "redrive/render/block_way.h"
+#include "redrive/train/seam_exposure.h"
+
+namespace redrive {
+
+/// What a DividedModel knows of its drive.
+struct DividedDrive {
+  std::vector<std::string> cameras;      ///< as Scene::rig
+  std::vector<std::int64_t> ids, t_ns;   ///< of the frames
+  std::vector<std::string> block_names;  ///< for messages
+  BlockWay way;
+  SeamExposure seams;
+
+  /// Returns the time of an exposure; near a frame that of the frame, without rounding.
+  std::int64_t time_of(const Exposure& exposure) const;
+  /// Returns the block whose core has the first frame from at_ns on, or the last one.
+  int block_at_time(std::int64_t at_ns) const;
+  /// Likewise the name of the block whose core has a frame, also one that the run left out.
+  const std::string& block_of(std::int64_t frame_id) const;
+};
+
+/// Renders only. Blocks are loaded where they are needed, and the next one in the direction of the
+/// camera's motion beside. To use by one thread at a time.
+class DividedModel final : public Model {
+ public:
+  /// `like`: a model of the blocks' method, configured; `load` and `bytes`: as BlockCache.
+  DividedModel(std::unique_ptr<Model> like, DividedDrive drive, BlockCache::Load load,
+               std::uint64_t bytes);
+
+  const DividedDrive& drive() const { return drive_; }
+  BlockCache& cache() const { return cache_; }
+  /// Returns the mean over cameras of the block's log gains: what makes the blocks' own colours
+  /// equally bright.
+  LogGains mean_log_gains(int block) const;
+
+  const char* method() const override { return like_->method(); }
+  std::string describe() const override;
+  bool uses_lidar() const override { return like_->uses_lidar(); }
+  bool draws_actors() const override { return like_->draws_actors(); }
+  DeviceWork rendering_work() const override { return like_->rendering_work(); }
+
+  /// Blends colours and opacity by BlockWay::weights at the camera's middle row, depth also by
+  /// opacity. An exposure at a time that a block did not train on is that of the block that did, at
+  /// the same brightness (train/seam_exposure.h). Throws what loading a block throws.
+  RenderedImage render(kernels::Backend& backend, const RayTable& rays,
+                       const ShutterPoses& world_from_camera,
+                       const Exposure& exposure) const override;
+  /// Each ray by the block that holds its origin.
+  RenderedRays trace(kernels::Backend& backend, const kernels::Rays& rays) const override;
+  void trace_actors(kernels::Backend& backend, const kernels::Rays& rays,
+                    std::span<const std::int64_t> t_ns, const std::vector<MovingObject>& actors,
+                    RenderedRays* rendered) const override;
+
+  /// Gaussians of all blocks, each of the block whose core is nearest; without moving objects.
+  /// Colours have the same brightness in all blocks. Blocks of --method splat only.
+  std::vector<ExportFormat> export_formats() const override;
+
+  // A divided run is not trained as one.
+  void visit_hyperparameters(HyperparameterVisitor&) override {}
+  void configure(const Scene&) override {}
+  std::size_t size() const override { return 0; }
+  std::vector<ModelTensor> tensors() const override { return {}; }
+  void initialize(std::uint64_t) override { refuse(); }
+  std::string describe_batch() const override { return like_->describe_batch(); }
+  std::int64_t steps_per_epoch(const TrainingSet&, int) const override { refuse(); }
+  StepOutput step(kernels::Backend&, const TrainingSet&, const StepRequest&, std::span<float>,
+                  StepBuffers*) const override {
+    refuse();
+  }
+  std::vector<LossTerm> loss_terms(const StepSums&) const override { return {}; }
+  double learning_rate(const Schedule&) const override { refuse(); }
+  std::string describe_schedule(std::int64_t) const override { return {}; }
+  std::uint64_t step_bytes() const override { return 0; }
+  DeviceWork training_work() const override { refuse(); }
+  void rehearse(kernels::Backend& counting, const DeviceWork& work, std::span<float> gradients,
+                Workspace* workspace) const override {
+    like_->rehearse(counting, work, gradients, workspace);
+  }
+
+ private:
+  /// An exposure of the drive in a block, and what its image is multiplied by.
+  struct BlockExposure {
+    Exposure exposure;
+    LogGains log_factors{};
+  };
+  /// The rays that begin in a block.
+  struct BlockRays {
+    std::vector<std::size_t> chosen;  ///< indices
+    std::vector<float> origin, direction;
+
+    kernels::Rays rays() const { return {static_cast<int>(chosen.size()), origin, direction}; }
+    void put(const RenderedRays& some, RenderedRays* all) const {
+      for (std::size_t j = 0; j < chosen.size(); ++j) {
+        all->depth[chosen[j]] = some.depth[j];
+        all->opacity[chosen[j]] = some.opacity[j];
+      }
+    }
+  };
+  std::vector<BlockRays> divided(const kernels::Rays& rays) const;
+  BlockExposure exposure_in(int block, const LoadedBlock& loaded, const Exposure& exposure) const;
+  RenderedImage render_block(kernels::Backend& backend, int block, const RayTable& rays,
+                             const ShutterPoses& world_from_camera, const Exposure& exposure) const;
+  LogGains drive_log_gains(const Exposure& exposure) const;
+  void load_ahead(const BlockWay::Place& place) const;
+  [[noreturn]] static void refuse();
+
+  std::unique_ptr<Model> like_;
+  DividedDrive drive_;
+  mutable BlockCache cache_;
+  mutable std::optional<double> last_along_m_;  ///< of the camera rendered last
+  mutable std::optional<std::pair<Exposure, LogGains>> drive_gains_;  ///< of the last exposure
+};
+
+}  // namespace redrive

@@ -1,0 +1,215 @@
+// SPDX-License-Identifier: Apache-2.0
+// Two blocks of Gaussians whose colours, depths and gains are known.
+#include "redrive/render/divided_model.h"
+
+#include <cmath>
+#include <map>
+#include <stdexcept>
+
+#include <gtest/gtest.h>
+
+#include "redrive/model/known_splats_testing.h"
+#include "redrive/render/merged_gaussians.h"
+
+namespace redrive {
+namespace {
+
+constexpr int kFrames = 40;                  ///< a metre and 0.1 s apart; the border is at 19.5 m
+constexpr double kFieldLog[] = {0.3, -0.2};  ///< how bright the fields are
+
+/// Log gain of the camera's exposure, as recorded.
+double recorded_log(double t_s) { return 0.1 * t_s - 0.1; }
+
+Camera small_camera() {
+  return make_camera(
+      {"CAM", "opencv_pinhole", {20, 20, 7.5, 5.5, 0, 0, 0, 0, 0}, 16, 12, Rigid3d::Identity()});
+}
+
+/// Adds a round Gaussian.
+void add(const Eigen::Vector3f& at, float colour, float size, GaussianList* list) {
+  std::vector<float> rows(kGaussianRows, 0.0f);
+  for (int k = 0; k < 3; ++k) {
+    rows[kPositionRow + k] = at[k];
+    rows[kLogScaleRow + k] = std::log(size);
+    rows[kColourRow + k] = colour;
+  }
+  rows[kHarmonicsRow] = 0.1f;
+  rows[kQuaternionRow] = 1;
+  rows[kOpacityRow] = 6;
+  rows[kDistanceRow] = 10;
+  list->rows.insert(list->rows.end(), rows.begin(), rows.end());
+}
+
+/// Block 0 has frames 0..24, block 1 15..39. A field is grey, exp(kFieldLog) too bright, its gains
+/// make up for it. With `walls`, a wall is 8 m ahead of where a camera looks in block 0, 10 m in 1.
+std::shared_ptr<const LoadedBlock> make_block(int b, bool walls) {
+  auto block = std::make_shared<LoadedBlock>();
+  auto model = std::make_unique<SplatModel>();
+  const int first = b == 0 ? 0 : 15, last = b == 0 ? 24 : 39;
+  model->gains.appearance.cameras = 1;
+  model->gains.appearance.knots = last - first + 1;
+  model->gains.appearance.knot_spacing_s = 0.1f;
+  GaussianList list;
+  for (int x = 0; x < kFrames; x += 2)
+    if (walls) add({float(x), 0, b == 0 ? 8.0f : 10.0f}, 0.3f, 2, &list);
+  known_splats::set_gaussians(list, model.get());
+  for (float& colour : model->background) colour = static_cast<float>(0.4 * std::exp(kFieldLog[b]));
+  EXPECT_EQ(model->tensors().back().name, "appearance");
+  float* const knots = model->parameters.data() + model->tensors().back().offset;
+  for (int f = first; f <= last; ++f)
+    for (int c = 0; c < 3; ++c)
+      knots[3 * (f - first) + c] =
+          static_cast<float>((recorded_log(0.1 * f) - kFieldLog[b]) / kLogGainScale);
+  block->scene.rig.push_back({.name = "CAM", .camera = small_camera(), .recorded = small_camera()});
+  for (int f = first; f <= last; ++f)
+    block->scene.frames.push_back({f, f * 100'000'000ll, Rigid3d(Eigen::Translation3d(f, 0, 0))});
+  block->bytes = model->parameters.size() * sizeof(float);
+  block->model = std::move(model);
+  return block;
+}
+
+class DividedModelTest : public testing::Test {
+ protected:
+  explicit DividedModelTest(bool walls = false) : walls_(walls) {
+    std::vector<Eigen::Vector3d> positions;
+    std::vector<std::int64_t> ids, t_ns;
+    for (int f = 0; f < kFrames; ++f) {
+      positions.emplace_back(f, 0, 0);
+      ids.push_back(f);
+      t_ns.push_back(f * 100'000'000ll);
+    }
+    const std::size_t last[] = {19, 39};
+    // exp(log gain) times the field: the same brightness, where they sum to 0.
+    const double off = (kFieldLog[0] + kFieldLog[1]) / 2;
+    SeamExposure seams{{"CAM"}, {}};
+    for (const double field : kFieldLog)
+      seams.log_gains.push_back({{off - field, off - field, off - field}});
+    auto like = std::make_unique<SplatModel>();
+    model_ = std::make_unique<DividedModel>(
+        std::move(like),
+        DividedDrive{{"CAM"}, ids, t_ns, {"000", "001"}, BlockWay(positions, last), seams},
+        [this](int b) {
+          const std::lock_guard lock(mutex_);
+          ++loads_[b];
+          if (b == missing_) throw std::runtime_error("block 001 is not trained");
+          return make_block(b, walls_);
+        },
+        1'000'000);
+  }
+
+  RenderedImage at(double x, const Exposure& exposure) const {
+    return model_->render(*backend_, table_, Rigid3d(Eigen::Translation3d(x, 0.2, 0)), exposure);
+  }
+  RenderedImage of_block(int b, double x) const {
+    return make_block(b, walls_)->model->render(*backend_, table_,
+                                                Rigid3d(Eigen::Translation3d(x, 0.2, 0)), {});
+  }
+  int loads(int block) {
+    const std::lock_guard lock(mutex_);
+    return loads_[block];
+  }
+
+  const bool walls_;
+  std::mutex mutex_;
+  std::map<int, int> loads_;
+  int missing_ = -1;
+  std::unique_ptr<DividedModel> model_;
+  const std::unique_ptr<kernels::Backend> backend_ = known_splats::fast_backend();
+  const RayTable table_ = make_ray_table(small_camera());
+};
+
+class DividedModelWithWalls : public DividedModelTest {
+ protected:
+  DividedModelWithWalls() : DividedModelTest(/*walls=*/true) {}
+};
+
+TEST_F(DividedModelTest, BlocksAreEquallyBrightWithoutExposure) {
+  const double expected = 0.4 * std::exp((kFieldLog[0] + kFieldLog[1]) / 2);
+  for (const double x : {0.0, 10.0, 18.0, 19.5, 21.0, 30.0})
+    EXPECT_NEAR(at(x, {}).rgb[100], expected, 1e-5) << x;
+}
+
+TEST_F(DividedModelTest, AnExposureIsThatOfItsTimeInEveryBlock) {
+  for (const double x : {5.0, 19.0, 35.0})
+    for (const double t_s : {0.0, 1.0, 1.95, 2.2, 3.9})
+      EXPECT_NEAR(at(x, {0, static_cast<float>(t_s)}).rgb[100], 0.4 * std::exp(recorded_log(t_s)),
+                  2e-5)
+          << "at " << x << " m, exposed at " << t_s << " s";
+}
+
+TEST_F(DividedModelTest, LoadsWhatIsNeededAndTheNextOneAhead) {
+  at(3, {});
+  EXPECT_EQ(loads(0), 1);
+  EXPECT_EQ(loads(1), 0) << "a camera that stands needs one block";
+  at(4, {});
+  while (model_->cache().size() < 2) std::this_thread::yield();
+  at(19, {});
+  at(30, {});
+  EXPECT_EQ(loads(0), 1);
+  EXPECT_EQ(loads(1), 1);
+}
+
+TEST_F(DividedModelTest, AMissingBlockFailsWhereItIsNeeded) {
+  missing_ = 1;
+  EXPECT_NO_THROW(at(3, {}));
+  EXPECT_NO_THROW(at(4, {}));
+  EXPECT_THROW(at(30, {}), std::runtime_error);
+  missing_ = -1;
+  EXPECT_NO_THROW(at(30, {}));
+}
+
+TEST_F(DividedModelWithWalls, BlendsByWeightAndOpacity) {
+  const double x = 19.5 - kSeam_m / 4, weight = 0.15625;  // u = 1/4
+  const RenderedImage a = of_block(0, x), b = of_block(1, x), both = at(x, {});
+  const std::size_t centre = 6 * 16 + 8;
+  ASSERT_GT(a.opacity[centre], 0.9);
+  ASSERT_LT(a.depth[centre] + 1, b.depth[centre]);
+  for (std::size_t i = 0; i < a.depth.size(); ++i) {
+    const double of_a = (1 - weight) * a.opacity[i], of_b = weight * b.opacity[i];
+    EXPECT_NEAR(both.opacity[i], of_a + of_b, 1e-5);
+    if (std::isfinite(a.depth[i] + b.depth[i]) && of_a > 0 && of_b > 0) {
+      EXPECT_NEAR(both.depth[i], (of_a * a.depth[i] + of_b * b.depth[i]) / (of_a + of_b), 1e-3);
+    }
+    const double off = (kFieldLog[0] + kFieldLog[1]) / 2;
+    EXPECT_NEAR(both.rgb[3 * i],
+                (1 - weight) * std::exp(off - kFieldLog[0]) * a.rgb[3 * i] +
+                    weight * std::exp(off - kFieldLog[1]) * b.rgb[3 * i],
+                1e-5);
+    EXPECT_EQ(both.valid[i], a.valid[i]);
+  }
+}
+
+TEST_F(DividedModelWithWalls, ABlockAloneHasItsBits) {
+  const auto block = make_block(1, true);
+  const RenderedImage whole = at(30, {0, 3.0f}),
+                      alone = block->model->render(
+                          *backend_, table_, Rigid3d(Eigen::Translation3d(30, 0.2, 0)),
+                          {0, static_cast<float>(1e-9 * (3'000'000'000 - 1'500'000'000))});
+  EXPECT_EQ(whole.rgb, alone.rgb);
+  EXPECT_EQ(whole.depth, alone.depth);
+}
+
+TEST_F(DividedModelWithWalls, TracesEachRayInItsBlock) {
+  const std::vector<float> origin{4, 30, 10, 0.2f, 0.2f, 0.2f, 0, 0, 0},
+      direction{0, 0, 0, 0, 0, 0, 1, 1, 1};
+  const RenderedRays rays = model_->trace(*backend_, {3, origin, direction});
+  EXPECT_NEAR(rays.depth[0], rays.depth[2], 0.01);
+  EXPECT_NEAR(rays.depth[1] - rays.depth[0], 2, 0.05);
+}
+
+TEST_F(DividedModelWithWalls, MergesTheGaussiansOfTheCores) {
+  const MergedGaussians merged = merged_gaussians(*model_);
+  ASSERT_EQ(merged.n, static_cast<std::size_t>(kFrames / 2)) << "each once";
+  const double off = (kFieldLog[0] + kFieldLog[1]) / 2;
+  for (std::size_t i = 0; i < merged.n; ++i) {
+    const auto number = [&](int row) { return merged.numbers[gaussian_slot(i, row)]; };
+    const int b = number(kPositionRow) > 19.5;
+    EXPECT_EQ(number(kPositionRow + 2), b == 0 ? 8 : 10);
+    EXPECT_NEAR(number(kColourRow), 0.3 * std::exp(off - kFieldLog[b]), 1e-6);
+    EXPECT_NEAR(number(kHarmonicsRow), 0.1 * std::exp(off - kFieldLog[b]), 1e-6);
+    EXPECT_EQ(number(kOpacityRow), 6);
+  }
+}
+
+}  // namespace
+}  // namespace redrive

@@ -1,0 +1,114 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/render/open_to_render.h"
+
+#include <algorithm>
+
+#include "redrive/base/error.h"
+#include "redrive/base/memory_limit.h"
+#include "redrive/render/divided_model.h"
+#include "redrive/train/divided_run.h"
+#include "redrive/train/memory.h"
+
+namespace redrive {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::uint64_t kCacheShare = 4;  ///< blocks take the allowed memory by it
+
+std::shared_ptr<const LoadedBlock> load_block(const fs::path& whole, const Block& block,
+                                              const Rigid3d& global_from_world) {
+  const fs::path folder = block_folder(whole, block);
+  const std::string resume = "redrive resume " + whole.string() + " trains it";
+  if (!fs::exists(RunPaths{folder}.checkpoint()))
+    throw InputError(folder, "", "", "block " + block.name + " is not trained; " + resume);
+  auto loaded = std::make_shared<LoadedBlock>();
+  try {
+    Run run = open_run(folder);
+    if (!run.scene.global_from_world.isApprox(global_from_world, 0))
+      throw InputError(folder, "", "", "has another world than " + whole.string());
+    loaded->model = std::move(run.state.model);
+    loaded->scene = std::move(run.scene);
+  } catch (const InputError& error) {
+    throw InputError(folder, "", "",
+                     "block " + block.name + " cannot be opened: " + error.what() +
+                         "; remove its folder, then " + resume + " again");
+  }
+  loaded->scene.views = {};
+  loaded->bytes = loaded->model->parameters.size() * sizeof(float);
+  return loaded;
+}
+
+/// Takes over how each block corrected the tracks of moving objects while its core was driven.
+void correct_tracks(const DividedModel& model, std::vector<MovingObject>* actors) {
+  const DividedDrive& drive = model.drive();
+  if (actors->empty()) return;
+  for (int b = 0; b < drive.way.blocks(); ++b) {
+    std::shared_ptr<const LoadedBlock> block;
+    try {
+      block = model.cache().get(b);
+    } catch (const InputError&) {  // thrown again where an image needs the block
+      continue;
+    }
+    for (MovingObject& actor : *actors) {
+      const auto own = std::ranges::find(block->scene.actors, actor.id, &MovingObject::id);
+      if (own == block->scene.actors.end() || own->keys.size() != actor.keys.size()) continue;
+      for (std::size_t k = 0; k < actor.keys.size(); ++k)
+        if (drive.block_at_time(actor.keys[k].t_ns) == b) actor.keys[k] = own->keys[k];
+      actor.is_refined = own->is_refined;
+    }
+  }
+}
+
+}  // namespace
+
+Run open_to_render(const fs::path& root) {
+  if (!is_divided_run(root)) return open_run(root);
+  DividedRun whole = open_divided_run(root);
+  Run run;
+  run.paths = whole.paths;
+  run.options = std::move(whole.options);
+  run.recording = std::move(whole.recording);
+  run.scene = std::move(whole.scene);
+
+  std::vector<std::string> cameras, names;
+  for (const RigCamera& camera : run.scene.rig) cameras.push_back(camera.name);
+  std::vector<std::int64_t> ids, t_ns;
+  std::vector<Eigen::Vector3d> positions;
+  for (const Frame& frame : run.scene.frames) {
+    ids.push_back(frame.id);
+    t_ns.push_back(frame.t_ns);
+    positions.push_back(frame.world_from_body.translation());
+  }
+  std::vector<std::size_t> last_core;
+  for (const Block& block : whole.blocks) {
+    names.push_back(block.name);
+    last_core.push_back(static_cast<std::size_t>(run.scene.frame_index(block.last_core)));
+  }
+  if (last_core.back() + 1 != positions.size())
+    throw InputError(blocks_file(root), "", "",
+                     "its blocks end before the drive of " + run.recording.root.string());
+
+  auto model = std::make_unique<DividedModel>(
+      make_run_model(run.options, run.scene),
+      DividedDrive{std::move(cameras), std::move(ids), std::move(t_ns), std::move(names),
+                   BlockWay(positions, last_core), read_seam_exposure(root, whole.blocks.size())},
+      [root, blocks = whole.blocks, global_from_world = run.scene.global_from_world](int b) {
+        return load_block(root, blocks[b], global_from_world);
+      },
+      allowed_memory(run.options, memory_bytes()) / kCacheShare);
+  const DividedModel& divided = *model;
+  run.state.model = std::move(model);
+  load_actors(&run);
+  correct_tracks(divided, &run.scene.actors);
+  return run;
+}
+
+void refuse_divided(const fs::path& root, const std::string& what) {
+  if (is_divided_run(root))
+    throw UsageError(what, root.string(),
+                     "does not take a drive that was trained in blocks; take one of " +
+                         (root / "blocks").string());
+}
+
+}  // namespace redrive

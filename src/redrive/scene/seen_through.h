@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: Apache-2.0
+// Which places of LiDAR returns rays of other times saw through.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "redrive/base/parallel.h"
+#include "redrive/scene/lidar_returns.h"
+
+namespace redrive {
+
+/// A return above the ground, one of each kThinning_m of a sweep.
+struct SweepPoint {
+  Eigen::Vector3f in_world = Eigen::Vector3f::Zero(), sensor_in_world = Eigen::Vector3f::Zero();
+  std::int64_t t_ns = 0;
+  float ground_m = 0;  ///< z of the ground below it
+  /// Sweeps at other times with a ray through it and none that ends at it, and those with one that
+  /// ends at it: of as many as tell whether it vanishes or stays.
+  int through = 0, ended = 0;
+  bool vanishes() const { return through >= 2 && 4 * ended <= through; }
+  bool stays() const { return ended > through; }
+};
+
+/// Returns of a tenth of a second.
+struct Sweep {
+  std::vector<SweepPoint> points;  ///< 0.3 m to 3.5 m above the ground, at most 60 m away
+};
+
+constexpr double kSweep_s = 0.1;
+constexpr float kThinning_m = 0.25f;
+
+/// Returns sweeps one after the other, empty ones included; none where they span more than a day.
+/// Sweeps nearer than 0.4 s to one do not count for it.
+std::vector<Sweep> seen_through(const LidarReturns& returns, ThreadPool& pool);
+
+}  // namespace redrive

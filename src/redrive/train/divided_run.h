@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: Apache-2.0
+// The whole of a divided run (train/blocks.h), and its blocks as runs.
+#pragma once
+
+#include <functional>
+
+#include "redrive/base/parallel.h"
+#include "redrive/train/blocks.h"
+#include "redrive/train/run.h"
+#include "redrive/train/seam_exposure.h"
+
+namespace redrive {
+
+/// Options, recording with the poses in use, scene and blocks belong together.
+struct DividedRun {
+  RunPaths paths;  ///< of the whole: config, masks and poses
+  TrainOptions options;
+  Recording recording;
+  Scene scene;  ///< all cameras and frames
+  std::vector<Block> blocks;
+
+  std::filesystem::path folder(const Block& block) const { return block_folder(paths.root, block); }
+};
+
+/// What a process may use of its machine for a block.
+struct BlockResources {
+  int threads = 1;
+  std::uint64_t memory = 0;  ///< bytes
+};
+
+/// Throws UsageError unless --blocks `text` is "auto" or metres; for photographs, and for
+/// --refine-poses on.
+void check_divisible(const std::string& text, const TrainOptions& options,
+                     const Recording& recording);
+/// Divides as --blocks `text` asks for. With `auto` a core has 200 m at most, and less where a
+/// block needs more memory than there is. Returns one block for a shorter drive.
+std::vector<Block> divide_as_told(const std::string& text, const DividedRun& whole,
+                                  const BlockResources& resources);
+
+/// Returns the largest estimate of the blocks' memory. Throws UsageError if one of them has nothing
+/// to train on or needs more than there is.
+std::uint64_t check_blocks(const DividedRun& whole, const BlockResources& resources);
+
+/// Makes the folder with config.json, blocks.json, masks/ and what `fill` writes, all or nothing,
+/// and sets whole->paths. Masks are found in images of the whole drive,
+/// moving objects that nobody annotated in the LiDAR of each block. Errors as create_run and
+/// prepare_training_data.
+void create_divided_run(const std::filesystem::path& root, DividedRun* whole, ThreadPool& pool,
+                        const std::function<void(const RunPaths&)>& fill);
+
+/// Throws InputError if a file is missing or cannot be used.
+DividedRun open_divided_run(const std::filesystem::path& root);
+
+/// Makes the run folder of a block that has none, to be opened by open_block.
+void create_block(const DividedRun& whole, const Block& block);
+/// Opens the run of a block to train it on, from its last checkpoint if it has one. The limits on
+/// epochs, steps and seconds, and what it may use of the machine, are those of the whole.
+Run open_block(const DividedRun& whole, const Block& block);
+/// Removes what killed processes left of folders that they were making. Nobody may train a block
+/// meanwhile.
+void remove_unfinished_folders(const DividedRun& whole);
+
+/// Compares the brightness of the blocks, all of which are trained, and writes exposure.json.
+SeamExposure match_exposures(const DividedRun& whole);
+
+}  // namespace redrive

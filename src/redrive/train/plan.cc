@@ -1,0 +1,197 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/train/plan.h"
+
+#include <algorithm>
+#include <chrono>
+#include <functional>
+#include <optional>
+#include <queue>
+
+#include <nlohmann/json.hpp>
+
+#include "redrive/base/error.h"
+#include "redrive/rays/lidar_sampler.h"
+#include "redrive/scene/load_views.h"
+#include "redrive/train/memory.h"
+#include "redrive/train/step.h"
+#include "redrive/train/training_data.h"
+
+namespace redrive {
+namespace {
+
+double seconds_of(const std::function<void()>& work) {
+  const auto begin = std::chrono::steady_clock::now();
+  work();
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+}
+
+}  // namespace
+
+TrainingRates measure_rates(Run* run, kernels::Backend& backend, int steps) {
+  constexpr int kDecoded = 8;  // images
+  TrainingRates rates;
+  ThreadPool pool(backend.threads());
+  Model& model = *run->state.model;
+  std::vector<const View*> views;
+  for (const View& view : run->scene.views)
+    if (!view.held_out) views.push_back(&view);
+  const double images = static_cast<double>(views.size()), cores = pool.threads();
+
+  const ViewLoader load(run->scene, pool);
+  const std::size_t decoded = std::min<std::size_t>(views.size(), kDecoded);
+  rates.decode_s = seconds_of([&] {
+                     for (std::size_t i = 0; i < decoded; ++i)
+                       load(*views[i * views.size() / decoded]);
+                   }) /
+                   static_cast<double>(decoded);
+  std::optional<TrainingData> data;
+  rates.prepare_s =
+      cores / images * seconds_of([&] { data.emplace(prepare_training_data(*run, pool)); });
+  const PixelSampler sampler(run->scene, data->images, run->options.seed);
+  const LidarSampler lidar(data->lidar, run->options.seed);
+  const TrainingSet set{run->scene, data->view_images(), data->lidar, sampler,
+                        data->lidar.n > 0 && model.uses_lidar() ? &lidar : nullptr};
+  TrainState& state = run->state;
+  rates.start_s =
+      cores / images * seconds_of([&] { model.initialize_from(set, state.seed, pool); });
+  state.adam.first_moment = Buffer<float>(model.size());
+  state.adam.second_moment = Buffer<float>(model.size());
+  if (model.uses_error_map()) {
+    state.cell_errors = Buffer<float>(sampler.cells().size());
+    std::ranges::fill(state.cell_errors.span(), kInitialError);
+  }
+  StepBuffers buffers;
+  const auto step = [&](int i) {
+    StepRequest request = next_step(state);
+    request.progress = static_cast<double>(i) / steps;
+    const double rate = model.learning_rate({state.step, steps, request.progress});
+    train_step(backend, set, request, rate, &state, &buffers);
+  };
+  step(0);  // allocates
+  rates.step_s = cores / steps * seconds_of([&] {
+                   for (int i = 0; i < steps; ++i) step(i);
+                 });
+  return rates;
+}
+
+double queue_seconds(std::vector<double> tasks, int ranks) {
+  REDRIVE_CHECK_OP(ranks, >=, 1);
+  std::ranges::sort(tasks, std::greater<>());
+  std::priority_queue<double, std::vector<double>, std::greater<>> free_at;
+  for (int rank = 0; rank < ranks; ++rank) free_at.push(0);
+  double end = 0;
+  for (const double task : tasks) {
+    const double done = free_at.top() + task;
+    free_at.pop();
+    free_at.push(done);
+    end = std::max(end, done);
+  }
+  return end;
+}
+
+TrainingPlan plan_training(std::vector<PlannedBlock> blocks, const TrainingRates& rates,
+                           const Machines& machines, const TrainingLimits& limits) {
+  REDRIVE_CHECK(!blocks.empty());
+  REDRIVE_CHECK(limits.max_steps > 0 || limits.max_seconds > 0);
+  TrainingPlan plan;
+  std::uint64_t largest = 0, least = 0;
+  for (const PlannedBlock& block : blocks) {
+    largest = std::max(largest, block.memory_bytes);
+    least = std::max(least, block.least_memory_bytes);
+  }
+  if (least > machines.memory)
+    throw UsageError("--memory", gib_text(machines.memory),
+                     "is less than the " + gib_text(least) +
+                         " that the largest block needs; --blocks of fewer metres, or --downscale");
+  const auto n = static_cast<int>(blocks.size());
+  const auto fit = static_cast<int>(std::clamp<std::uint64_t>(machines.memory / largest, 1, 4096));
+  plan.ranks_per_machine =
+      std::min({machines.cores, (n + machines.machines - 1) / machines.machines, fit});
+  plan.cores_per_rank = std::max(1, machines.cores / plan.ranks_per_machine);
+  const double cores = plan.cores_per_rank;
+  const std::uint64_t memory = machines.memory / static_cast<std::uint64_t>(plan.ranks_per_machine);
+  const int ranks = plan.ranks_per_machine * machines.machines;
+
+  std::vector<double> tasks, reads_per_s;
+  double longest = 0, sum = 0;
+  bool any_streams = false, decoding_limits = false;
+  for (PlannedBlock& block : blocks) {
+    block.streams = block.memory_bytes > memory;
+    any_streams |= block.streams;
+    const auto images = static_cast<double>(block.images);
+    const double again = block.streams ? images * rates.decode_s * (kStreamedPasses - 1) : 0,
+                 start_s = (images * rates.start_s + again) / cores;
+    // The part of the steps whose image is not in the cache.
+    const double missing =
+        block.streams ? 1 - static_cast<double>(memory) / static_cast<double>(block.memory_bytes)
+                      : 0;
+    const double decode_s = missing * rates.decode_s / image_decoders(plan.cores_per_rank),
+                 step_s =
+                     std::max(rates.step_s / cores + missing * rates.decode_s / cores, decode_s);
+    decoding_limits |= decode_s >= step_s;
+    block.prepare_s = images * rates.prepare_s / cores;
+    block.train_s = start_s + static_cast<double>(limits.max_steps) * step_s;
+    if (limits.max_seconds > 0)
+      block.train_s = limits.max_steps > 0 ? std::min(block.train_s, limits.max_seconds)
+                                           : std::max(limits.max_seconds, start_s);
+    const double steps = std::max(0.0, block.train_s - start_s) / step_s,
+                 file = static_cast<double>(block.image_file_bytes) / std::max(images, 1.0),
+                 reads = static_cast<double>(block.image_file_bytes) *
+                             (block.streams ? kStreamedPasses : 1) +
+                         static_cast<double>(block.lidar_file_bytes) + steps * missing * file;
+    block.reads_bytes = static_cast<std::uint64_t>(reads);
+    plan.reads_bytes += block.reads_bytes;
+    // A checkpoint is written whole before the one before it goes.
+    plan.writes_bytes += block.checkpoint_bytes;
+    plan.memory_bytes = std::max(plan.memory_bytes, std::min(block.memory_bytes, memory));
+    tasks.push_back(block.seconds());
+    reads_per_s.push_back(std::max((static_cast<double>(block.image_file_bytes) +
+                                    static_cast<double>(block.lidar_file_bytes)) /
+                                       std::max(block.prepare_s, 1e-9),
+                                   missing * file / step_s));
+    longest = std::max(longest, block.seconds());
+    sum += block.seconds();
+  }
+  plan.memory_bytes *= static_cast<std::uint64_t>(plan.ranks_per_machine);
+  plan.seconds = queue_seconds(tasks, ranks);
+  plan.core_seconds = sum * cores;
+  plan.efficiency = sum / (plan.seconds * ranks);
+  std::ranges::sort(reads_per_s, std::greater<>());
+  reads_per_s.resize(std::min<std::size_t>(reads_per_s.size(), static_cast<std::size_t>(ranks)));
+  for (const double rate : reads_per_s) plan.reads_bytes_per_s += rate;
+  plan.limit = decoding_limits                  ? "decoding of images"
+               : longest > 0.999 * plan.seconds ? "the longest block"
+                                                : "the number of cores";
+  plan.blocks = std::move(blocks);
+  return plan;
+}
+
+nlohmann::json to_json(const TrainingPlan& plan) {
+  nlohmann::json blocks = nlohmann::json::array();
+  for (const PlannedBlock& block : plan.blocks)
+    blocks.push_back({{"name", block.name},
+                      {"first_frame", block.first_frame},
+                      {"last_frame", block.last_frame},
+                      {"length_m", block.length_m},
+                      {"images", block.images},
+                      {"memory_bytes", block.memory_bytes},
+                      {"least_memory_bytes", block.least_memory_bytes},
+                      {"streams", block.streams},
+                      {"prepare_s", block.prepare_s},
+                      {"train_s", block.train_s},
+                      {"reads_bytes", block.reads_bytes},
+                      {"checkpoint_bytes", block.checkpoint_bytes}});
+  return {{"ranks_per_machine", plan.ranks_per_machine},
+          {"cores_per_rank", plan.cores_per_rank},
+          {"seconds", plan.seconds},
+          {"core_seconds", plan.core_seconds},
+          {"efficiency", plan.efficiency},
+          {"memory_bytes", plan.memory_bytes},
+          {"reads_bytes", plan.reads_bytes},
+          {"reads_bytes_per_s", plan.reads_bytes_per_s},
+          {"writes_bytes", plan.writes_bytes},
+          {"limit", plan.limit},
+          {"blocks", std::move(blocks)}};
+}
+
+}  // namespace redrive

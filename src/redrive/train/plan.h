@@ -1,0 +1,84 @@
+// SPDX-License-Identifier: Apache-2.0
+// What training a drive will cost, from measured rates and from facts that are read without
+// decoding its images.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include <nlohmann/json_fwd.hpp>
+
+#include "redrive/kernels/backend.h"
+#include "redrive/train/run.h"
+
+namespace redrive {
+
+/// Seconds of one core; work is taken to be shared evenly by a rank's cores.
+struct TrainingRates {
+  double prepare_s = 0;  ///< to read an image and its frame's LiDAR, with masks
+  double decode_s = 0;   ///< part of it: an image alone
+  double start_s = 0;    ///< of an image, for the first parameters (Model::initialize_from)
+  double step_s = 0;     ///< a step, mean of a run
+};
+
+/// Measures the rates with `run`, of which options, recording and scene are set: prepares its data,
+/// then trains for `steps` steps that pass through a whole run's schedule. Writes nothing.
+TrainingRates measure_rates(Run* run, kernels::Backend& backend, int steps);
+
+/// A part of the drive that is a run of its own; the whole drive where it is not divided.
+struct PlannedBlock {
+  std::string name;
+  std::int64_t first_frame = 0, last_frame = 0;  ///< ids
+  double length_m = 0;                           ///< of its core, along the way driven
+  std::int64_t images = 0;                       ///< for training
+  std::uint64_t image_file_bytes = 0, lidar_file_bytes = 0;
+  std::uint64_t memory_bytes = 0;        ///< with all images (MemoryEstimate::total)
+  std::uint64_t least_memory_bytes = 0;  ///< with the smallest cache of them (least)
+  std::uint64_t checkpoint_bytes = 0;
+  // Of plan_training:
+  bool streams = false;           ///< images are decoded when needed
+  double prepare_s = 0;           ///< before training
+  double train_s = 0;             ///< training, with the first parameters
+  std::uint64_t reads_bytes = 0;  ///< from images and LiDAR files
+  double seconds() const { return prepare_s + train_s; }
+};
+
+/// Machines that are alike.
+struct Machines {
+  int machines = 1, cores = 1;  ///< cores of each
+  std::uint64_t memory = 0;     ///< bytes of each that training may use
+};
+
+/// Limits of a run; at least one is > 0.
+struct TrainingLimits {
+  std::int64_t max_steps = 0;
+  double max_seconds = 0;  ///< as TrainOptions
+};
+
+struct TrainingPlan {
+  std::vector<PlannedBlock> blocks;
+  int ranks_per_machine = 1, cores_per_rank = 1;
+  double seconds = 0;              ///< from the start to the end of the last block
+  double core_seconds = 0;         ///< that blocks use
+  double efficiency = 1;           ///< time of the blocks over that of all ranks
+  std::uint64_t memory_bytes = 0;  ///< of a machine, at most
+  std::uint64_t reads_bytes = 0, writes_bytes = 0;
+  double reads_bytes_per_s = 0;  ///< of all machines, while ranks prepare and train, at most
+  std::string limit;             ///< what more machines would not shorten
+};
+
+/// Passes over images that are not in memory, before the first step.
+constexpr int kStreamedPasses = 6;
+
+/// Returns the seconds that `ranks` take for tasks from a queue, longest first.
+double queue_seconds(std::vector<double> tasks, int ranks);
+
+/// As many blocks are trained at once on a machine as its memory holds, one a core at most. Throws
+/// UsageError naming --memory where the largest block does not fit.
+TrainingPlan plan_training(std::vector<PlannedBlock> blocks, const TrainingRates& rates,
+                           const Machines& machines, const TrainingLimits& limits);
+
+nlohmann::json to_json(const TrainingPlan& plan);
+
+}  // namespace redrive

@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: Apache-2.0
+// Moving objects as a page edits them: what it knows of them, its edit within bounds, the object
+// that a ray meets, and where one goes that is dragged.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <nlohmann/json_fwd.hpp>
+
+#include "redrive/recording/traffic_edit.h"
+#include "redrive/scene/scene.h"
+#include "redrive/view/messages.h"
+#include "redrive/view/view_renderer.h"
+
+namespace redrive::view {
+
+// Bounds of a page's edit beside those of its format: it is applied while others wait for images.
+constexpr std::size_t kMaxPageCopies = 100;  ///< with objects that are added
+constexpr double kMaxAfterDrive_s = 60;      ///< of a track's last time after the drive's end
+
+/// Changes that pages begin with.
+struct FirstEdit {
+  std::string text;                  ///< of an EDIT.json; empty: there are none
+  std::filesystem::path file;        ///< of --edit; may be empty
+  std::string saved_as;              ///< the file, where it has this text
+  std::vector<std::string> remarks;  ///< as edit_actors
+};
+
+/// Returns the changes of --edit, a file or empty, and --actors: objects that it leaves out are
+/// removed. UsageError, InputError as of `redrive render`; InputError where no page could send it.
+FirstEdit first_edit(const Scene& scene, const std::string& actors,
+                     const std::filesystem::path& edit);
+
+/// Throws InputError where an edit has the body of a file that `known` does not have: pages make
+/// the program read no others.
+void check_body_files(const TrafficEdit& edit, const TrafficEdit& known);
+
+/// The objects of a run as edited.
+struct Traffic {
+  Scene scene;                       ///< frames and actors alone
+  std::vector<std::string> remarks;  ///< as edit_actors
+};
+/// InputError as edit_actors, and for an edit beyond the bounds above.
+Traffic edited_traffic(const Scene& scene, const TrafficEdit& edit);
+
+/// Returns [{"id", "type", "frames": [first, last], "size_m", "nearest": null or {"camera",
+/// "frame"}}, ..]: ids of frames that it is at, and the image that shows its centre from nearest.
+nlohmann::json objects_to_json(const Scene& scene);
+
+/// An object that a ray meets.
+struct ObjectOnRay {
+  std::int64_t id = 0;
+  double from_m = 0;  ///< along the ray, to its box
+};
+/// Returns the object whose box a ray enters first. `direction`: of length 1.
+std::optional<ObjectOnRay> object_on_ray(const Scene& traffic, std::int64_t t_ns,
+                                         const Eigen::Vector3d& origin,
+                                         const Eigen::Vector3d& direction);
+
+/// Returns the point that turns an object of this size, in its box: ahead of it, on the road.
+Eigen::Vector3d handle_in_box(const Eigen::Vector3d& size_m);
+
+/// Returns {"shift_m"}, or {"turn_deg"} where the drag turns: the change of an object that follows
+/// the pointer on the plane under its box, as if it were held there. Without either where it is not
+/// there or the pointer is not on that plane within 200 m. `edit`: the one of `traffic`.
+nlohmann::json dragged(const DragMessage& drag, const Placement& placement, const Scene& traffic,
+                       const TrafficEdit& edit);
+
+}  // namespace redrive::view

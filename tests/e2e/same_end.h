@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: Apache-2.0
+// Whether two runs ended alike, and how far a run is.
+#pragma once
+
+#include <chrono>
+#include <cstring>
+#include <span>
+#include <thread>
+
+#include "redrive/train/run.h"
+#include "tests/e2e/end_to_end.h"
+
+namespace redrive::testing {
+
+inline bool bit_equal(std::span<const float> a, std::span<const float> b) {
+  return a.size() == b.size() && std::memcmp(a.data(), b.data(), a.size_bytes()) == 0;
+}
+
+inline void expect_same_end(const fs::path& a, const fs::path& b) {
+  const TrainState x = load_checkpoint(a / "checkpoint.safetensors"),
+                   y = load_checkpoint(b / "checkpoint.safetensors");
+  EXPECT_EQ(x.step, y.step);
+  EXPECT_TRUE(bit_equal(x.model->parameters, y.model->parameters));
+  EXPECT_TRUE(bit_equal(x.adam.first_moment, y.adam.first_moment));
+  EXPECT_TRUE(bit_equal(x.adam.second_moment, y.adam.second_moment));
+  const std::vector<MetricsRow> p = read_metrics({a}), q = read_metrics({b});
+  ASSERT_EQ(p.size(), q.size());
+  for (std::size_t i = 0; i < p.size(); ++i) {
+    EXPECT_EQ(p[i].step, q[i].step);
+    EXPECT_EQ(p[i].loss, q[i].loss);
+    EXPECT_EQ(p[i].psnr_db, q[i].psnr_db);
+  }
+}
+
+/// Waits until the run has written `rows` rows of metrics; false if it takes a minute.
+inline bool wait_for_rows(const fs::path& run, std::size_t rows) {
+  for (int i = 0; i < 6000; ++i) {
+    if (fs::exists(run / "config.json") && read_metrics({run}).size() >= rows) return true;
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  }
+  return false;
+}
+
+}  // namespace redrive::testing
