@@ -165,10 +165,10 @@ bool Viewer::work(bool waits) {
     }
   }
   // The clients after the one that was served last come first.
-  std::rotate(turn.begin(),
-              std::ranges::find_if(turn,
-                                   [&](const auto& entry) { return entry.first > last_served_; }),
-              turn.end());
+  std::rotate(
+      turn.begin(),
+      std::ranges::find_if(turn, [&](const auto& entry) { return entry.first > last_served_; }),
+      turn.end());
   Clock::time_point wake_at = Clock::now() + std::chrono::milliseconds(100);
   for (auto& [id, client] : turn) {
     if (!work(id, *client, &wake_at)) continue;
