@@ -1,17 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
-// Bodies of objects, PLY: parses any bytes into Gaussians that can be drawn or throws an
-// InputError.
+// Bodies of objects, PLY and SPZ: parses any bytes, and any bytes compressed, into Gaussians that
+// can be drawn or throws an InputError.
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <string_view>
 
 #include "redrive/base/error.h"
+#include "redrive/base/gzip.h"
 #include "redrive/field/gaussian.h"
 #include "redrive/scene/actor_body.h"
 
-extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
-  const std::string_view bytes(reinterpret_cast<const char*>(data), size);
+namespace {
+
+void parse(std::string_view bytes) {
   try {
     const redrive::ActorBody body = redrive::parse_actor_body(bytes, "van.ply");
     if (body.n == 0 || !(body.size_m.minCoeff() > 0 && body.size_m.maxCoeff() <= 200))
@@ -22,5 +24,13 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
       if (!std::isfinite(number)) __builtin_trap();
   } catch (const redrive::InputError&) {
   }
+}
+
+}  // namespace
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  const std::string_view bytes(reinterpret_cast<const char*>(data), size);
+  parse(bytes);
+  if (bytes.starts_with("NGSP")) parse(redrive::gzip(bytes));
   return 0;
 }

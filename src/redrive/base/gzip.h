@@ -2,6 +2,8 @@
 // Compression of whole byte strings, by zlib.
 #pragma once
 
+#include <cstddef>
+#include <optional>
 #include <string>
 #include <string_view>
 
@@ -9,6 +11,9 @@ namespace redrive {
 
 /// Returns a gzip file of these bytes, without a time, so that equal bytes give equal files.
 std::string gzip(std::string_view bytes);
+
+/// Returns the bytes of a gzip file; nothing if it is damaged or holds more than `most` bytes.
+std::optional<std::string> gunzip_at_most(std::size_t most, std::string_view file);
 
 /// Returns the bytes of a gzip file that this program made or embeds; fails a check for others.
 std::string gunzip(std::string_view file);

@@ -25,6 +25,15 @@ TEST(Gzip, NoticesDamage) {
   EXPECT_THROW(gunzip(file.substr(0, file.size() - 4)), std::logic_error);
   EXPECT_THROW(gunzip("no file"), std::logic_error);
   EXPECT_THROW(gunzip(""), std::logic_error);
+  for (std::size_t size = 0; size < file.size(); ++size)
+    EXPECT_FALSE(gunzip_at_most(1000, std::string_view(file).substr(0, size))) << size;
+}
+
+TEST(Gzip, StopsAtMost) {
+  const std::string file = gzip(std::string(200000, 'a'));
+  EXPECT_EQ(gunzip_at_most(200000, file), std::string(200000, 'a'));
+  EXPECT_FALSE(gunzip_at_most(199999, file));
+  EXPECT_FALSE(gunzip_at_most(0, file));
 }
 
 }  // namespace

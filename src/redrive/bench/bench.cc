@@ -167,14 +167,15 @@ Camera bench_fisheye() {
                       kSide});
 }
 
-/// Times whole images of --method splat and steps on one window, also of twice the Gaussians. A
-/// sample is a Gaussian.
+/// Times whole images of --method splat and steps on one window, also of twice the Gaussians, and
+/// with as many of which 50 objects have a quarter. A sample is a Gaussian.
 void time_splats(Runner& runner, kernels::Backend& backend, const SyntheticDrive& drive) {
   constexpr double kRead = kGaussianRows * sizeof(float);  // bytes of a Gaussian
   constexpr int kGaussians = 400'000;
   const std::string pinhole = "render/splat-400k-1280x704",
                     fisheye = "render/splat-400k-mei-1400x1400", step = "step/splat-400k-640x352",
-                    twice = "step/splat-800k-640x352";
+                    twice = "step/splat-800k-640x352",
+                    traffic = "step/splat-400k-50-actors-640x352";
   if (backend.name() != "cpu") return;  // ref would take hours, and a GPU does not rasterise
   const auto time_render = [&](const std::string& name, const Camera& camera) {
     if (!runner.wanted(name)) return;
@@ -184,12 +185,12 @@ void time_splats(Runner& runner, kernels::Backend& backend, const SyntheticDrive
       state.model->render(backend, rays, drive.scene.world_from_camera(drive.scene.views[0]), {});
     });
   };
-  const auto time_step = [&](const std::string& name, int gaussians) {
+  const auto time_step = [&](const std::string& name, const SyntheticDrive& of, int gaussians) {
     if (!runner.wanted(name)) return;
-    TrainState state = make_splat_state(drive, gaussians);
-    const PixelSampler sampler(drive.scene, drive.images, 1);
+    TrainState state = make_splat_state(of, gaussians);
+    const PixelSampler sampler(of.scene, of.images, 1);
     const LidarReturns no_lidar;
-    const TrainingSet data{drive.scene, drive.images, no_lidar, sampler};
+    const TrainingSet data{of.scene, of.images, no_lidar, sampler};
     StepBuffers buffers;
     runner.time(name, gaussians, {0, kRead}, [&] {
       StepRequest request = next_step(state);
@@ -200,8 +201,11 @@ void time_splats(Runner& runner, kernels::Backend& backend, const SyntheticDrive
   };
   time_render(pinhole, drive.scene.rig[0].camera);
   time_render(fisheye, bench_fisheye());
-  time_step(step, kGaussians);
-  time_step(twice, 2 * kGaussians);
+  time_step(step, drive, kGaussians);
+  time_step(twice, drive, 2 * kGaussians);
+  SyntheticDrive with_actors = drive;
+  add_actors(50, &with_actors);
+  time_step(traffic, with_actors, kGaussians);
 }
 
 void time_kernels(Runner& runner, kernels::Backend& backend, const SyntheticDrive& drive) {

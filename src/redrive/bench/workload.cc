@@ -47,6 +47,24 @@ SyntheticDrive make_synthetic_drive() {
   return drive;
 }
 
+void add_actors(int n, SyntheticDrive* drive) {
+  constexpr int kLanes = 4;
+  constexpr double kSpeed_m_per_s = 5;
+  for (int i = 0; i < n; ++i) {
+    MovingObject car{
+        .id = i + 1, .type = "CAR", .deforms = false, .size_m = {4, 2, 1.5}, .keys = {}};
+    const double ahead_m = 3 * std::pow(100.0 / 3, (i / kLanes + 0.5) * kLanes / n);
+    for (const Frame& frame : drive->scene.frames) {
+      Rigid3d pose = Rigid3d::Identity();
+      pose.translation() =
+          Eigen::Vector3d(ahead_m + kSpeed_m_per_s * 1e-9 * static_cast<double>(frame.t_ns),
+                          4 * (i % kLanes) - 6, -0.75);
+      car.keys.push_back({frame.t_ns, pose, {kSpeed_m_per_s, 0, 0}});
+    }
+    drive->scene.actors.push_back(car);
+  }
+}
+
 TrainOptions options_of(const std::string& method, int width, int samples) {
   TrainOptions options;
   options.method = method;
@@ -129,29 +147,42 @@ TrainState make_splat_state(const SyntheticDrive& drive, int n) {
   auto& model = static_cast<SplatModel&>(*state.model);
   const Rigid3d world_from_camera = drive.scene.world_from_camera(drive.scene.views[0]);
   const std::uint64_t key = random_key(1, kStreamTest);
-  GaussianList list;
-  list.rows.resize(static_cast<std::size_t>(n) * kGaussianRows);
-  for (int i = 0; i < n; ++i) {
-    const auto unit = [&](int k) { return double(random_unit(key, 8 * std::uint64_t(i) + k)); };
-    float* const rows = &list.rows[static_cast<std::size_t>(i) * kGaussianRows];
-    // Distances as LiDAR and images have them: even in their logarithm, 3 to 100 m.
-    const double z = 3 * std::pow(100.0 / 3, unit(0)), side = 2 * unit(1) - 1;
-    const int surface = static_cast<int>(3 * unit(2));  // road, left, right
-    const Eigen::Vector3d at = surface == 0   ? Eigen::Vector3d(8 * side, 1.5, z)
-                               : surface == 1 ? Eigen::Vector3d(-8, 1.5 - 10 * unit(1), z)
-                                              : Eigen::Vector3d(8, 1.5 - 10 * unit(1), z);
-    const Eigen::Vector3d in_world = world_from_camera * at;
-    const double size = 0.5 * z * std::sqrt(3 * 16 * std::log(100.0 / 3) / (z * n));
+  const int actors = static_cast<int>(drive.scene.actors.size()),
+            of_actors = actors > 0 ? n / 4 : 0;
+  std::vector<GaussianList> lists(1 + drive.scene.actors.size());
+  const auto unit = [&](int i, int k) {
+    return double(random_unit(key, 8 * std::uint64_t(i) + std::uint64_t(k)));
+  };
+  const auto put = [&](int i, const Eigen::Vector3d& at, double size, double distance,
+                       GaussianList* list) {
+    list->rows.resize(list->rows.size() + kGaussianRows);
+    float* const rows = &*(list->rows.end() - kGaussianRows);
     for (int k = 0; k < 3; ++k) {
-      rows[kPositionRow + k] = static_cast<float>(in_world[k]);
-      rows[kLogScaleRow + k] = static_cast<float>(std::log(size * (0.3 + unit(3 + k))));
-      rows[kColourRow + k] = static_cast<float>(unit(5 + k));
+      rows[kPositionRow + k] = static_cast<float>(at[k]);
+      rows[kLogScaleRow + k] = static_cast<float>(std::log(size * (0.3 + unit(i, 3 + k))));
+      rows[kColourRow + k] = static_cast<float>(unit(i, 5 + k));
     }
     rows[kQuaternionRow] = 1;
-    rows[kOpacityRow] = static_cast<float>(3 * unit(6));
-    rows[kDistanceRow] = static_cast<float>(at.norm());
+    rows[kOpacityRow] = static_cast<float>(3 * unit(i, 6));
+    rows[kDistanceRow] = static_cast<float>(distance);
+  };
+  for (int i = 0; i < n - of_actors; ++i) {
+    // Distances as LiDAR and images have them: even in their logarithm, 3 to 100 m.
+    const double z = 3 * std::pow(100.0 / 3, unit(i, 0)), side = 2 * unit(i, 1) - 1;
+    const int surface = static_cast<int>(3 * unit(i, 2));  // road, left, right
+    const Eigen::Vector3d at = surface == 0   ? Eigen::Vector3d(8 * side, 1.5, z)
+                               : surface == 1 ? Eigen::Vector3d(-8, 1.5 - 10 * unit(i, 1), z)
+                                              : Eigen::Vector3d(8, 1.5 - 10 * unit(i, 1), z);
+    const double size = 0.5 * z * std::sqrt(3 * 16 * std::log(100.0 / 3) / (z * n));
+    put(i, world_from_camera * at, size, at.norm(), lists.data());
   }
-  model.set_gaussians({&list, 1}, {});
+  for (int i = n - of_actors; i < n; ++i) {
+    const auto actor = static_cast<std::size_t>(i % actors);
+    const Eigen::Vector3d at =
+        Eigen::Vector3d(unit(i, 0), unit(i, 1), unit(i, 2)) - Eigen::Vector3d::Constant(0.5);
+    put(i, drive.scene.actors[actor].size_m.cwiseProduct(at), 0.05, 10, &lists[1 + actor]);
+  }
+  model.set_gaussians(lists, drive.scene.actors);
   state.adam.first_moment = Buffer<float>(model.size());
   state.adam.second_moment = Buffer<float>(model.size());
   return state;

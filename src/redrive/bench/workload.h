@@ -27,6 +27,9 @@ struct SyntheticDrive {
 };
 SyntheticDrive make_synthetic_drive();
 
+/// Adds cars of 4 x 2 x 1.5 m that drive ahead in four lanes, 3 to 100 m before the first camera.
+void add_actors(int n, SyntheticDrive* drive);
+
 /// Returns the options of a fresh run of the method with this width and samples per ray.
 TrainOptions options_of(const std::string& method, int width, int samples);
 
@@ -62,7 +65,8 @@ struct GridBatch {
 };
 
 /// A run of --method splat with `n` Gaussians along a street before the drive's cameras: flat on a
-/// road and two facades, as large as half the distance of their neighbours.
+/// road and two facades, as large as half the distance of their neighbours. A quarter of them are
+/// those of the drive's actors, if any.
 TrainState make_splat_state(const SyntheticDrive& drive, int n);
 
 }  // namespace redrive::bench

@@ -115,6 +115,7 @@ void print_edited(const std::map<std::string, EditedScore>& scores) {
               "px masked");
   for (const auto& [name, score] : scores) {
     print_row(name + ", changed region", score.inside);
+    print_row(name + ", seen part of it", score.seen);
     print_row(name + ", beside it", score.outside);
   }
 }

@@ -7,6 +7,7 @@
 #include "redrive/base/error.h"
 #include "redrive/base/evenly_spaced.h"
 #include "redrive/eval/evaluate.h"
+#include "redrive/scene/moving_objects.h"
 
 namespace redrive {
 namespace {
@@ -29,17 +30,26 @@ int small_factor(const Camera& full) {
   return std::clamp(full.width / kSmallWidth, 1, full.height);
 }
 
+/// Returns the pose in the middle row.
+Rigid3d actor_from_camera(const ShutterPoses::Actor& actor) {
+  return rigid(actor.actor_from_camera[actor.actor_from_camera.size() / 2]);
+}
+
 /// `table`: of the small image.
 TrainingDepth render_depth(const Run& run, kernels::Backend& backend, const View& of,
                            const Exclusions& left_out, const RayTable& table) {
   const Camera& full = run.scene.rig[of.camera].camera;
   const Camera& small = table.camera;
   const int factor = small_factor(full);
-  const Rigid3d world_from_camera = run.scene.world_from_camera(of);
-  const RenderedImage image = render_image(backend, *run.state.model, table, world_from_camera);
+  const ShutterPoses poses = run.scene.shutter_poses(of);
+  const RenderedImage image = render_image(backend, *run.state.model, table, poses);
   const Mask mask = view_mask(run.scene, of, left_out.masks[of.camera], left_out.moving);
-  TrainingDepth depth{small, world_from_camera.inverse(Eigen::Isometry),
+  TrainingDepth depth{small,
+                      run.scene.world_from_camera(of).inverse(Eigen::Isometry),
+                      {},
                       std::vector<float>(image.depth.size())};
+  for (const ShutterPoses::Actor& actor : poses.actors())
+    depth.camera_from_actor[actor.body] = actor_from_camera(actor).inverse(Eigen::Isometry);
   for (int y = 0; y < small.height; ++y)
     for (int x = 0; x < small.width; ++x) {
       const std::size_t k = static_cast<std::size_t>(y) * small.width + x;
@@ -55,18 +65,19 @@ RayTable small_table(const Camera& full) {
 
 }  // namespace
 
-bool TrainingDepth::sees(const Eigen::Vector3d& point_in_world) const {
-  const Eigen::Vector3d in_camera = camera_from_world * point_in_world;
-  const auto at = camera.project(in_camera);
+bool TrainingDepth::sees(const Eigen::Vector3d& point_in_camera) const {
+  const auto at = camera.project(point_in_camera);
   if (!at) return false;
   const long x = std::lround(at->x()), y = std::lround(at->y());
   if (x < 0 || y < 0 || x >= camera.width || y >= camera.height) return false;
   const double surface_m = range_m[static_cast<std::size_t>(y) * camera.width + x];
-  return surface_m > 0 && in_camera.norm() <= (1 + kRangeTolerance) * surface_m;
+  return surface_m > 0 && point_in_camera.norm() <= (1 + kRangeTolerance) * surface_m;
 }
 
 Coverage::Coverage(const Run& run, kernels::Backend& backend) : far_m_(run.scene.far_m) {
   const Scene& scene = run.scene;
+  for (const MovingObject& actor : scene.actors)
+    half_size_m_[actor.id] = actor.size_m / 2 + Eigen::Vector3d::Constant(kBoxMargin_m);
   const Exclusions left_out = read_exclusions(run);
   for (int c = 0; c < static_cast<int>(scene.rig.size()); ++c) {
     std::vector<const View*> training;
@@ -79,21 +90,34 @@ Coverage::Coverage(const Run& run, kernels::Backend& backend) : far_m_(run.scene
   }
 }
 
-std::vector<std::uint8_t> Coverage::seen(const Camera& camera, const Rigid3d& world_from_camera,
+std::vector<std::uint8_t> Coverage::seen(const Camera& camera,
+                                         const ShutterPoses& world_from_camera,
                                          const RenderedImage& rendered) const {
   REDRIVE_CHECK_OP(rendered.width, ==, camera.width);
   REDRIVE_CHECK_OP(rendered.height, ==, camera.height);
   std::vector<std::uint8_t> seen(rendered.depth.size(), 0);
+  const Rigid3d middle = world_from_camera.at(0.5);
   for (std::size_t i = 0; i < seen.size(); ++i) {
     if (!rendered.valid[i]) continue;
     const Eigen::Vector2d pixel(static_cast<double>(i % rendered.width),
                                 static_cast<double>(i / rendered.width));
     const auto direction = camera.unproject(pixel);
     if (!direction) continue;
-    const Eigen::Vector3d point =
-        world_from_camera * Eigen::Vector3d(range_of(rendered, i, far_m_) * *direction);
-    seen[i] =
-        std::ranges::any_of(views_, [&](const TrainingDepth& view) { return view.sees(point); });
+    const Eigen::Vector3d point = range_of(rendered, i, far_m_) * *direction;
+    const auto shows = [&](const ShutterPoses::Actor& actor) {
+      const auto half_m = half_size_m_.find(actor.body);
+      return half_m != half_size_m_.end() &&
+             ((actor_from_camera(actor) * point).cwiseAbs().array() <= half_m->second.array())
+                 .all();
+    };
+    const auto actor = std::ranges::find_if(world_from_camera.actors(), shows);
+    const bool is_static = actor == world_from_camera.actors().end();
+    seen[i] = std::ranges::any_of(views_, [&](const TrainingDepth& view) {
+      if (is_static) return view.sees(view.camera_from_world * (middle * point));
+      const auto there = view.camera_from_actor.find(actor->body);
+      return !actor->imported && there != view.camera_from_actor.end() &&
+             view.sees(there->second * (actor_from_camera(*actor) * point));
+    });
   }
   return seen;
 }
@@ -134,7 +158,8 @@ bool PointObservers::step(PointSearch* search) {
         depths_
             .emplace(view, render_depth(run_, backend_, *view, exclusions_, tables_[view->camera]))
             .first;
-  if (known->second.sees(search->point_in_world)) search->seen_by.push_back(view);
+  if (known->second.sees(known->second.camera_from_world * search->point_in_world))
+    search->seen_by.push_back(view);
   return search->tested < search->candidates.size();
 }
 

@@ -18,11 +18,12 @@ namespace redrive {
 struct TrainingDepth {
   Camera camera;  ///< of the small image
   Rigid3d camera_from_world;
+  std::map<std::int64_t, Rigid3d> camera_from_actor;  ///< by MovingObject::id, of those it has
   std::vector<float> range_m;  ///< [height, width]; 0 outside the camera model's valid region
                                ///< and where the run masks the image (train/training_data.h)
 
   /// Whether a point lies in the image, is not masked there and is not occluded.
-  bool sees(const Eigen::Vector3d& point_in_world) const;
+  bool sees(const Eigen::Vector3d& point_in_camera) const;
 };
 
 /// Finds what the training images saw.
@@ -33,14 +34,16 @@ class Coverage {
   Coverage(const Run& run, kernels::Backend& backend);
 
   /// Returns [height, width]: 1 where some training image saw the surface in `rendered`, else 0. A
-  /// ray that hits no surface (opacity below 1/2) ends at the far limit.
-  std::vector<std::uint8_t> seen(const Camera& camera, const Rigid3d& world_from_camera,
+  /// ray that hits no surface (opacity below 1/2) ends at the far limit. A surface within a moving
+  /// object's box is sought where the object was in each training image.
+  std::vector<std::uint8_t> seen(const Camera& camera, const ShutterPoses& world_from_camera,
                                  const RenderedImage& rendered) const;
 
   static constexpr int kMaxViews = 64;
 
  private:
   std::vector<TrainingDepth> views_;
+  std::map<std::int64_t, Eigen::Vector3d> half_size_m_;  ///< of moving objects, with a margin
   double far_m_ = 0;
 };
 

@@ -36,6 +36,7 @@ class CoverageTest : public testing::Test {
  protected:
   CoverageTest() {
     run_.scene.rig = {{"A", front_camera(), front_camera(), Rigid3d::Identity()}};
+    run_.scene.frames = {{0, 0, Rigid3d::Identity()}};
     run_.scene.views = {{0, 0, "", false}};  // at the origin
     run_.scene.far_m = 100;
     auto own = std::make_unique<NerfModel>();
@@ -135,6 +136,30 @@ TEST_F(CoverageTest, FindsTheTrainingImagesThatSawAPoint) {
   EXPECT_EQ(seen_by(-3, 10), (std::vector<const View*>{left, origin}));
   EXPECT_EQ(seen_by(8, 10), std::vector<const View*>{origin});  // outside the other image
   EXPECT_EQ(seen_by(0, -10), std::vector<const View*>{});
+}
+
+// A car of 1 x 1 x 1 m that stands 3 m to the left of the board in the training image has moved 2 m
+// to the right: its surface, which was seen, lies where the board's shadow is now.
+TEST_F(CoverageTest, ASurfaceOfAnObjectIsSoughtWhereTheObjectWas) {
+  MovingObject car{.id = 7, .type = "CAR", .deforms = false, .size_m = {1, 1, 1}, .keys = {}};
+  Rigid3d pose = Rigid3d::Identity();
+  pose.translation() = Eigen::Vector3d(-4, 0, 10);
+  car.keys = {{0, pose, Eigen::Vector3d::Zero()}};
+  run_.scene.actors = {car};
+  const Coverage coverage(run_, walls_);
+  const auto middle_row = [&](double car_x_m) {
+    Scene scene = run_.scene;
+    scene.actors[0].keys[0].world_from_box.translation().x() = car_x_m;
+    View view = scene.views[0];
+    view.world_from_body.translation().x() = 2;
+    const ShutterPoses poses = scene.shutter_poses(view);
+    const RenderedImage image = render_image(walls_, *run_.state.model, front_camera(), poses);
+    const auto seen = coverage.seen(front_camera(), poses, image);
+    return std::vector<std::uint8_t>(seen.begin() + 5 * kColumns, seen.begin() + 6 * kColumns);
+  };
+  // Column 18 has x = 1 on the wall, which the board hides from the origin.
+  EXPECT_EQ(middle_row(1)[18], 1) << "the car's middle, at x = -4 when it was seen";
+  EXPECT_EQ(middle_row(-4)[18], 0);
 }
 
 }  // namespace

@@ -11,6 +11,7 @@
 #include "redrive/base/error.h"
 #include "redrive/base/evenly_spaced.h"
 #include "redrive/base/files.h"
+#include "redrive/eval/coverage.h"
 #include "redrive/eval/score_mean.h"
 #include "redrive/recording/frame_files.h"
 #include "redrive/scene/edit_actors.h"
@@ -104,12 +105,13 @@ std::map<std::string, EditedScore> score_edited(const Run& run, kernels::Backend
   const Exclusions left_out = read_exclusions(run);
   Scene aligned = run.scene;
   align_held_out(run, backend, sets, left_out, &aligned);
+  const Coverage coverage(run, backend);
 
   std::map<std::string, EditedScore> scores;
   for (std::size_t s = 0; s < sets.size(); ++s) {
     Scene& scene = scenes[s];
     scene.views = aligned.views;
-    ScoreMean inside, outside;
+    ScoreMean inside, seen, outside;
     for (const EditedImage& image : sets[s].images) {
       View view = scene.views[image.view];
       view.image = image.image;
@@ -119,16 +121,22 @@ std::map<std::string, EditedScore> score_edited(const Run& run, kernels::Backend
         apply_mask(left_out.masks[view.camera], &of_part);
         return of_part;
       };
-      const Image8 changed = ground_truth(true), rest = ground_truth(false);
+      Image8 changed = ground_truth(true);
+      const Image8 rest = ground_truth(false);
+      const Camera& camera = scene.rig[view.camera].camera;
+      const ShutterPoses poses = scene.shutter_poses(view);
       const RenderedImage rendered =
-          render_image(backend, *run.state.model,
-                       make_ray_table(scene.rig[view.camera].camera, backend.threads()),
-                       scene.shutter_poses(view), scene.exposure(view));
+          render_image(backend, *run.state.model, make_ray_table(camera, backend.threads()), poses,
+                       scene.exposure(view));
       inside.add(score_image(backend, rendered, changed));
       outside.add(score_image(backend, rendered, rest));
+      const std::vector<std::uint8_t> is_seen = coverage.seen(camera, poses, rendered);
+      for (std::size_t i = 0; i < changed.used.size(); ++i) changed.used[i] &= is_seen[i];
+      if (std::ranges::count_if(changed.used, [](std::uint8_t used) { return used != 0; }) > 0)
+        seen.add(score_image(backend, rendered, changed));
       if (options.progress) options.progress(++done, total);
     }
-    scores[sets[s].name] = {inside.mean(), outside.mean()};
+    scores[sets[s].name] = {inside.mean(), seen.mean(), outside.mean()};
   }
   return scores;
 }
@@ -137,6 +145,7 @@ nlohmann::json edited_to_json(const std::map<std::string, EditedScore>& scores) 
   nlohmann::json edits = nlohmann::json::object();
   for (const auto& [name, score] : scores)
     edits[name] = {{"inside", score_to_json(score.inside)},
+                   {"seen", score_to_json(score.seen)},
                    {"outside", score_to_json(score.outside)}};
   return {{"edited", edits}};
 }

@@ -18,8 +18,11 @@
 namespace redrive {
 
 struct EditedScore {
-  Score inside;   ///< of the changed pixels
-  Score outside;  ///< of all others
+  Score inside;  ///< of the changed pixels
+  /// Of the changed pixels whose surface some training image saw (eval/coverage.h): the others are
+  /// guesses. Without images if there is none.
+  Score seen;
+  Score outside;  ///< of all other pixels than the changed ones
 };
 
 /// Returns scores by edit: of `folder`, or of its folders that hold an edit.json. Renders the
@@ -30,7 +33,7 @@ std::map<std::string, EditedScore> score_edited(const Run& run, kernels::Backend
                                                 const std::filesystem::path& folder,
                                                 const EvalOptions& options = {});
 
-/// Returns {"edited": {NAME: {"inside": SCORE, "outside": SCORE}}}, SCORE as in
+/// Returns {"edited": {NAME: {"inside": SCORE, "seen": SCORE, "outside": SCORE}}}, SCORE as in
 /// evaluation_to_json.
 nlohmann::json edited_to_json(const std::map<std::string, EditedScore>& scores);
 

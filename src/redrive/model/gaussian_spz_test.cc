@@ -10,6 +10,7 @@
 
 #include "redrive/base/gzip.h"
 #include "redrive/field/splat_numbers.h"
+#include "redrive/scene/actor_body.h"
 
 namespace redrive {
 namespace {
@@ -87,6 +88,30 @@ TEST_P(Spz, HasTheNumbersOfTheGaussians) {
         EXPECT_NEAR((byte(at + 9 * i + 3 * j + c) - 128) / 128.0, expected.rest[c][j], 0.5 / 128);
   }
   EXPECT_EQ(gunzip(gaussian_spz(gaussians, 0)).size(), 16 + n * 20);
+}
+
+TEST(GaussianSpz, IsReadAsABody) {
+  constexpr std::size_t n = 40;
+  const std::vector<float> storage = gaussians_of_test(n, 1);
+  kernels::Gaussians gaussians;
+  gaussians.n = n;
+  gaussians.numbers = storage;
+  const ActorBody body = parse_actor_body(gaussian_spz(gaussians, 1), "car.spz");
+  ASSERT_EQ(body.n, n);
+  for (std::size_t i = 0; i < n; ++i) {
+    const SplatNumbers expected = splat_numbers(gaussians.numbers, i),
+                       read = splat_numbers(body.numbers, i);
+    double cosine = 0;
+    for (std::size_t k = 0; k < 4; ++k) cosine += read.quaternion[k] * expected.quaternion[k];
+    EXPECT_GT(std::abs(cosine), 1 - 1e-5);
+    for (std::size_t k = 0; k < 3; ++k) {
+      EXPECT_NEAR(read.position[k], expected.position[k], std::ldexp(0.5, -12));
+      EXPECT_NEAR(read.log_scale[k], expected.log_scale[k], 1.0 / 32);
+      EXPECT_NEAR(read.dc[k], expected.dc[k], 0.5 / 255 / 0.15 + 1e-6);
+      for (std::size_t j = 0; j < 3; ++j)
+        EXPECT_NEAR(read.rest[k][j], expected.rest[k][j], 0.5 / 128 + 1e-6);
+    }
+  }
 }
 
 INSTANTIATE_TEST_SUITE_P(Extents, Spz, testing::Values(30.0f, 5000.0f));

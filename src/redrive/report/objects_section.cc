@@ -13,6 +13,7 @@
 #include "redrive/image/image_io.h"
 #include "redrive/report/html.h"
 #include "redrive/report/plot.h"
+#include "redrive/scene/line_pen.h"
 #include "redrive/scene/load_views.h"
 #include "redrive/scene/object_summary.h"
 #include "redrive/scene/project_shutter.h"
@@ -24,7 +25,6 @@ constexpr std::size_t kRowsShown = 100;   // of the table
 constexpr double kFarthestBox_m = 80;     // of boxes in images
 constexpr double kClear_m = 20;           // a nearer object is as good to see
 constexpr double kParkedCounts = 0.2;     // of a moving object
-constexpr int kStepsOfEdge = 12;          // a straight edge is curved in a fisheye's image
 constexpr int kFineBits = 4;              // of pixels
 constexpr std::size_t kLabelsAbove = 40;  // more would hide the tracks
 const cv::Scalar kMoving(255, 140, 0), kParked(90, 170, 255), kShadow(0, 0, 0);  // RGB
@@ -57,59 +57,47 @@ std::vector<Shown> shown_in(const Scene& scene, const View& view, const MovingOb
   return shown;
 }
 
-/// Draws lines of the world into an image.
-class BoxPen {
- public:
-  BoxPen(const Scene& scene, const View& view, Image8* image)
-      : camera_(scene.rig[view.camera].camera),
-        poses_(scene.shutter_poses(view)),
-        camera_from_world_(poses_.at(0.5).inverse(Eigen::Isometry)),
-        canvas_(image->height, image->width, CV_8UC3, image->rgb.data()) {}
-
-  void draw(const Shown& shown) {
+/// Draws the objects' boxes with a cross on their front, and their names.
+void draw_boxes(const Scene& scene, const View& view, const std::vector<Shown>& all,
+                Image8* image) {
+  const Camera& camera = scene.rig[view.camera].camera;
+  const ShutterPoses poses = scene.shutter_poses(view);
+  const Rigid3d camera_from_world = poses.at(0.5).inverse(Eigen::Isometry);
+  cv::Mat canvas(image->height, image->width, CV_8UC3, image->rgb.data());
+  for (const Shown& shown : all) {
+    std::vector<ImageLine> lines;
+    LinePen pen(
+        [&](const Eigen::Vector3d& in_world) -> std::optional<Eigen::Vector2d> {
+          const auto seen = project_shutter(camera, poses, camera_from_world, in_world);
+          if (!seen || seen->pixel.cwiseAbs().maxCoeff() > 1e4) return std::nullopt;
+          return seen->pixel;
+        },
+        &lines);
+    const Eigen::Vector3d& size_m = shown.object->size_m;
+    draw_box("box", shown.object->type + " " + std::to_string(shown.object->id), size_m,
+             shown.world_from_box, &pen);
+    for (const auto& [from, to] : {std::pair(1, 7), std::pair(3, 5)}) {
+      pen.begin("cross");
+      pen.to(box_corner(shown.world_from_box, size_m, from));
+      pen.to(box_corner(shown.world_from_box, size_m, to));
+    }
     const cv::Scalar colour = shown.moves ? kMoving : kParked;
-    const auto corner = [&](int i) -> Eigen::Vector3d {
-      const Eigen::Vector3d sign(i & 1 ? 1 : -1, i & 2 ? 1 : -1, i & 4 ? 1 : -1);
-      return shown.world_from_box * (0.5 * sign.cwiseProduct(shown.object->size_m));
-    };
-    for (int i = 0; i < 8; ++i)
-      for (const int axis : {1, 2, 4})
-        if (!(i & axis)) line(corner(i), corner(i | axis), colour);
-    line(corner(1), corner(7), colour);  // a cross on its front
-    line(corner(3), corner(5), colour);
-    if (const auto at = pixel_of(corner(4))) {
-      const std::string label = shown.object->type + " " + std::to_string(shown.object->id);
-      const cv::Point where(cvRound(at->x()), cvRound(at->y()) - 4);
+    for (const ImageLine& line : lines) {
+      std::vector<cv::Point> fine;
+      for (const Eigen::Vector2d& pixel : line.points)
+        fine.emplace_back(cvRound((1 << kFineBits) * pixel.x()),
+                          cvRound((1 << kFineBits) * pixel.y()));
+      cv::polylines(canvas, fine, false, colour, 2, cv::LINE_AA, kFineBits);
+    }
+    for (const ImageLine& line : lines) {
+      if (line.label.empty()) continue;
+      const cv::Point where(cvRound(line.points[0].x()), cvRound(line.points[0].y()) - 4);
       for (const auto& [ink, thickness] : {std::pair(kShadow, 3), std::pair(colour, 1)})
-        cv::putText(canvas_, label, where, cv::FONT_HERSHEY_SIMPLEX, 0.45, ink, thickness,
+        cv::putText(canvas, line.label, where, cv::FONT_HERSHEY_SIMPLEX, 0.45, ink, thickness,
                     cv::LINE_AA);
     }
   }
-
- private:
-  std::optional<Eigen::Vector2d> pixel_of(const Eigen::Vector3d& in_world) const {
-    const auto seen = project_shutter(camera_, poses_, camera_from_world_, in_world);
-    if (!seen || seen->pixel.cwiseAbs().maxCoeff() > 1e4) return std::nullopt;
-    return seen->pixel;
-  }
-  void line(const Eigen::Vector3d& from, const Eigen::Vector3d& to, const cv::Scalar& colour) {
-    const auto fine = [](const Eigen::Vector2d& pixel) {
-      return cv::Point(cvRound((1 << kFineBits) * pixel.x()),
-                       cvRound((1 << kFineBits) * pixel.y()));
-    };
-    std::optional<Eigen::Vector2d> last;
-    for (int i = 0; i <= kStepsOfEdge; ++i) {
-      const auto at = pixel_of(from + (to - from) * (static_cast<double>(i) / kStepsOfEdge));
-      if (last && at) cv::line(canvas_, fine(*last), fine(*at), colour, 2, cv::LINE_AA, kFineBits);
-      last = at;
-    }
-  }
-
-  const Camera& camera_;
-  ShutterPoses poses_;
-  Rigid3d camera_from_world_;
-  cv::Mat canvas_;
-};
+}
 
 /// Returns the figure of the camera's image that shows most; empty if none shows an object.
 std::string camera_figure(const std::filesystem::path& folder, const Recording& recording,
@@ -130,8 +118,7 @@ std::string camera_figure(const std::filesystem::path& folder, const Recording& 
   }
   if (!best) return "";
   Image8 image = load_view(scene, *best);
-  BoxPen pen(scene, *best, &image);
-  for (const Shown& shown : shown_in(scene, *best, images.moving)) pen.draw(shown);
+  draw_boxes(scene, *best, shown_in(scene, *best, images.moving), &image);
   image.alpha.clear();
   image.used.clear();
   const std::string name = "objects_" + scene.rig[0].name + ".jpg";

@@ -1,9 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/scene/actor_body.h"
 
+#include <chrono>
 #include <cmath>
+#include <filesystem>
 #include <limits>
 
+#include "redrive/base/gzip.h"
+#include "redrive/base/temporary_folder_testing.h"
 #include "redrive/field/gaussian.h"
 #include "redrive/recording/las_testing.h"
 #include "redrive/recording/recording_testing.h"
@@ -132,6 +136,93 @@ TEST(ActorBody, RefusesOtherCountsAndNumbers) {
   std::string lacking = file_of({gaussian(0, 0)}, 0);
   lacking.replace(lacking.find("rot_3"), 5, "rot_4");
   EXPECT_THAT(message(lacking), HasSubstr("rot_3"));
+}
+
+/// An SPZ before it is compressed, of Gaussians that are all alike: at (1, 0.5, -0.25), red at
+/// most, with 12 fractional bits.
+std::string spz(std::uint32_t version, unsigned char degree, std::uint32_t n) {
+  std::string bytes = "NGSP";
+  append(&bytes, version);
+  append(&bytes, n);
+  for (const unsigned char byte : {degree, static_cast<unsigned char>(12)}) append(&bytes, byte);
+  bytes += std::string("\1\0", 2);
+  const auto repeat = [&](const std::string& of_one) {
+    for (std::uint32_t i = 0; i < n; ++i) bytes += of_one;
+  };
+  repeat(std::string("\x00\x10\x00\x00\x08\x00\x00\xfc\xff", 9));
+  repeat("\x99");  // opacity 0.6
+  repeat(std::string("\xff\x00\x80", 3));
+  repeat("\x60\x68\x70");  // exp(-4), exp(-3.5), exp(-3)
+  // Half a turn about z; of version 3 the largest is z, and x, y, w are 0, 0 and -511 / 511 /
+  // sqrt2.
+  repeat(version == 2 ? std::string("\x80\x80\xff", 3) : std::string("\xff\x03\x00\x80", 4));
+  for (std::uint32_t i = 0; i < n; ++i)
+    for (int j = 0; j < degree * (degree + 2); ++j)
+      for (int c = 0; c < 3; ++c) bytes += static_cast<char>(128 + 4 * j + c);
+  return bytes;
+}
+
+TEST(ActorBody, HasTheNumbersOfAnSpz) {
+  for (const std::uint32_t version : {2u, 3u})
+    for (const unsigned char degree : {0, 1, 2, 3}) {
+      const ActorBody body = parse_actor_body(gzip(spz(version, degree, 17)), "van.spz");
+      ASSERT_EQ(body.n, 17u);
+      for (const std::size_t i : {0u, 16u}) {
+        const auto at = [&](int row) { return body.numbers[gaussian_slot(i, row)]; };
+        EXPECT_EQ(at(kPositionRow), 1);
+        EXPECT_EQ(at(kPositionRow + 1), 0.5f);
+        EXPECT_EQ(at(kPositionRow + 2), -0.25f);
+        EXPECT_NEAR(at(kOpacityRow), std::log(0.6 / 0.4), 1e-6);
+        EXPECT_NEAR(at(kColourRow), 0.5 + kC0 * 0.5 / 0.15, 1e-6);
+        EXPECT_NEAR(at(kColourRow + 1), 0.5 - kC0 * 0.5 / 0.15, 1e-6);
+        EXPECT_EQ(at(kLogScaleRow), -4);
+        EXPECT_EQ(at(kLogScaleRow + 2), -3);
+        const double w = at(kQuaternionRow), z = at(kQuaternionRow + 3);
+        EXPECT_NEAR(w * w + z * z, 1, 1e-4) << version;
+        EXPECT_NEAR(w, version == 2 ? 0 : -std::sqrt(0.5), 1e-2);
+        // Blue's coefficients of degree 1, of y, z and x.
+        const double rest[3] = {2 / 128.0, 6 / 128.0, 10 / 128.0};
+        const double expected[3] = {-kC1 * rest[2], -kC1 * rest[0], kC1 * rest[1]};
+        for (int axis = 0; axis < 3; ++axis)
+          EXPECT_NEAR(at(kHarmonicsRow + 3 * axis + 2), degree > 0 ? expected[axis] : 0, 1e-6);
+      }
+      EXPECT_EQ(body.size_m, Eigen::Vector3d(2, 1, 0.5));
+    }
+}
+
+TEST(ActorBody, RefusesEveryCutSpzAndOtherHeaders) {
+  const std::string bytes = spz(3, 1, 2);
+  for (std::size_t size = 0; size < bytes.size(); ++size) message(gzip(bytes.substr(0, size)));
+  message(gzip(bytes + "x"));
+  const std::string file = gzip(bytes);
+  EXPECT_THAT(message(file.substr(0, file.size() / 2)), HasSubstr("gzip"));
+  const auto with = [&](std::size_t offset, char byte) {
+    std::string changed = bytes;
+    changed[offset] = byte;
+    return message(gzip(changed));
+  };
+  EXPECT_THAT(with(0, 'X'), HasSubstr("header"));
+  EXPECT_THAT(with(4, 1), HasSubstr("2 or 3"));
+  EXPECT_THAT(with(11, 1), HasSubstr("1 to 1000000"));
+  EXPECT_THAT(with(12, 4), HasSubstr("degree"));
+  EXPECT_THAT(with(13, 24), HasSubstr("fractional bits"));
+  EXPECT_THAT(with(18, 0x7f), HasSubstr("Gaussian 0 position"));
+  EXPECT_THAT(with(16 + 2 * (9 + 1 + 3), static_cast<char>(255)), HasSubstr("Gaussian 0 scale"));
+}
+
+TEST(ActorBodies, AreReadOnceUnlessTheFileChanges) {
+  const TemporaryFolder folder;
+  folder.write("van.spz", gzip(spz(3, 0, 1)));
+  ActorBodies bodies;
+  const auto first = bodies.read(folder.path / "van.spz");
+  EXPECT_EQ(bodies.read(folder.path / "van.spz"), first);
+  folder.write("van.spz", gzip(spz(3, 0, 2)));
+  std::filesystem::last_write_time(
+      folder.path / "van.spz",
+      std::filesystem::file_time_type::clock::now() + std::chrono::hours(1));
+  EXPECT_EQ(bodies.read(folder.path / "van.spz")->n, 2u);
+  std::filesystem::remove(folder.path / "van.spz");
+  EXPECT_THROW(bodies.read(folder.path / "van.spz"), std::runtime_error);
 }
 
 }  // namespace

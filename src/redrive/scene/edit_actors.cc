@@ -4,13 +4,13 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
-#include <map>
+#include <functional>
+#include <memory>
 #include <set>
 #include <utility>
 
 #include "redrive/base/error.h"
 #include "redrive/math/angles.h"
-#include "redrive/scene/actor_body.h"
 
 namespace redrive {
 namespace {
@@ -102,26 +102,14 @@ Eigen::Matrix3d road_axes(const Scene& scene, const Eigen::Vector3d& at) {
   return nearest->world_from_body.linear();
 }
 
-/// Reads each file once.
-class Bodies {
- public:
-  explicit Bodies(const TrafficEdit& edit) : folder_(edit.file.parent_path()) {}
-
-  std::shared_ptr<const ActorBody> read(const std::filesystem::path& file) {
-    std::shared_ptr<const ActorBody>& body = read_[file];
-    if (!body) body = std::make_shared<const ActorBody>(read_actor_body(folder_ / file));
-    return body;
-  }
-
- private:
-  std::filesystem::path folder_;
-  std::map<std::filesystem::path, std::shared_ptr<const ActorBody>> read_;
-};
+/// Returns the body of ActorChange::body_file.
+using BodyOfFile =
+    std::function<std::shared_ptr<const ActorBody>(const std::filesystem::path& file)>;
 
 /// Shows other Gaussians, which stand where the own ones stood: on its own track the centre of a
 /// higher box is higher. A track of the edit is that of the centre.
-void set_body(const ActorChange& change, const std::vector<MovingObject>& own, Bodies* bodies,
-              MovingObject* actor) {
+void set_body(const ActorChange& change, const std::vector<MovingObject>& own,
+              const BodyOfFile& body_of_file, MovingObject* actor) {
   Eigen::Vector3d size_m;
   if (change.body) {
     const MovingObject& other = *std::ranges::find(own, *change.body, &MovingObject::id);
@@ -129,7 +117,7 @@ void set_body(const ActorChange& change, const std::vector<MovingObject>& own, B
     actor->imported = other.imported;
     size_m = other.size_m;
   } else if (!change.body_file.empty()) {
-    actor->imported = bodies->read(change.body_file);
+    actor->imported = body_of_file(change.body_file);
     size_m = actor->imported->size_m;
   } else {
     return;
@@ -142,7 +130,7 @@ void set_body(const ActorChange& change, const std::vector<MovingObject>& own, B
 
 /// `own`: the objects before the edit.
 void apply(const ActorChange& change, const Scene& scene, const std::vector<MovingObject>& own,
-           Bodies* bodies, MovingObject* actor) {
+           const BodyOfFile& body_of_file, MovingObject* actor) {
   if (!change.track.empty()) set_track(change.track, scene, actor);
   if (change.speed != 1) set_speed(change.speed, scene, actor);
   const Rigid3d moved = own_motion(change);
@@ -156,7 +144,7 @@ void apply(const ActorChange& change, const Scene& scene, const std::vector<Movi
   if (change.hide_s)
     actor->hidden_ns.emplace_back(ns_of((*change.hide_s)[0], scene),
                                   ns_of((*change.hide_s)[1], scene));
-  set_body(change, own, bodies, actor);
+  set_body(change, own, body_of_file, actor);
   for (std::size_t c = 0; c < 3; ++c) actor->gain[c] *= static_cast<float>(change.gain[c]);
 }
 
@@ -164,6 +152,7 @@ void apply(const ActorChange& change, const Scene& scene, const std::vector<Movi
 bool overlap(const Rigid3d& a, const Eigen::Vector3d& half_a, const Rigid3d& b,
              const Eigen::Vector3d& half_b) {
   const Eigen::Vector3d apart = b.translation() - a.translation();
+  if (apart.norm() > half_a.norm() + half_b.norm()) return false;
   const auto separates = [&](const Eigen::Vector3d& axis) {
     if (axis.norm() < 1e-9) return false;
     const double reach = (a.linear().transpose() * axis).cwiseAbs().dot(half_a) +
@@ -183,18 +172,27 @@ using Pair = std::pair<std::int64_t, std::int64_t>;
 /// Returns the pairs of objects that overlap at a frame of the scene, one of them `changed` at
 /// least.
 std::set<Pair> overlapping(const Scene& scene, const std::set<std::int64_t>& changed) {
+  struct Standing {
+    const MovingObject* actor;
+    bool is_changed;
+    Rigid3d world_from_box;
+    double radius_m;
+    double first() const { return world_from_box.translation().x() - radius_m; }
+    double last() const { return world_from_box.translation().x() + radius_m; }
+  };
   std::set<Pair> pairs;
   for (const Frame& frame : scene.frames) {
-    std::vector<std::pair<const MovingObject*, Rigid3d>> there;
+    std::vector<Standing> there;
     for (const MovingObject& actor : scene.actors)
-      if (const auto pose = actor.world_from_box(frame.t_ns)) there.emplace_back(&actor, *pose);
-    for (std::size_t i = 0; i < there.size(); ++i)
-      for (std::size_t j = 0; j < i; ++j) {
-        const auto& [a, pose_a] = there[j];
-        const auto& [b, pose_b] = there[i];
-        if (!changed.contains(a->id) && !changed.contains(b->id)) continue;
-        if (overlap(pose_a, a->size_m / 2, pose_b, b->size_m / 2)) pairs.emplace(a->id, b->id);
-      }
+      if (const auto pose = actor.world_from_box(frame.t_ns))
+        there.push_back({&actor, changed.contains(actor.id), *pose, actor.size_m.norm() / 2});
+    // Along x, each meets those alone that begin before it ends.
+    std::ranges::sort(there, {}, &Standing::first);
+    for (auto a = there.begin(); a != there.end(); ++a)
+      for (auto b = a + 1; b != there.end() && b->first() <= a->last(); ++b)
+        if ((a->is_changed || b->is_changed) && overlap(a->world_from_box, a->actor->size_m / 2,
+                                                        b->world_from_box, b->actor->size_m / 2))
+          pairs.insert(std::minmax(a->actor->id, b->actor->id));
   }
   return pairs;
 }
@@ -214,7 +212,7 @@ Rigid3d own_motion(const ActorChange& change) {
   return box_from_moved;
 }
 
-std::vector<std::string> edit_actors(const TrafficEdit& edit, Scene* scene) {
+std::vector<std::string> edit_actors(const TrafficEdit& edit, Scene* scene, ActorBodies* bodies) {
   std::set<std::int64_t> changed;
   for (const auto& [id, change] : edit.actors) changed.insert(id);
   for (const ActorCopy& copy : edit.copies) changed.insert(copy.id);
@@ -228,7 +226,10 @@ std::vector<std::string> edit_actors(const TrafficEdit& edit, Scene* scene) {
     if (found == own.end()) throw InputError(edit.file, field, std::to_string(id), known_ids(own));
     return *found;
   };
-  Bodies bodies(edit);
+  ActorBodies of_this_edit;
+  const BodyOfFile body_of_file = [&](const std::filesystem::path& file) {
+    return (bodies ? *bodies : of_this_edit).read(edit.file.parent_path() / file);
+  };
   const auto check = [&](const ActorChange& change, const std::string& field) {
     const auto within = [&](double t_s, const std::string& name) {
       if (t_s > drive_s)
@@ -238,7 +239,7 @@ std::vector<std::string> edit_actors(const TrafficEdit& edit, Scene* scene) {
     if (change.hide_s) within((*change.hide_s)[0], ".hide_s[0]");
     if (!change.track.empty()) within(change.track.front().time_s, ".track[0].time_s");
     if (change.body) find_own(*change.body, field + ".body");
-    if (!change.body_file.empty()) bodies.read(change.body_file);  // before anything is changed
+    if (!change.body_file.empty()) body_of_file(change.body_file);  // before anything is changed
   };
   for (const auto& [id, change] : edit.actors) {
     const std::string field = "actors." + std::to_string(id);
@@ -270,11 +271,11 @@ std::vector<std::string> edit_actors(const TrafficEdit& edit, Scene* scene) {
     if (change != edit.actors.end() && change->second.remove) continue;
     scene->actors.push_back(actor);
     if (change != edit.actors.end())
-      apply(change->second, *scene, own, &bodies, &scene->actors.back());
+      apply(change->second, *scene, own, body_of_file, &scene->actors.back());
   }
   const auto add = [&](const ActorChange& change, MovingObject actor) {
     if (change.remove) return;
-    apply(change, *scene, own, &bodies, &actor);
+    apply(change, *scene, own, body_of_file, &actor);
     scene->actors.push_back(std::move(actor));
   };
   for (const ActorCopy& copy : edit.copies) {

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "redrive/recording/traffic_edit.h"
+#include "redrive/scene/actor_body.h"
 #include "redrive/scene/scene.h"
 
 namespace redrive {
@@ -14,8 +15,10 @@ namespace redrive {
 /// Changes scene->actors. InputError naming the edit's file and field where the scene has no such
 /// object, the id of a copy or of what is added is taken, or a time is beyond the drive's end; or
 /// as read_actor_body. Returns remarks: pairs of objects whose boxes overlap then and did not
-/// before, and changed objects that no frame of the drive has.
-std::vector<std::string> edit_actors(const TrafficEdit& edit, Scene* scene);
+/// before, and changed objects that no frame of the drive has. `bodies` keeps those that it reads
+/// for the next edit; null: it does not.
+std::vector<std::string> edit_actors(const TrafficEdit& edit, Scene* scene,
+                                     ActorBodies* bodies = nullptr);
 
 /// Throws InputError where an edit adds objects and the model draws none (Model::draws_actors).
 void check_added(const TrafficEdit& edit, bool draws_actors);

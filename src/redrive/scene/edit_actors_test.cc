@@ -211,6 +211,27 @@ TEST(EditActors, RemarksOnObjectsThatOverlap) {
       ElementsAre());
 }
 
+TEST(EditActors, RemarksOnOverlapsAmongMany) {
+  // A row of cars 6 m apart; every tenth one goes 5 m on, into the next one.
+  Scene scene = two_cars();
+  const MovingObject car = scene.actors[0];
+  scene.actors.clear();
+  std::string edit;
+  for (int id = 1; id <= 300; ++id) {
+    scene.actors.push_back(car);
+    scene.actors.back().id = id;
+    for (MovingObject::Key& key : scene.actors.back().keys)
+      key.world_from_box.translation().x() += 6 * id;
+    if (id % 10 == 0 && id < 300)
+      edit += (edit.empty() ? "\"" : ", \"") + std::to_string(id) + R"(": {"shift_m": [5, 0, 0]})";
+  }
+  const std::vector<std::string> remarks =
+      edit_actors(parse_traffic_edit("{\"actors\": {" + edit + "}}", "e"), &scene);
+  ASSERT_EQ(remarks.size(), 29u);
+  EXPECT_EQ(remarks[0], "objects 10 and 11 overlap");
+  EXPECT_EQ(remarks[28], "objects 290 and 291 overlap");
+}
+
 TEST(EditActors, NamesWhatTheDriveDoesNotHave) {
   for (const auto& [text, field] : std::vector<std::pair<std::string, std::string>>{
            {R"({"actors": {"5": {}}})", "actors.5"},

@@ -14,63 +14,26 @@
 namespace redrive::view {
 namespace {
 
-constexpr int kStepsOfSegment = 16;  // a straight line is curved in a fisheye's image
 constexpr double kFrustumDepth_m = 0.6;
 constexpr double kOwnFrustum_m = 0.05;               // nearer to the viewer it is the camera's own
 constexpr double kNearest_m = 1, kFarthest_m = 100;  // of the LiDAR points' colours
 constexpr std::size_t kKeptRevolutions = 4;
 
-/// Projects into an image and collects lines.
-class LinePen {
- public:
-  LinePen(const Placement& placement, std::vector<OverlayLine>* lines)
-      : camera_(placement.camera),
-        camera_from_world_(placement.world_from_camera.inverse(Eigen::Isometry)),
-        lines_(*lines) {}
-
-  void begin(const char* kind, std::string label = "") {
-    kind_ = kind;
-    label_ = std::move(label);
-    open_ = false;
-    last_.reset();
-  }
-
-  /// Draws a straight line in the world from the last point to this one.
-  void to(const Eigen::Vector3d& in_world) {
-    if (!last_) {
-      add(in_world);
-    } else {
-      for (int i = 1; i <= kStepsOfSegment; ++i)
-        add(*last_ + (in_world - *last_) * (static_cast<double>(i) / kStepsOfSegment));
-    }
-    last_ = in_world;
-  }
-
- private:
-  void add(const Eigen::Vector3d& in_world) {
-    const Eigen::Vector3d in_camera = camera_from_world_ * in_world;
-    const auto pixel = in_camera.norm() > 1e-3 ? camera_.project(in_camera) : std::nullopt;
-    if (pixel) {
-      const Eigen::Vector2d at((pixel->x() + 0.5) / camera_.width,
-                               (pixel->y() + 0.5) / camera_.height);
-      if (at.minCoeff() > -0.5 && at.maxCoeff() < 1.5) {
-        if (!open_) lines_.push_back({kind_, std::move(label_), {}}), label_.clear();
-        open_ = true;
-        lines_.back().points.push_back(at);
-        return;
-      }
-    }
-    open_ = false;
-  }
-
-  const Camera& camera_;
-  Rigid3d camera_from_world_;
-  std::vector<OverlayLine>& lines_;
-  const char* kind_ = "";
-  std::string label_;
-  bool open_ = false;
-  std::optional<Eigen::Vector3d> last_;
-};
+/// Returns a pen whose points are those of OverlayLine.
+LinePen pen_of(const Placement& placement, std::vector<OverlayLine>* lines) {
+  const Rigid3d camera_from_world = placement.world_from_camera.inverse(Eigen::Isometry);
+  return {[&camera = placement.camera,
+           camera_from_world](const Eigen::Vector3d& in_world) -> std::optional<Eigen::Vector2d> {
+            const Eigen::Vector3d in_camera = camera_from_world * in_world;
+            const auto pixel = in_camera.norm() > 1e-3 ? camera.project(in_camera) : std::nullopt;
+            if (!pixel) return std::nullopt;
+            const Eigen::Vector2d at((pixel->x() + 0.5) / camera.width,
+                                     (pixel->y() + 0.5) / camera.height);
+            if (at.minCoeff() > -0.5 && at.maxCoeff() < 1.5) return at;
+            return std::nullopt;
+          },
+          lines};
+}
 
 /// Returns the direction of a pixel, or of the nearest one towards the principal point that has
 /// one.
@@ -102,27 +65,11 @@ void draw_frustum(const Camera& camera, const Rigid3d& world_from_camera, const 
   }
 }
 
-void draw_box(const char* kind, const std::string& label, const Eigen::Vector3d& size_m,
-              const Rigid3d& world_from_box, LinePen* pen) {
-  const auto corner = [&](int i) -> Eigen::Vector3d {
-    return world_from_box *
-           (0.5 * Eigen::Vector3d((i & 1 ? 1 : -1) * size_m.x(), (i & 2 ? 1 : -1) * size_m.y(),
-                                  (i & 4 ? 1 : -1) * size_m.z()));
-  };
-  pen->begin(kind, label);
-  for (const int i : {4, 5, 7, 6, 4, 0, 1, 3, 2, 0}) pen->to(corner(i));
-  for (const int i : {1, 2, 3}) {
-    pen->begin(kind);
-    pen->to(corner(i));
-    pen->to(corner(i + 4));
-  }
-}
-
 }  // namespace
 
 std::vector<OverlayLine> Overlay::lines(const Placement& placement, const Overlays& which) const {
   std::vector<OverlayLine> lines;
-  LinePen pen(placement, &lines);
+  LinePen pen = pen_of(placement, &lines);
   const Rigid3d world_from_global = run_.scene.global_from_world.inverse(Eigen::Isometry);
   if (which.trajectory) {
     pen.begin("trajectory");
@@ -149,7 +96,7 @@ std::vector<OverlayLine> object_lines(const Placement& placement, const MovingOb
   std::vector<OverlayLine> lines;
   const auto world_from_box = object.world_from_box(placement.t_ns);
   if (!world_from_box) return lines;
-  LinePen pen(placement, &lines);
+  LinePen pen = pen_of(placement, &lines);
   draw_box("object", object.type + " " + std::to_string(object.id), object.size_m, *world_from_box,
            &pen);
   const Eigen::Vector3d handle = handle_in_box(object.size_m);

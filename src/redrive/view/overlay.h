@@ -9,17 +9,15 @@
 #include <utility>
 #include <vector>
 
+#include "redrive/scene/line_pen.h"
 #include "redrive/scene/masks.h"
 #include "redrive/view/view_renderer.h"
 
 namespace redrive::view {
 
-/// A line in an image: u, v from 0 at the left and upper edge to 1 at the others.
-struct OverlayLine {
-  const char* kind = "";  ///< "trajectory", "frustum", "box", "object", "handle"
-  std::string label;      ///< of the first point of an object; may be empty
-  std::vector<Eigen::Vector2d> points;
-};
+/// A line in an image: "trajectory", "frustum", "box", "object" or "handle". Points are u, v: from
+/// 0 at the left and upper edge to 1 at the others.
+using OverlayLine = ImageLine;
 
 class Overlay {
  public:

@@ -129,10 +129,10 @@ void check_body_files(const TrafficEdit& edit, const TrafficEdit& known) {
   });
 }
 
-Traffic edited_traffic(const Scene& scene, const TrafficEdit& edit) {
+Traffic edited_traffic(const Scene& scene, const TrafficEdit& edit, ActorBodies* bodies) {
   check_bounds(edit, scene);
   Traffic traffic{part_of(scene), {}};
-  traffic.remarks = edit_actors(edit, &traffic.scene);
+  traffic.remarks = edit_actors(edit, &traffic.scene, bodies);
   return traffic;
 }
 

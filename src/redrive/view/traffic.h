@@ -12,6 +12,7 @@
 #include <nlohmann/json_fwd.hpp>
 
 #include "redrive/recording/traffic_edit.h"
+#include "redrive/scene/actor_body.h"
 #include "redrive/scene/scene.h"
 #include "redrive/view/messages.h"
 #include "redrive/view/view_renderer.h"
@@ -44,8 +45,8 @@ struct Traffic {
   Scene scene;                       ///< frames and actors alone
   std::vector<std::string> remarks;  ///< as edit_actors
 };
-/// InputError as edit_actors, and for an edit beyond the bounds above.
-Traffic edited_traffic(const Scene& scene, const TrafficEdit& edit);
+/// InputError as edit_actors, which has `bodies`, and for an edit beyond the bounds above.
+Traffic edited_traffic(const Scene& scene, const TrafficEdit& edit, ActorBodies* bodies = nullptr);
 
 /// Returns [{"id", "type", "frames": [first, last], "size_m", "nearest": null or {"camera",
 /// "frame"}}, ..]: ids of frames that it is at, and the image that shows its centre from nearest.

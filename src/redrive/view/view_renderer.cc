@@ -112,9 +112,8 @@ bool RenderJob::step() {
   }
   const auto start = std::chrono::steady_clock::now();
   const RayTable& table = *strips_[next_];
-  ShutterPoses poses = placement_.world_from_camera;
-  poses.set_actors(placement_.actors);
-  RenderedImage strip = render_image(*backend_, *model_, table, poses, placement_.exposure);
+  RenderedImage strip =
+      render_image(*backend_, *model_, table, placement_.poses(), placement_.exposure);
   if (next_ == 0)
     image_ = std::move(strip);
   else
@@ -322,8 +321,8 @@ Image8 ViewRenderer::colours(const RenderJob& job, Layer layer) {
       if (!has_model()) return to_image8(image);
       refuse_blocks(run_, "the coverage");
       if (!coverage_) coverage_ = std::make_unique<Coverage>(run_, backend_);
-      return coverage_colours(image, coverage_->seen(job.strips_.front()->camera,
-                                                     job.placement().world_from_camera, image));
+      return coverage_colours(
+          image, coverage_->seen(job.strips_.front()->camera, job.placement().poses(), image));
   }
   return {};
 }

@@ -31,6 +31,13 @@ struct Placement {
   Exposure exposure;
   std::int64_t t_ns = 0;                         ///< when the camera sees what moves
   std::vector<ShutterPoses::Actor> actors = {};  ///< at that time
+
+  /// Returns the camera's pose with the actors.
+  ShutterPoses poses() const {
+    ShutterPoses poses = world_from_camera;
+    poses.set_actors(actors);
+    return poses;
+  }
 };
 
 /// An image that is rendered strip by strip, so that the viewer can leave it for a newer one.

@@ -101,6 +101,7 @@ class Viewer : public ServerEvents {
   std::string hello_;
   const FirstEdit first_edit_;
   std::shared_ptr<const TrafficEdit> parsed_first_edit_;  ///< null: none
+  ActorBodies bodies_;                                    ///< of the pages' edits
   Look look_;
   Clock::time_point look_at_;
   std::string curve_;  ///< of training, as it is sent

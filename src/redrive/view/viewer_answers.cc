@@ -42,7 +42,8 @@ void Viewer::answer_path(ClientId id, Client& client, const ClientMessage& messa
 const Scene& Viewer::traffic_of(Client& client) {
   if (!client.edit) return run_->scene;
   if (!client.traffic)
-    client.traffic = std::make_shared<const Scene>(edited_traffic(run_->scene, *client.edit).scene);
+    client.traffic =
+        std::make_shared<const Scene>(edited_traffic(run_->scene, *client.edit, &bodies_).scene);
   return *client.traffic;
 }
 
@@ -62,7 +63,7 @@ void Viewer::answer_edit(ClientId id, Client& client, const EditMessage& message
         first_edit_.file.parent_path() / std::filesystem::path(message.file).filename();
     auto edit = std::make_shared<const TrafficEdit>(parse_traffic_edit(message.text, file));
     check(*edit);
-    Traffic traffic = edited_traffic(run_->scene, *edit);
+    Traffic traffic = edited_traffic(run_->scene, *edit, &bodies_);
     client.edit = std::move(edit);
     client.traffic = std::make_shared<const Scene>(std::move(traffic.scene));
     answer["remarks"] = traffic.remarks;
