@@ -10,7 +10,32 @@
 
 namespace redrive {
 
-std::vector<RangePixel> find_range_pixels(const TrainingSet& data, std::size_t of_view) {
+namespace {
+
+constexpr std::size_t kReturnsOfChunk = 4096;  // some milliseconds of a spinning LiDAR
+
+}  // namespace
+
+ReturnTimes::ReturnTimes(const LidarReturns& lidar) : n_(lidar.n) {
+  for (std::size_t i = 0; i < n_; ++i) {
+    const std::int64_t t_ns = lidar.t_ns[i];
+    if (i % kReturnsOfChunk == 0) chunks_.push_back({t_ns, t_ns});
+    chunks_.back().first_ns = std::min(chunks_.back().first_ns, t_ns);
+    chunks_.back().last_ns = std::max(chunks_.back().last_ns, t_ns);
+  }
+}
+
+std::vector<ReturnTimes::Range> ReturnTimes::ranges(std::int64_t first_ns,
+                                                    std::int64_t last_ns) const {
+  std::vector<Range> found;
+  for (std::size_t c = 0; c < chunks_.size(); ++c)
+    if (chunks_[c].first_ns <= last_ns && chunks_[c].last_ns >= first_ns)
+      found.emplace_back(c * kReturnsOfChunk, std::min(n_, (c + 1) * kReturnsOfChunk));
+  return found;
+}
+
+std::vector<RangePixel> find_range_pixels(const TrainingSet& data, const ReturnTimes& times,
+                                          std::size_t of_view) {
   constexpr std::int64_t kApart_ns = 150'000'000;
   constexpr int kCell = 8;          // pixels
   constexpr float kBehind = 0.14f;  // of the distance: farther is hidden, as a logarithm
@@ -39,8 +64,8 @@ std::vector<RangePixel> find_range_pixels(const TrainingSet& data, std::size_t o
       actors.emplace_back(actor.id, *world_from_actor);
     }
   const Eigen::Vector3d eye = middle.translation();
-  for (std::size_t i = 0; i < lidar.n; ++i) {
-    if (scene.metric && std::abs(lidar.t_ns[i] - t_ns) > kApart_ns) continue;
+  const auto add_return = [&](std::size_t i) {
+    if (scene.metric && std::abs(lidar.t_ns[i] - t_ns) > kApart_ns) return;
     Eigen::Vector3d at;
     for (int k = 0; k < 3; ++k)
       at[k] = double(lidar.origin[k * lidar.n + i]) +
@@ -49,7 +74,11 @@ std::vector<RangePixel> find_range_pixels(const TrainingSet& data, std::size_t o
     if (std::ranges::none_of(
             boxes, [&](const MovingBox& box) { return box.intersects(eye, at - eye, 1); }))
       add(at);
-  }
+  };
+  const auto ranges = scene.metric ? times.ranges(t_ns - kApart_ns, t_ns + kApart_ns)
+                                   : std::vector<ReturnTimes::Range>{{0, lidar.n}};
+  for (const auto& [begin, end] : ranges)
+    for (std::size_t i = begin; i < end; ++i) add_return(i);
   for (const LidarReturns::OnObject& at : lidar.on_objects) {
     if (std::abs(at.t_ns - t_ns) > kApart_ns) continue;
     const auto actor = std::ranges::find(actors, at.id, &std::pair<std::int64_t, Rigid3d>::first);

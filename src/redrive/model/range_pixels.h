@@ -2,6 +2,8 @@
 // LiDAR returns as pixels of an image.
 #pragma once
 
+#include <cstdint>
+#include <utility>
 #include <vector>
 
 #include "redrive/model/model.h"
@@ -14,10 +16,29 @@ struct RangePixel {
   float log_range;  ///< logarithm of its distance from the camera, metres
 };
 
+/// Finds the returns of a time without reading all of them: they come revolution by revolution, so
+/// that returns beside each other are of about the same time.
+class ReturnTimes {
+ public:
+  using Range = std::pair<std::size_t, std::size_t>;  ///< indices from `first` to `second` - 1
+
+  explicit ReturnTimes(const LidarReturns& lidar);
+  /// Returns ranges that hold all returns of these times, and others; in ascending order.
+  std::vector<Range> ranges(std::int64_t first_ns, std::int64_t last_ns) const;
+
+ private:
+  struct Chunk {
+    std::int64_t first_ns, last_ns;
+  };
+  std::size_t n_;
+  std::vector<Chunk> chunks_;
+};
+
 /// Returns the LiDAR returns that a view's image shows: those of about the time of its exposure, so
-/// that what moves is where it was, and not behind nearer ones.
+/// that what moves is where it was, and not behind nearer ones. `times`: of data.lidar.
 /// Poses are those that training began with (TrainingSet::initial). Returns on moving objects are
 /// where the object is by then.
-std::vector<RangePixel> find_range_pixels(const TrainingSet& data, std::size_t of_view);
+std::vector<RangePixel> find_range_pixels(const TrainingSet& data, const ReturnTimes& times,
+                                          std::size_t of_view);
 
 }  // namespace redrive

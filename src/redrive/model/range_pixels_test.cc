@@ -38,7 +38,7 @@ struct LidarScene : SplatScene {
       lidar.range_m.push_back(static_cast<float>(at.norm()));
       lidar.t_ns.push_back(t_ns);
     }
-    return find_range_pixels(data(), view);
+    return find_range_pixels(data(), ReturnTimes(lidar), view);
   }
 
  private:
@@ -66,6 +66,31 @@ TEST(RangePixels, AreOfAboutTheTimeOfTheImage) {
   EXPECT_NE(scene.pixels(0)[0].x, scene.pixels(4)[0].x);
   scene.scene.metric = false;  // photographs have no times
   EXPECT_EQ(scene.pixels(0).size(), 2u);
+}
+
+TEST(RangePixels, ATimeIsFoundAmongManyReturns) {
+  constexpr std::int64_t kReturns = 100'000, kApart_ns = 1'000'000;
+  LidarReturns lidar;
+  lidar.n = kReturns;
+  for (std::int64_t i = 0; i < kReturns; ++i)  // neighbours change places, as lasers do
+    lidar.t_ns.push_back(kApart_ns * (i ^ 1));
+  const ReturnTimes times(lidar);
+  for (const std::int64_t i : {0l, 1l, 4095l, 4096l, 50'000l, kReturns - 1}) {
+    const auto ranges = times.ranges(kApart_ns * (i - 10), kApart_ns * (i + 10));
+    std::size_t read = 0;
+    for (std::int64_t k = std::max(0l, i - 10); k <= std::min(kReturns - 1, i + 10); ++k)
+      EXPECT_EQ(std::ranges::count_if(ranges,
+                                      [&](const ReturnTimes::Range& range) {
+                                        const auto at = static_cast<std::size_t>(k ^ 1);
+                                        return at >= range.first && at < range.second;
+                                      }),
+                1)
+          << k;
+    for (const auto& [begin, end] : ranges) read += end - begin;
+    EXPECT_LE(read, 3 * 4096u) << "at " << i;
+  }
+  EXPECT_TRUE(times.ranges(-10, -1).empty());
+  EXPECT_TRUE(ReturnTimes(LidarReturns()).ranges(0, 1).empty());
 }
 
 TEST(RangePixels, LeaveOutWhatANearerReturnHides) {

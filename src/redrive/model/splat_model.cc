@@ -28,7 +28,8 @@ constexpr double kShareOfActors = 0.5;  // of all Gaussians, at first, at most
 struct SplatBuffers final : MethodBuffers {
   ImageLevel full, half;
   std::vector<ImagePointer> half_images;  ///< by view, made when first needed; if all are in memory
-  std::vector<std::optional<std::vector<RangePixel>>> ranges;  ///< by view, made when first needed
+  std::optional<ReturnTimes> times;       ///< made when first needed
+  std::vector<std::optional<std::vector<RangePixel>>> ranges;  ///< by view, likewise
   /// The steps that the images' plan is of.
   struct Plan {
     std::uint64_t seed = 0;
@@ -249,7 +250,8 @@ int SplatModel::set_ranges(const TrainingSet& data, const WindowStep& step,
   if (range_weight == 0 || data.lidar.n == 0) return 0;
   SplatBuffers& own = static_cast<SplatBuffers&>(*buffers);
   auto& ranges = own.ranges[step.window.view];
-  if (!ranges) ranges = find_range_pixels(data, step.window.view);
+  if (!own.times) own.times.emplace(data.lidar);
+  if (!ranges) ranges = find_range_pixels(data, *own.times, step.window.view);
   const kernels::RasterSize size = kernels::raster_size(step.window.width, step.window.height);
   own.log_range.assign(size.plane(), kernels::kNoRange);
   own.d_range.assign(size.plane(), 0);
