@@ -109,6 +109,8 @@ struct SplatModel final : Model {
   void rehearse(kernels::Backend&, const DeviceWork&, std::span<float>, Workspace*) const override {
   }
 
+  /// Whether an object of this id was trained and has Gaussians.
+  bool has_body(std::int64_t id) const { return !blocks_of(id, nullptr).empty(); }
   /// Returns the Gaussians of an object that was trained, in the axes of its box; empty for others.
   ActorBody body(const MovingObject& actor) const;
   /// Replaces the Gaussians by those of the world and of each actor.

@@ -7,6 +7,7 @@
 #include "redrive/base/error.h"
 #include "redrive/model/gaussian_ply.h"
 #include "redrive/model/gaussian_spz.h"
+#include "redrive/model/splat_model.h"
 #include "redrive/render/merged_gaussians.h"
 
 namespace redrive {
@@ -127,12 +128,50 @@ DividedModel::BlockExposure DividedModel::exposure_in(int block, const LoadedBlo
   return in;
 }
 
+const DividedModel::Body& DividedModel::body_of(std::int64_t id) const {
+  const auto [at, is_new] = bodies_.try_emplace(id);
+  if (!is_new) return at->second;
+  MovingObject object;
+  object.id = id;
+  for (int b = 0; b < drive_.way.blocks(); ++b) {
+    std::shared_ptr<const LoadedBlock> block;
+    try {
+      block = cache_.get(b);
+    } catch (const InputError&) {  // thrown again where an image needs the block
+      continue;
+    }
+    const auto* const splat = dynamic_cast<const SplatModel*>(block->model.get());
+    if (!splat || !splat->has_body(id)) continue;
+    ActorBody body = splat->body(object);
+    if (body.n > (at->second.gaussians ? at->second.gaussians->n : 0))
+      at->second = {std::make_shared<const ActorBody>(std::move(body)), mean_log_gains(b)};
+  }
+  return at->second;
+}
+
+std::shared_ptr<const ActorBody> DividedModel::borrowed(int block, const Model& model,
+                                                        std::int64_t id,
+                                                        std::array<float, 3>* gain) const {
+  const auto* const splat = dynamic_cast<const SplatModel*>(&model);
+  if (!splat || splat->has_body(id)) return nullptr;
+  const Body& body = body_of(id);
+  const LogGains here = mean_log_gains(block);
+  for (int c = 0; body.gaussians && c < 3; ++c)
+    (*gain)[c] *= static_cast<float>(std::exp(body.log_gains[c] - here[c]));
+  return body.gaussians;
+}
+
 RenderedImage DividedModel::render_block(kernels::Backend& backend, int block, const RayTable& rays,
                                          const ShutterPoses& world_from_camera,
                                          const Exposure& exposure) const {
   const auto loaded = cache_.get(block);
   const BlockExposure in = exposure_in(block, *loaded, exposure);
-  RenderedImage image = loaded->model->render(backend, rays, world_from_camera, in.exposure);
+  ShutterPoses poses = world_from_camera;
+  std::vector<ShutterPoses::Actor> actors = poses.actors();
+  for (ShutterPoses::Actor& actor : actors)
+    if (!actor.imported) actor.imported = borrowed(block, *loaded->model, actor.body, &actor.gain);
+  poses.set_actors(std::move(actors));
+  RenderedImage image = loaded->model->render(backend, rays, poses, in.exposure);
   brighten(in.log_factors, &image);
   return image;
 }
@@ -192,7 +231,12 @@ void DividedModel::trace_actors(kernels::Backend& backend, const kernels::Rays& 
       some.depth.push_back(rendered->depth[i]);
       some.opacity.push_back(rendered->opacity[i]);
     }
-    cache_.get(b)->model->trace_actors(backend, parts[b].rays(), times, actors, &some);
+    const auto block = cache_.get(b);
+    std::vector<MovingObject> here = actors;
+    for (MovingObject& actor : here)
+      if (!actor.imported)
+        actor.imported = borrowed(b, *block->model, actor.body.value_or(actor.id), &actor.gain);
+    block->model->trace_actors(backend, parts[b].rays(), times, here, &some);
     parts[b].put(some, rendered);
   }
 }

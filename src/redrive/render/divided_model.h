@@ -3,6 +3,7 @@
 // holds its camera, and around a border by both, blended (Tancik et al., Block-NeRF, CVPR 2022).
 #pragma once
 
+#include <map>
 #include <memory>
 #include <optional>
 #include <string>
@@ -51,6 +52,8 @@ class DividedModel final : public Model {
   bool draws_actors() const override { return like_->draws_actors(); }
   DeviceWork rendering_work() const override { return like_->rendering_work(); }
 
+  /// An object that a block did not train on, as one that an edit moved there, is drawn as the
+  /// block has it in which it has most Gaussians.
   /// Blends colours and opacity by BlockWay::weights at the camera's middle row, depth also by
   /// opacity. An exposure at a time that a block did not train on is that of the block that did, at
   /// the same brightness (train/seam_exposure.h). Throws what loading a block throws.
@@ -108,6 +111,16 @@ class DividedModel final : public Model {
       }
     }
   };
+  /// The Gaussians of an object, of the block that has most of them.
+  struct Body {
+    std::shared_ptr<const ActorBody> gaussians;  ///< null: no block has any
+    LogGains log_gains{};                        ///< of that block
+  };
+  const Body& body_of(std::int64_t id) const;
+  /// Returns the body to draw in a block, and multiplies `gain` by what makes it equally bright;
+  /// null if the block has its own, or nobody has one.
+  std::shared_ptr<const ActorBody> borrowed(int block, const Model& model, std::int64_t id,
+                                            std::array<float, 3>* gain) const;
   std::vector<BlockRays> divided(const kernels::Rays& rays) const;
   BlockExposure exposure_in(int block, const LoadedBlock& loaded, const Exposure& exposure) const;
   RenderedImage render_block(kernels::Backend& backend, int block, const RayTable& rays,
@@ -119,7 +132,8 @@ class DividedModel final : public Model {
   std::unique_ptr<Model> like_;
   DividedDrive drive_;
   mutable BlockCache cache_;
-  mutable std::optional<double> last_along_m_;  ///< of the camera rendered last
+  mutable std::map<std::int64_t, Body> bodies_;  ///< by id, of those that a block borrowed
+  mutable std::optional<double> last_along_m_;   ///< of the camera rendered last
   mutable std::optional<std::pair<Exposure, LogGains>> drive_gains_;  ///< of the last exposure
 };
 

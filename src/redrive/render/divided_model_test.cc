@@ -2,6 +2,7 @@
 // Two blocks of Gaussians whose colours, depths and gains are known.
 #include "redrive/render/divided_model.h"
 
+#include <algorithm>
 #include <cmath>
 #include <map>
 #include <stdexcept>
@@ -16,6 +17,7 @@ namespace {
 
 constexpr int kFrames = 40;                  ///< a metre and 0.1 s apart; the border is at 19.5 m
 constexpr double kFieldLog[] = {0.3, -0.2};  ///< how bright the fields are
+constexpr std::int64_t kObject = 7;
 
 /// Log gain of the camera's exposure, as recorded.
 double recorded_log(double t_s) { return 0.1 * t_s - 0.1; }
@@ -42,7 +44,8 @@ void add(const Eigen::Vector3f& at, float colour, float size, GaussianList* list
 
 /// Block 0 has frames 0..24, block 1 15..39. A field is grey, exp(kFieldLog) too bright, its gains
 /// make up for it. With `walls`, a wall is 8 m ahead of where a camera looks in block 0, 10 m in 1.
-std::shared_ptr<const LoadedBlock> make_block(int b, bool walls) {
+/// With an object, block 0 has one; block 1 does not know it.
+std::shared_ptr<const LoadedBlock> make_block(int b, bool walls, bool with_object = false) {
   auto block = std::make_shared<LoadedBlock>();
   auto model = std::make_unique<SplatModel>();
   const int first = b == 0 ? 0 : 15, last = b == 0 ? 24 : 39;
@@ -53,9 +56,17 @@ std::shared_ptr<const LoadedBlock> make_block(int b, bool walls) {
   for (int x = 0; x < kFrames; x += 2)
     if (walls) add({float(x), 0, b == 0 ? 8.0f : 10.0f}, 0.3f, 2, &list);
   known_splats::set_gaussians(list, model.get());
+  if (with_object && b == 0) {
+    GaussianList lists[2];
+    add({0, 0, 0}, static_cast<float>(0.6 * std::exp(kFieldLog[0])), 1, &lists[1]);
+    const MovingObject object{.id = kObject, .size_m = {2, 2, 2}, .keys = {{}}};
+    model->set_gaussians(lists, {&object, 1});
+  }
   for (float& colour : model->background) colour = static_cast<float>(0.4 * std::exp(kFieldLog[b]));
-  EXPECT_EQ(model->tensors().back().name, "appearance");
-  float* const knots = model->parameters.data() + model->tensors().back().offset;
+  const std::vector<ModelTensor> tensors = model->tensors();
+  const auto appearance = std::ranges::find(tensors, "appearance", &ModelTensor::name);
+  EXPECT_NE(appearance, tensors.end());
+  float* const knots = model->parameters.data() + appearance->offset;
   for (int f = first; f <= last; ++f)
     for (int c = 0; c < 3; ++c)
       knots[3 * (f - first) + c] =
@@ -70,7 +81,7 @@ std::shared_ptr<const LoadedBlock> make_block(int b, bool walls) {
 
 class DividedModelTest : public testing::Test {
  protected:
-  explicit DividedModelTest(bool walls = false) : walls_(walls) {
+  explicit DividedModelTest(bool walls = false, bool with_object = false) : walls_(walls) {
     std::vector<Eigen::Vector3d> positions;
     std::vector<std::int64_t> ids, t_ns;
     for (int f = 0; f < kFrames; ++f) {
@@ -88,11 +99,11 @@ class DividedModelTest : public testing::Test {
     model_ = std::make_unique<DividedModel>(
         std::move(like),
         DividedDrive{{"CAM"}, ids, t_ns, {"000", "001"}, BlockWay(positions, last), seams},
-        [this](int b) {
+        [this, with_object](int b) {
           const std::lock_guard lock(mutex_);
           ++loads_[b];
           if (b == missing_) throw std::runtime_error("block 001 is not trained");
-          return make_block(b, walls_);
+          return make_block(b, walls_, with_object);
         },
         1'000'000);
   }
@@ -122,6 +133,39 @@ class DividedModelWithWalls : public DividedModelTest {
  protected:
   DividedModelWithWalls() : DividedModelTest(/*walls=*/true) {}
 };
+
+class DividedModelWithObject : public DividedModelTest {
+ protected:
+  DividedModelWithObject() : DividedModelTest(/*walls=*/false, /*with_object=*/true) {}
+};
+
+TEST_F(DividedModelWithObject, IsDrawnAndTracedInABlockThatDidNotTrainOnIt) {
+  const auto with_object = [&](double x) {
+    ShutterPoses poses{Rigid3d(Eigen::Translation3d(x, 0.2, 0))};
+    ShutterPoses::Actor actor{.body = kObject};
+    actor.actor_from_camera = {plain(Rigid3d(Eigen::Translation3d(0, 0, -5)))};
+    poses.set_actors({actor});
+    return model_->render(*backend_, table_, poses, {});
+  };
+  const RenderedImage own = with_object(5), moved = with_object(30), none = at(30, {});
+  const std::size_t middle = 6 * 16 + 8;
+  EXPECT_GT(own.opacity[middle], 0.9f);
+  EXPECT_GT(std::abs(own.rgb[3 * middle] - none.rgb[3 * middle]), 0.05f);
+  for (std::size_t i = 0; i < own.rgb.size(); ++i)
+    EXPECT_NEAR(moved.rgb[i], own.rgb[i], 1e-5) << "as bright in both";
+  EXPECT_NEAR(moved.depth[middle], own.depth[middle], 1e-5f);
+
+  // Rays along z from both blocks, with the object 5 m ahead of the second one.
+  MovingObject object{.id = kObject, .size_m = {2, 2, 2}, .keys = {{}}};
+  object.keys[0].world_from_box = Rigid3d(Eigen::Translation3d(30, 0, 5));
+  object.keys[0].velocity_in_world_m_per_s.setZero();
+  const std::vector<float> origin = {5, 30, 0, 0, 0, 0}, direction = {0, 0, 0, 0, 1, 1};
+  const std::vector<std::int64_t> t_ns(2, 0);
+  RenderedRays rays{std::vector<float>(2), std::vector<float>(2)};
+  model_->trace_actors(*backend_, {2, origin, direction}, t_ns, {object}, &rays);
+  EXPECT_EQ(rays.opacity[0], 0);
+  EXPECT_GT(rays.opacity[1], 0.5f);
+}
 
 TEST_F(DividedModelTest, BlocksAreEquallyBrightWithoutExposure) {
   const double expected = 0.4 * std::exp((kFieldLog[0] + kFieldLog[1]) / 2);
