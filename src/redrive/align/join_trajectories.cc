@@ -152,22 +152,36 @@ std::vector<FrameWindow> cut_windows(int frames, int most) {
   return windows;
 }
 
+Matrix6d larger_covariance(const Matrix6d& a, const Matrix6d& b) {
+  if (a.isZero(0)) return a;
+  // B v = l A v, V^T A V = 1: in these axes A is 1 and B is l.
+  const Eigen::GeneralizedSelfAdjointEigenSolver<Matrix6d> solver(b, a);
+  const Matrix6d axes = a * solver.eigenvectors();
+  return axes * solver.eigenvalues().cwiseMax(1).asDiagonal() * axes.transpose();
+}
+
 WindowTrajectory window_trajectory(const FrameWindow& frames, std::vector<FramePose> poses,
-                                   const Eigen::MatrixXd& covariance, int overlap_before,
-                                   int overlap_after, const Rigid3d& world_from_global) {
+                                   const Eigen::MatrixXd& covariance, const Eigen::MatrixXd& robust,
+                                   int overlap_before, int overlap_after,
+                                   const Rigid3d& world_from_global) {
   const int n = frames.size();
   REDRIVE_CHECK_OP(poses.size(), ==, static_cast<std::size_t>(n));
   REDRIVE_CHECK_OP(covariance.rows(), >=, 6 * n);
+  REDRIVE_CHECK_OP(robust.rows(), >=, 6 * n);
   WindowTrajectory window{frames, std::move(poses)};
   const std::vector<Rigid3d> local = in_world(window.poses, world_from_global);
   for (const Rigid3d& pose : local) window.middle += pose.translation() / n;
-  const auto of_poses = covariance.topLeftCorner(6 * n, 6 * n);
+  const auto of_motion = [&](const Eigen::MatrixXd& motion) -> Matrix6d {
+    const auto by = [&](const Eigen::MatrixXd& c) -> Matrix6d {
+      return motion * c.topLeftCorner(6 * n, 6 * n) * motion.transpose();
+    };
+    return larger_covariance(by(covariance), by(robust));
+  };
   const Eigen::MatrixXd whole = mean_motion(local, 0, n, window.middle);
-  window.whole = whole * of_poses * whole.transpose();
+  window.whole = of_motion(whole);
   const auto relative = [&](int begin, int end) -> Matrix6d {
     if (begin == end) return Matrix6d::Zero();
-    const Eigen::MatrixXd part = mean_motion(local, begin, end, window.middle) - whole;
-    return part * of_poses * part.transpose();
+    return of_motion(mean_motion(local, begin, end, window.middle) - whole);
   };
   window.start = relative(0, overlap_before);
   window.end = relative(n - overlap_after, n);
@@ -250,6 +264,9 @@ JoinedTrajectory join_trajectories(const std::vector<WindowTrajectory>& windows,
       joined.variance[at] = joined.variance[at].cwiseMax(variance);
     }
   }
+  const double repeated =
+      1 + static_cast<double>(compared) / static_cast<double>(joined.frames.size());
+  for (Vector6d& variance : joined.variance) variance *= repeated;
   if (compared > 0) {
     joined.seam_m = std::sqrt(squares_m / compared);
     joined.seam_rad = std::sqrt(squares_rad / compared);

@@ -39,17 +39,25 @@ struct WindowTrajectory {
   Matrix6d start = Matrix6d::Zero(), end = Matrix6d::Zero();
 };
 
-/// `covariance`: at least [6 n, 6 n] of the poses' errors, in the axes of each body
-/// (BundleResult::covariance). `overlap_before`, `overlap_after`: frames shared with neighbours.
-/// `world_from_global`: to the axes of the drive's first frame.
+/// Returns a covariance that is at least each of two positive definite ones in every direction:
+/// where both are diagonal, the larger numbers. Zero if `a` is.
+Matrix6d larger_covariance(const Matrix6d& a, const Matrix6d& b);
+
+/// `covariance`, `robust`: at least [6 n, 6 n] of the poses' errors, in the axes of each body
+/// (BundleResult::covariance, robust_covariance); the larger one counts. `overlap_before`,
+/// `overlap_after`: frames shared with neighbours. `world_from_global`: to the axes of the drive's
+/// first frame.
 WindowTrajectory window_trajectory(const FrameWindow& frames, std::vector<FramePose> poses,
-                                   const Eigen::MatrixXd& covariance, int overlap_before,
-                                   int overlap_after, const Rigid3d& world_from_global);
+                                   const Eigen::MatrixXd& covariance, const Eigen::MatrixXd& robust,
+                                   int overlap_before, int overlap_after,
+                                   const Rigid3d& world_from_global);
 
 struct JoinedTrajectory {
   std::vector<FramePose> frames;
   /// [6] by frame: variances that joining adds to those of a window's shape, in the axes of the
-  /// body, a rigid motion of the whole drive excluded.
+  /// body, a rigid motion of the whole drive excluded. Windows are joined as if they were
+  /// independent; what they share of their frames counts twice then, so variances are multiplied by
+  /// how often a frame is in a window on average.
   std::vector<Vector6d> variance;
   double seam_m = 0, seam_rad = 0;  ///< RMS disagreement of neighbours over overlaps, once joined
 };

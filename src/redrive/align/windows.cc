@@ -278,7 +278,8 @@ AlignResult align_in_windows(const Recording& recording, const AlignOptions& opt
     const int before = k > 0 ? windows[k - 1].end - windows[k].begin : 0,
               after = k + 1 < windows.size() ? windows[k].end - windows[k + 1].begin : 0;
     trajectories.push_back(window_trajectory(windows[k], aligned.frames, aligned.bundle.covariance,
-                                             before, after, world_from_global));
+                                             aligned.bundle.robust_covariance, before, after,
+                                             world_from_global));
     add_bundle(aligned.bundle, windows[k], cameras, &bundle);
   }
   const JoinedTrajectory joined = join_trajectories(trajectories, world_from_global);

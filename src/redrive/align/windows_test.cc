@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/align/windows.h"
 
+#include <cmath>
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <Eigen/Eigenvalues>
 
 #include "redrive/align/bundle/synthetic_rig_testing.h"
 #include "redrive/align/textured_drive_testing.h"
@@ -34,6 +37,51 @@ TEST(CutWindows, CoverAllFramesAndOverlapByAFifth) {
         }
       }
     }
+}
+
+TEST(JoinTrajectories, TheLargerCovarianceBoundsBothInEveryDirection) {
+  Vector6d a, b;
+  a << 1, 4, 9, 1e-6, 4e-6, 9e-6;
+  b << 2, 3, 9, 5e-6, 1e-6, 1e-8;
+  EXPECT_TRUE(larger_covariance(a.asDiagonal(), b.asDiagonal())
+                  .isApprox(Matrix6d(a.cwiseMax(b).asDiagonal()), 1e-12));
+  EXPECT_TRUE(larger_covariance(Matrix6d::Zero(), b.asDiagonal()).isZero(0));
+  Matrix6d mix;
+  for (int i = 0; i < 36; ++i) mix(i) = std::sin(1.0 + i);  // a fixed invertible matrix
+  const Matrix6d c = mix * b.asDiagonal() * mix.transpose(),
+                 larger = larger_covariance(a.asDiagonal(), c);
+  for (const Matrix6d& one : {Matrix6d(a.asDiagonal()), c}) {
+    const Eigen::SelfAdjointEigenSolver<Matrix6d> more(larger - one);
+    EXPECT_GT(more.eigenvalues().minCoeff(), -1e-9);
+  }
+}
+
+// Frames a metre apart whose errors are independent, of 0.02 m and 0.001 rad; the robust covariance
+// is four times the other.
+TEST(JoinTrajectories, VariancesAreThoseOfTheLargerCovariance) {
+  const auto variance_of = [](double of_matrix, double of_robust, int overlap) {
+    std::vector<WindowTrajectory> windows;
+    for (const FrameWindow& frames : {FrameWindow{0, 20 + overlap}, FrameWindow{20, 40}}) {
+      std::vector<FramePose> poses;
+      for (int f = frames.begin; f < frames.end; ++f)
+        poses.push_back({f, 100'000'000ll * f, Rigid3d(Eigen::Translation3d(f, 0, 0))});
+      const int n = frames.size();
+      Vector6d sigma;
+      sigma << 0.02, 0.02, 0.02, 0.001, 0.001, 0.001;
+      Eigen::MatrixXd covariance = Eigen::MatrixXd::Zero(6 * n, 6 * n);
+      for (int i = 0; i < n; ++i) covariance.diagonal().segment<6>(6 * i) = sigma.cwiseAbs2();
+      windows.push_back(window_trajectory(frames, poses, of_matrix * covariance,
+                                          of_robust * covariance, frames.begin > 0 ? overlap : 0,
+                                          frames.begin > 0 ? 0 : overlap, Rigid3d::Identity()));
+    }
+    double sum = 0;
+    for (const Vector6d& variance : join_trajectories(windows, Rigid3d::Identity()).variance)
+      sum += variance.head<3>().sum();
+    return sum;
+  };
+  EXPECT_DOUBLE_EQ(variance_of(1, 4, 4), variance_of(4, 1, 4));
+  EXPECT_DOUBLE_EQ(variance_of(1, 4, 4), variance_of(4, 4, 4));
+  EXPECT_GT(variance_of(1, 4, 4), 2 * variance_of(1, 1, 4));
 }
 
 // Two observations of 0.1 and a prior of 0.3 about 0: weights 100, 100, 11.1.
