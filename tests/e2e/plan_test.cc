@@ -51,6 +51,16 @@ TEST_F(Plan, TellsWhatADividedDriveCosts) {
   EXPECT_EQ(contents(folder_), before) << "nothing written";
 }
 
+TEST_F(Plan, CountsMemoryForTheCoresOfAMachine) {
+  const auto memory_bytes = [&](const char* cores) {
+    const ProgramResult ended = planned({"--cores", cores, "--json"}, "1000:1003");
+    EXPECT_EQ(ended.exit_code, kExitOk) << ended.err;
+    return nlohmann::json::parse(ended.out).at("memory_bytes").get<std::int64_t>();
+  };
+  // 4 MiB a thread at least, of which a cache takes nothing away.
+  EXPECT_GT(memory_bytes("34"), memory_bytes("2") + 32 * (4 << 20));
+}
+
 TEST_F(Plan, PrintsATable) {
   const ProgramResult ended = planned({}, "1000:1003");
   ASSERT_EQ(ended.exit_code, kExitOk) << ended.err;

@@ -113,6 +113,11 @@ TrainingRates measured(const TrainOptions& whole, const Recording& recording, co
   if (options.method == "splat" && !options.hyperparameters.contains("densify_every"))
     options.set("densify_every", kCalibrationSteps / 20);
   Run run = run_of(options, recording);
+  // As much LiDAR an image as in the block, not that of the frames between.
+  std::vector<FrameFile> lidar;
+  for (std::size_t i = 0; i < run.recording.lidar_files.size(); i += std::size_t(range.step))
+    lidar.push_back(run.recording.lidar_files[i]);
+  run.recording.lidar_files = std::move(lidar);
   run.state = make_initial_state(options, run.scene);
   load_actors(&run);
   return measure_rates(&run, backend, kCalibrationSteps);
@@ -195,14 +200,22 @@ int run_plan(const PlanArguments& arguments) {
   division.overlap_m = default_overlap_m(division.length_m);
   division.frame_multiple = std::max(1, options.holdout_every);
   const std::vector<Block> blocks = divide(scene.frames, division);
-  std::vector<PlannedBlock> facts;
-  for (const Block& block : blocks)
-    facts.push_back(planned(
-        block, run_of(blocks.size() > 1 ? block_options(options, block) : options, recording),
-        backend.threads()));
   const TrainingRates rates = measured(options, recording, blocks[blocks.size() / 2], backend);
-  const TrainingPlan plan =
-      plan_training(std::move(facts), rates, machines, {options.max_steps, options.max_seconds});
+  const auto planned_with = [&](int threads) {
+    std::vector<PlannedBlock> facts;
+    for (const Block& block : blocks)
+      facts.push_back(planned(
+          block, run_of(blocks.size() > 1 ? block_options(options, block) : options, recording),
+          threads));
+    return plan_training(std::move(facts), rates, machines,
+                         {options.max_steps, options.max_seconds});
+  };
+  // A rank's memory depends on its threads, whose number on how many ranks have memory.
+  const int n = static_cast<int>(blocks.size()),
+            at_once = std::min(machines.cores, (n + machines.machines - 1) / machines.machines);
+  int threads = machines.cores / at_once;
+  TrainingPlan plan = planned_with(threads);
+  while (plan.cores_per_rank > threads) plan = planned_with(threads = plan.cores_per_rank);
   if (!arguments.json) {
     print(scene, plan, rates, machines, arguments.gpus);
     return kExitOk;
