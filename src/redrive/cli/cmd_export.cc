@@ -79,7 +79,17 @@ PointCloud recorded_points(const Run& run, ThreadPool& pool) {
   const MovingObjects moving = read_moving_objects(run.recording, run.scene);
   const LidarReturns returns = load_lidar_returns(run.recording, run.scene, moving, pool);
   if (returns.n == 0) return {};
-  return lidar_points(run.scene, load_views(run.scene, pool), returns, pool);
+  const ViewLoader load(run.scene, pool);
+  std::uint64_t largest = 0;
+  for (const RigCamera& rig : run.scene.rig)
+    largest = std::max<std::uint64_t>(largest, 5ull * rig.camera.width * rig.camera.height);
+  // Returns of a time take their colours from images of that time.
+  ImageCache cache(static_cast<int>(run.scene.views.size()),
+                   [&](int view) { return load(run.scene.views[static_cast<std::size_t>(view)]); },
+                   {.bytes = allowed_memory(run.options, memory_bytes()) / 4,
+                    .image_bytes = largest,
+                    .decoders = 0});
+  return lidar_points(run.scene, ViewImages(cache), returns, pool);
 }
 
 void print_points(const PointCloud& points) {
