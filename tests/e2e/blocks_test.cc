@@ -209,6 +209,19 @@ TEST_F(BlocksEndToEnd, AKilledProcessCostsNothingButItsLastSteps) {
   expect_same_blocks(one, four);
 }
 
+TEST_F(BlocksEndToEnd, ArgumentsThatCannotBeParsedAreSaidOnce) {
+  if (!has_mpirun()) GTEST_SKIP() << "there is no mpirun";
+  for (const auto& [argument, message] :
+       {std::pair<const char*, const char*>{"train", "RECORDING is required"},
+        {"no-such-command", "redrive no-such-command: is not a command"}}) {
+    const ProgramResult ended = Program(REDRIVE_MPIRUN, launched(3, {argument})).wait();
+    EXPECT_EQ(ended.exit_code, kExitUsage) << ended.err;
+    const std::size_t first = ended.err.find(message);
+    ASSERT_NE(first, std::string::npos) << ended.err;
+    EXPECT_EQ(ended.err.find(message, first + 1), std::string::npos) << ended.err;
+  }
+}
+
 TEST_F(BlocksEndToEnd, AnErrorEndsAllProcessesWithOneMessage) {
   if (!has_mpirun()) GTEST_SKIP() << "there is no mpirun";
   const ProgramResult ended =

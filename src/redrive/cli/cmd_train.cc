@@ -107,7 +107,8 @@ std::optional<int> train_divided(const TrainArguments& arguments, ProcessGroup& 
   const BlockResources resources = block_resources(processes, run.options);
   whole.blocks = divide_as_told(arguments.blocks, whole, resources);
   if (whole.blocks.size() == 1) return std::nullopt;
-  std::printf("%s\n", memory_text(check_blocks(whole, resources), resources.memory).c_str());
+  std::printf("each block %s\n",
+              describe_memory(check_blocks(whole, resources), resources.memory).c_str());
   std::fflush(stdout);
   {
     ThreadPool pool(resources.threads);

@@ -13,6 +13,7 @@
 #include <CLI/Formatter.hpp>
 
 #include "redrive/base/error.h"
+#include "redrive/base/process_group.h"
 #include "redrive/cli/command.h"
 #include "redrive/cli/failure.h"
 #include "redrive/cli/manual.h"
@@ -47,6 +48,23 @@ std::string known_commands() {
   return names;
 }
 
+/// Prints what is wrong with the arguments, or the help that they ask for, once where a launcher
+/// started several processes. Returns the exit code.
+int end_parsing(const CLI::App& app, const CLI::ParseError& error) {
+  const auto processes = redrive::join_process_group();  // they all end here
+  const int code = error.get_exit_code() == 0 ? redrive::kExitOk : redrive::kExitUsage;
+  if (processes->rank() > 0) return code;
+  if (const auto words = app.remaining(); app.get_subcommands().empty() && !words.empty())
+    std::fprintf(
+        stderr, "redrive: %s\n",
+        redrive::UsageError("redrive", words.front(), "is not a command; " + known_commands())
+            .what());
+  else
+    app.exit(error);
+  std::fflush(stdout);
+  return code;
+}
+
 int run(int argc, char** argv) {
   CLI::App app("redrive: from the recording of a sensor car to a radiance field and novel views",
                "redrive");
@@ -61,9 +79,7 @@ int run(int argc, char** argv) {
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
-    if (const auto words = app.remaining(); app.get_subcommands().empty() && !words.empty())
-      throw redrive::UsageError("redrive", words.front(), "is not a command; " + known_commands());
-    return app.exit(error) == 0 ? redrive::kExitOk : redrive::kExitUsage;
+    return end_parsing(app, error);
   }
   const int code = actions.at(app.get_subcommands().front())();
   // A closed pipe (| head) is no error; a file that could not be written is.

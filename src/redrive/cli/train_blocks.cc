@@ -35,13 +35,15 @@ class BlockTrainer {
  private:
   JobResult train(int index) {
     try {
+    std::string which;
       if (!whole_) whole_ = &own_.emplace(open_divided_run(root_));
       const Block& block = whole_->blocks.at(static_cast<std::size_t>(index));
       PrefixedOutput::set_prefix(block.name + ": ");
+      which = "block " + block.name + ": ";
       return {train_block(block) == TrainEnd::kFinished ? JobEnd::kFinished : JobEnd::kStopped};
     } catch (...) {
       const Failure failure = current_failure();
-      return {JobEnd::kFailed, failure.code, failure.message};
+      return {JobEnd::kFailed, failure.code, which + failure.message};
     }
   }
 

@@ -54,11 +54,7 @@ std::optional<std::uint64_t> check_run_memory(const Run& run, const kernels::Bac
       allowed_memory(run.options, memory_bytes()) / static_cast<std::uint64_t>(processes);
   check_memory(need, allowed, run.options);
   const std::optional<std::uint64_t> cache = image_cache_bytes(need, allowed);
-  std::printf("%s%s\n", memory_text(need.total(), allowed).c_str(),
-              cache ? (": images are decoded when needed, " + gib_text(*cache) + " of " +
-                       gib_text(need.images) + " at a time")
-                          .c_str()
-                    : "");
+  std::printf("%s\n", describe_memory(need, allowed).c_str());
   std::fflush(stdout);
   std::optional<std::uint64_t> free;  // of the GPU with the least
   for (const auto& gpu : group.backends)

@@ -99,6 +99,10 @@ Run open_to_render(const fs::path& root) {
       allowed_memory(run.options, memory_bytes()) / kCacheShare);
   const DividedModel& divided = *model;
   run.state.model = std::move(model);
+  try {
+    run.state.step = read_block_metrics(root).steps;
+  } catch (const InputError&) {  // rows are for people: damaged ones do not keep from rendering
+  }
   load_actors(&run);
   correct_tracks(divided, &run.scene.actors);
   return run;

@@ -12,7 +12,6 @@
 #include "redrive/scene/load_views.h"
 #include "redrive/scene/masks.h"
 #include "redrive/scene/moving_file.h"
-#include "redrive/train/memory.h"
 #include "redrive/train/training_data.h"
 
 namespace redrive {
@@ -109,18 +108,18 @@ std::vector<Block> divide_as_told(const std::string& text, const DividedRun& who
     std::vector<Block> blocks = divided(length_m);
     const Block& longest = blocks[longest_first(blocks, whole.scene.frames).front()];
     if (length_m * kShrink < kShortestCore_m ||
-        estimate_memory(planned_run(whole, longest), resources.threads).total() <= resources.memory)
+        estimate_memory(planned_run(whole, longest), resources.threads).least() <= resources.memory)
       return blocks;
   }
 }
 
-std::uint64_t check_blocks(const DividedRun& whole, const BlockResources& resources) {
-  std::uint64_t most = 0;
+MemoryEstimate check_blocks(const DividedRun& whole, const BlockResources& resources) {
+  MemoryEstimate most;
   for (const Block& block : whole.blocks) {
     const Run run = planned_run(whole, block);
     const MemoryEstimate need = estimate_memory(run, resources.threads);
     check_memory(need, resources.memory, run.options);
-    most = std::max(most, need.total());
+    if (need.total() > most.total()) most = need;
   }
   return most;
 }
@@ -204,6 +203,29 @@ void remove_unfinished_folders(const DividedRun& whole) {
     if (entry.path().filename().string().find(kTemporary) != std::string::npos)
       unfinished.push_back(entry.path());
   for (const std::filesystem::path& folder : unfinished) std::filesystem::remove_all(folder, error);
+}
+
+BlockMetrics read_block_metrics(const std::filesystem::path& root) {
+  BlockMetrics all;
+  std::map<std::int64_t, std::pair<MetricsRow, int>> sums;  // by step
+  for (const Block& block : read_blocks(root)) {
+    const std::vector<MetricsRow> rows = read_metrics({block_folder(root, block)});
+    if (!rows.empty()) all.steps += rows.back().step;
+    for (const MetricsRow& row : rows) {
+      auto& [sum, n] = sums[row.step];
+      ++n;
+      sum.psnr_db += row.psnr_db;
+      sum.loss += row.loss;
+    }
+  }
+  for (auto& [step, at] : sums) {
+    auto& [row, n] = at;
+    row.step = step;
+    row.psnr_db /= n;
+    row.loss /= n;
+    all.rows.push_back(row);
+  }
+  return all;
 }
 
 SeamExposure match_exposures(const DividedRun& whole) {

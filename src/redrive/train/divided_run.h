@@ -6,6 +6,7 @@
 
 #include "redrive/base/parallel.h"
 #include "redrive/train/blocks.h"
+#include "redrive/train/memory.h"
 #include "redrive/train/run.h"
 #include "redrive/train/seam_exposure.h"
 
@@ -33,13 +34,14 @@ struct BlockResources {
 void check_divisible(const std::string& text, const TrainOptions& options,
                      const Recording& recording);
 /// Divides as --blocks `text` asks for. With `auto` a core has 200 m at most, and less where a
-/// block needs more memory than there is. Returns one block for a shorter drive.
+/// block needs more memory than there is, with the smallest cache of images that its method allows.
+/// Returns one block for a shorter drive.
 std::vector<Block> divide_as_told(const std::string& text, const DividedRun& whole,
                                   const BlockResources& resources);
 
 /// Returns the largest estimate of the blocks' memory. Throws UsageError if one of them has nothing
 /// to train on or needs more than there is.
-std::uint64_t check_blocks(const DividedRun& whole, const BlockResources& resources);
+MemoryEstimate check_blocks(const DividedRun& whole, const BlockResources& resources);
 
 /// Makes the folder with config.json, blocks.json, masks/ and what `fill` writes, all or nothing,
 /// and sets whole->paths. Masks are found in images of the whole drive,
@@ -59,6 +61,15 @@ Run open_block(const DividedRun& whole, const Block& block);
 /// Removes what killed processes left of folders that they were making. Nobody may train a block
 /// meanwhile.
 void remove_unfinished_folders(const DividedRun& whole);
+
+/// The blocks' rows of metrics.jsonl.
+struct BlockMetrics {
+  std::vector<MetricsRow>
+      rows;                ///< step, PSNR and loss: means of the blocks with a row of the step
+  std::int64_t steps = 0;  ///< of all blocks together, as of their last rows
+};
+/// Errors as read_metrics and read_blocks.
+BlockMetrics read_block_metrics(const std::filesystem::path& root);
 
 /// Compares the brightness of the blocks, all of which are trained, and writes exposure.json.
 SeamExposure match_exposures(const DividedRun& whole);

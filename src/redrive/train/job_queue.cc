@@ -16,7 +16,7 @@ namespace {
 constexpr auto kPoll = std::chrono::milliseconds(10);  // a job takes minutes
 constexpr std::size_t kMaxMessage = 2000;  // bytes; longer ones might wait for their receiver
 constexpr std::string_view kDo = "do ", kStop = "stop", kEnd = "end ", kFinished = "finished",
-                           kStopped = "stopped", kFailed = "failed ";
+                           kStopped = "stopped", kFailed = "failed ", kAsked = "asked to stop";
 
 /// Works on one job at a time.
 class Worker {
@@ -86,7 +86,10 @@ class Leader {
         heard = true;
       }
       while (const auto message = group_.receive()) {
-        take(message->from, result_of(message->text));
+        if (message->text == kAsked)
+          stop({JobEnd::kStopped});
+        else
+          take(message->from, result_of(message->text));
         heard = true;
       }
       if (!heard) std::this_thread::sleep_for(kPoll);
@@ -155,8 +158,13 @@ JobResult lead_jobs(ProcessGroup& group, const std::vector<int>& jobs, const Job
 
 int follow_jobs(ProcessGroup& group, const JobHandler& handler) {
   Worker worker(handler);
+  bool stopping = false;
   while (true) {
     bool heard = false;
+    if (!stopping && !worker.busy() && handler.stopped()) {  // a job would say so itself
+      group.send(0, std::string(kAsked));
+      stopping = true;
+    }
     if (const auto result = worker.poll()) {
       group.send(0, text_of(*result));
       heard = true;
@@ -165,7 +173,10 @@ int follow_jobs(ProcessGroup& group, const JobHandler& handler) {
       const std::string_view text = message->text;
       heard = true;
       if (text.starts_with(kDo)) worker.start(number_in(text.substr(kDo.size())));
-      if (text == kStop) handler.stop();
+      if (text == kStop) {
+        stopping = true;
+        handler.stop();
+      }
       if (text.starts_with(kEnd)) return number_in(text.substr(kEnd.size()));
     }
     if (!heard) std::this_thread::sleep_for(kPoll);

@@ -32,7 +32,8 @@ struct JobHandler {
 /// kStopped or kFinished. The other processes wait for end_jobs then.
 JobResult lead_jobs(ProcessGroup& group, const std::vector<int>& jobs, const JobHandler& handler);
 
-/// Works as another process than 0 until end_jobs, and returns its code.
+/// Works as another process than 0 until end_jobs, and returns its code. A process without a job
+/// that is asked to stop stops all, too: also one that waits for the first job.
 int follow_jobs(ProcessGroup& group, const JobHandler& handler);
 
 /// Ends follow_jobs of all other processes, with this exit code.

@@ -150,6 +150,28 @@ TEST(JobQueue, AProcessThatIsStoppedStopsAll) {
   EXPECT_EQ(begun, 3) << "nothing is handed out any more";
 }
 
+TEST(JobQueue, AProcessWithoutAJobThatIsStoppedStopsAll) {
+  Mail mail;
+  mail.boxes.resize(2);
+  TestProcess leader, follower;
+  leader.work = [&](int, const std::atomic<bool>& stop) -> JobResult {
+    follower.stop = true;  // a signal reaches it alone
+    wait_for(stop);
+    return {JobEnd::kStopped};
+  };
+  follower.work = [](int, const auto&) { return JobResult{}; };
+  std::thread other([&] {
+    MailGroup group(&mail, 1);
+    EXPECT_EQ(follow_jobs(group, follower.handler()), 3);
+  });
+  MailGroup group(&mail, 0);
+  JobHandler handler = leader.handler();
+  handler.finished = [](int) { FAIL(); };
+  EXPECT_EQ(lead_jobs(group, {0}, handler).end, JobEnd::kStopped);
+  end_jobs(group, 3);
+  other.join();
+}
+
 TEST(JobQueue, AnErrorOfTheLeaderStopsAll) {
   Mail mail;
   mail.boxes.resize(2);

@@ -147,6 +147,14 @@ std::string memory_text(std::uint64_t needed, std::uint64_t allowed) {
   return "needs about " + gib_text(needed) + " of " + gib_text(allowed) + " allowed";
 }
 
+std::string describe_memory(const MemoryEstimate& need, std::uint64_t allowed) {
+  const std::optional<std::uint64_t> cache = image_cache_bytes(need, allowed);
+  return memory_text(need.total(), allowed) +
+         (cache ? ": images are decoded when needed, " + gib_text(*cache) + " of " +
+                      gib_text(need.images) + " at a time"
+                : "");
+}
+
 void check_memory(const MemoryEstimate& need, std::uint64_t allowed, const TrainOptions& options) {
   if (need.least() <= allowed) return;
   const std::uint64_t images = need.least_images > 0 ? need.least_images : need.images;

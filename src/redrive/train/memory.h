@@ -68,6 +68,9 @@ std::optional<DeviceMemoryEstimate> estimate_device_memory(const Run& run,
 std::string gib_text(std::uint64_t bytes);
 /// "needs about 1.3 GiB of 16.8 GiB allowed", of bytes.
 std::string memory_text(std::uint64_t needed, std::uint64_t allowed);
+/// As memory_text with all images, and where these do not fit, how many are in memory at a time.
+/// `need` must have passed check_memory.
+std::string describe_memory(const MemoryEstimate& need, std::uint64_t allowed);
 /// Throws UsageError naming the options to lower if more is needed than allowed.
 void check_memory(const MemoryEstimate& need, std::uint64_t allowed, const TrainOptions& options);
 void check_memory(const DeviceMemoryEstimate& need, std::uint64_t allowed,

@@ -10,6 +10,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/image/jpeg.h"
+#include "redrive/train/divided_run.h"
 #include "redrive/view/outgoing.h"
 #include "redrive/view/viewer_client.h"
 
@@ -205,7 +206,9 @@ void Viewer::drop_jobs() {
 void Viewer::read_curve() {
   if (!renderer_->has_model()) return;
   try {
-    curve_ = text_message(curve_to_json(read_metrics(run_->paths)));
+    curve_ = text_message(curve_to_json(is_divided_run(run_->paths.root)
+                                            ? read_block_metrics(run_->paths.root).rows
+                                            : read_metrics(run_->paths)));
   } catch (const std::exception&) {  // no file, or a damaged one: the page has no curve
     curve_.clear();
   }
