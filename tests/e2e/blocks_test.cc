@@ -209,6 +209,38 @@ TEST_F(BlocksEndToEnd, AKilledProcessCostsNothingButItsLastSteps) {
   expect_same_blocks(one, four);
 }
 
+TEST_F(BlocksEndToEnd, TwoProcessesTrainOneRunTogether) {
+  if (!has_mpirun()) GTEST_SKIP() << "there is no mpirun";
+  const fs::path whole = folder_ / "whole", again = folder_ / "again";
+  const auto arguments = [&](const fs::path& run, int steps) {
+    return launched(2,
+                    train_arguments(run, {"--epochs", "1000", "--max-steps", std::to_string(steps),
+                                          "--checkpoint-every", "50", "--data-parallel"}));
+  };
+  const ProgramResult ended = Program(REDRIVE_MPIRUN, arguments(whole, 200)).wait();
+  ASSERT_EQ(ended.exit_code, kExitOk) << ended.out << ended.err;
+  EXPECT_THAT(ended.out, HasSubstr("2 processes compute each step together"));
+  const std::size_t first = ended.out.find("finished: step 200");
+  ASSERT_NE(first, std::string::npos) << ended.out;
+  EXPECT_EQ(ended.out.find("finished: step", first + 1), std::string::npos) << "it is one run";
+
+  Program killed(REDRIVE_MPIRUN, arguments(again, 200));
+  ASSERT_TRUE(wait_for_rows(again, 3));
+  const std::vector<pid_t> processes = processes_with(again.string());
+  ASSERT_FALSE(processes.empty());
+  kill(processes[0], SIGKILL);
+  EXPECT_NE(killed.wait().exit_code, kExitOk);
+  const ProgramResult resumed =
+      Program(REDRIVE_MPIRUN, launched(2, {"resume", again.string(), "--data-parallel"})).wait();
+  ASSERT_EQ(resumed.exit_code, kExitOk) << resumed.out << resumed.err;
+  expect_same_end(whole, again);
+
+  // Twice the rays of a step are other steps than those of one process.
+  const fs::path alone = trained("alone", 200);
+  EXPECT_FALSE(bit_equal(load_checkpoint(alone / "checkpoint.safetensors").model->parameters,
+                         load_checkpoint(whole / "checkpoint.safetensors").model->parameters));
+}
+
 TEST_F(BlocksEndToEnd, ArgumentsThatCannotBeParsedAreSaidOnce) {
   if (!has_mpirun()) GTEST_SKIP() << "there is no mpirun";
   for (const auto& [argument, message] :
@@ -234,7 +266,7 @@ TEST_F(BlocksEndToEnd, AnErrorEndsAllProcessesWithOneMessage) {
   const ProgramResult one_run =
       Program(REDRIVE_MPIRUN, launched(2, train_arguments(folder_ / "run"))).wait();
   EXPECT_EQ(one_run.exit_code, kExitUsage);
-  EXPECT_THAT(one_run.err, HasSubstr("--blocks METRES divides it"));
+  EXPECT_THAT(one_run.err, HasSubstr("--blocks METRES divides it; or one run together"));
   EXPECT_FALSE(fs::exists(folder_ / "run"));
 }
 

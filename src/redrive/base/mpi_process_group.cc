@@ -58,7 +58,50 @@ class MpiProcessGroup final : public ProcessGroup {
     return message;
   }
 
+  void all_gather(std::span<const double> own, std::span<double> all) override {
+    const auto n = static_cast<int>(own.size());
+    MPI_Allgather(own.data(), n, MPI_DOUBLE, all.data(), n, MPI_DOUBLE, MPI_COMM_WORLD);
+  }
+
+  void mean(std::span<float> numbers) override {
+    constexpr std::size_t kAtOnce = std::size_t{1} << 22;  // bounds the buffer
+    for (std::size_t begin = 0; begin < numbers.size(); begin += kAtOnce)
+      mean_at_once(numbers.subspan(begin, std::min(kAtOnce, numbers.size() - begin)));
+  }
+
+  void abort(int code) override {
+    MPI_Abort(MPI_COMM_WORLD, code);
+    std::_Exit(code);
+  }
+
  private:
+  /// Each process sums a part of the numbers, in the order of ranks, and then gets the others'.
+  void mean_at_once(std::span<float> numbers) {
+    const auto ranks = static_cast<std::size_t>(size_);
+    std::vector<int> counts, starts, own_counts, own_starts;
+    for (std::size_t r = 0; r < ranks; ++r) {
+      starts.push_back(static_cast<int>(numbers.size() * r / ranks));
+      counts.push_back(static_cast<int>(numbers.size() * (r + 1) / ranks) - starts.back());
+    }
+    const int own = counts[static_cast<std::size_t>(rank_)];
+    for (int r = 0; r < size_; ++r) {
+      own_counts.push_back(own);
+      own_starts.push_back(r * own);
+    }
+    received_.resize(ranks * static_cast<std::size_t>(own));
+    MPI_Alltoallv(numbers.data(), counts.data(), starts.data(), MPI_FLOAT, received_.data(),
+                  own_counts.data(), own_starts.data(), MPI_FLOAT, MPI_COMM_WORLD);
+    float* const sums = numbers.data() + starts[static_cast<std::size_t>(rank_)];
+    for (int i = 0; i < own; ++i) {
+      float sum = 0;
+      for (int r = 0; r < size_; ++r) sum += received_[static_cast<std::size_t>(r * own + i)];
+      sums[i] = sum / static_cast<float>(size_);
+    }
+    MPI_Allgatherv(MPI_IN_PLACE, 0, MPI_DATATYPE_NULL, numbers.data(), counts.data(), starts.data(),
+                   MPI_FLOAT, MPI_COMM_WORLD);
+  }
+
+  std::vector<float> received_;
   int rank_ = 0, size_ = 1, on_machine_ = 1, on_processors_ = 1;
 };
 

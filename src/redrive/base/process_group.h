@@ -3,8 +3,11 @@
 // which is loaded only then, so the program runs without MPI.
 #pragma once
 
+#include <algorithm>
+#include <cstdlib>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 
 namespace redrive {
@@ -28,6 +31,18 @@ class ProcessGroup {
   virtual void send(int /*to*/, const std::string& /*text*/) {}
   /// Returns a message that has arrived, if any.
   virtual std::optional<GroupMessage> receive() { return std::nullopt; }
+
+  // Collectives: all processes call them in the same order, with arrays of the same sizes, and wait
+  // for each other.
+  /// Sets `all` to the numbers of all processes, in the order of ranks.
+  virtual void all_gather(std::span<const double> own, std::span<double> all) {
+    std::copy(own.begin(), own.end(), all.begin());
+  }
+  /// Replaces each number by its mean over the processes. Sums are in the order of ranks, so that
+  /// all have the same bits.
+  virtual void mean(std::span<float> /*numbers*/) {}
+  /// Ends all processes at once, also those that wait in a collective. Does not return.
+  virtual void abort(int code) { std::_Exit(code); }
 };
 
 /// Joins the group of the launcher that the environment names, else returns a group of one.

@@ -8,6 +8,7 @@
 #include "redrive/base/error.h"
 #include "redrive/cli/command.h"
 #include "redrive/cli/train_blocks.h"
+#include "redrive/cli/train_together.h"
 #include "redrive/cli/training.h"
 #include "redrive/train/run_lock.h"
 
@@ -21,6 +22,7 @@ constexpr const char* kChangeable[] = {"epochs", "max-steps",  "max-seconds",
 struct ResumeArguments {
   std::string run;
   std::map<std::string, std::string> given;
+  bool data_parallel = false;
   LiveViewOptions live;
 };
 
@@ -34,6 +36,9 @@ TrainField field_named(const std::string& name) {
 int resume_blocks(const ResumeArguments& arguments, ProcessGroup& processes) {
   if (arguments.live.view)
     throw UsageError("--view", "", "shows one run; this one has blocks, see redrive view RUN");
+  if (arguments.data_parallel)
+    throw UsageError("--data-parallel", "",
+                     "is for one run; this one has blocks, of which each process trains some");
   const RunLock lock(arguments.run);
   DividedRun whole = open_divided_run(arguments.run);
   for (const auto& [name, value] : arguments.given) field_named(name).parse(whole.options, value);
@@ -50,20 +55,28 @@ int resume_blocks(const ResumeArguments& arguments, ProcessGroup& processes) {
 int lead_resuming(const ResumeArguments& arguments, ProcessGroup& processes) {
   check_live_view(arguments.live);
   if (is_divided_run(arguments.run)) return resume_blocks(arguments, processes);
-  check_one_process(processes);
+  if (!arguments.data_parallel) check_one_process(processes);
+  if (arguments.data_parallel && arguments.live.view)
+    throw UsageError("--view", "", "shows a run that one process trains, without --data-parallel");
   const RunLock lock(arguments.run);
   Run run = open_run(arguments.run, /*to_resume=*/true);
   for (const auto& [name, value] : arguments.given) field_named(name).parse(run.options, value);
   validate(run.options);
-  const kernels::BackendGroup group = make_backends(run.options);
+  const bool together = arguments.data_parallel && processes.size() > 1;
+  TrainOptions here = run.options;
+  if (together) here.threads = block_resources(processes, run.options).threads;
+  const kernels::BackendGroup group = make_backends(here);
   const std::atomic<bool>& stop = stop_on_signal();
-  const std::optional<std::uint64_t> cache = check_run_memory(run, group);
+  if (together) check_together(processes, run, group);
+  const std::optional<std::uint64_t> cache =
+      check_run_memory(run, group, together ? processes.on_machine() : 1);
   const TrainingData training = [&] {
     ThreadPool pool(group.backends.front()->threads());
     return load_training_data(run, pool, cache);
   }();
   if (!arguments.given.empty()) write_config(run.paths, run.options, run.state.model.get());
   print_summary(run, training, group);
+  if (together) return lead_together(processes, &run, training, group);
   return train_to_end(&run, training, group, stop, arguments.live);
 }
 
@@ -82,6 +95,7 @@ Action configure_resume(CLI::App& command) {
         std::string("--") + name,
         [arguments, name](const std::string& value) { arguments->given[name] = value; },
         field_named(name).help);
+  add_data_parallel_option(command, &arguments->data_parallel);
   add_live_view_options(command, &arguments->live);
   return [arguments] { return run_resume(*arguments); };
 }

@@ -9,6 +9,7 @@
 #include "redrive/cli/alignment.h"
 #include "redrive/cli/command.h"
 #include "redrive/cli/train_blocks.h"
+#include "redrive/cli/train_together.h"
 #include "redrive/cli/training.h"
 #include "redrive/recording/frame_range.h"
 #include "redrive/recording/pose_files.h"
@@ -26,6 +27,7 @@ struct TrainArguments {
   std::map<std::string, std::vector<std::string>> given;
   std::string out;
   std::string blocks;  ///< "auto" or metres; empty: one run
+  bool data_parallel = false;
   LiveViewOptions live;
 };
 
@@ -107,6 +109,10 @@ std::optional<int> train_divided(const TrainArguments& arguments, ProcessGroup& 
   const BlockResources resources = block_resources(processes, run.options);
   whole.blocks = divide_as_told(arguments.blocks, whole, resources);
   if (whole.blocks.size() == 1) return std::nullopt;
+  if (arguments.data_parallel)
+    throw UsageError("--data-parallel", "",
+                     "is for one run, and this drive has " + std::to_string(whole.blocks.size()) +
+                         " blocks, of which each process trains some");
   std::printf("each block %s\n",
               describe_memory(check_blocks(whole, resources), resources.memory).c_str());
   std::fflush(stdout);
@@ -123,7 +129,9 @@ int lead_training(const TrainArguments& arguments, ProcessGroup& processes) {
   run.options = parse_options(arguments);
   check_run_is_new(arguments.out);
   check_live_view(arguments.live);
-  if (arguments.blocks.empty()) check_one_process(processes);
+  if (arguments.blocks.empty() && !arguments.data_parallel) check_one_process(processes);
+  if (arguments.data_parallel && arguments.live.view)
+    throw UsageError("--view", "", "shows a run that one process trains, without --data-parallel");
   if (!arguments.blocks.empty() && arguments.live.view)
     throw UsageError("--view", "", "shows one run; --blocks makes several, see redrive view RUN");
   TrainOptions here = run.options;
@@ -142,7 +150,10 @@ int lead_training(const TrainArguments& arguments, ProcessGroup& processes) {
   load_actors(&run);
   record_hyperparameters(*run.state.model, &run.options);
   const std::atomic<bool>& stop = stop_on_signal();
-  const std::optional<std::uint64_t> cache = check_run_memory(run, group);
+  const bool together = arguments.data_parallel && processes.size() > 1;
+  if (together) check_together(processes, run, group);
+  const std::optional<std::uint64_t> cache =
+      check_run_memory(run, group, together ? processes.on_machine() : 1);
   const TrainingData training = [&] {
     ThreadPool pool(threads);
     return prepare_training_data(run, pool, cache);
@@ -157,6 +168,7 @@ int lead_training(const TrainArguments& arguments, ProcessGroup& processes) {
       run.state.model.get());
   const RunLock lock(run.paths.root);
   print_summary(run, training, group);
+  if (together) return lead_together(processes, &run, training, group);
   return train_to_end(&run, training, group, stop, arguments.live);
 }
 
@@ -198,6 +210,7 @@ Action configure_train(CLI::App& command) {
       "trained as a run of its own, one after the other or by the processes of "
       "mpirun; auto: 200 m, or less by --memory. --max-seconds, --max-steps and "
       "--epochs are those of each block");
+  add_data_parallel_option(command, &arguments->data_parallel);
   add_live_view_options(command, &arguments->live);
   return [arguments] { return run_train(*arguments); };
 }

@@ -4,6 +4,7 @@
 #include <fcntl.h>
 #include <unistd.h>
 
+#include <atomic>
 #include <cstdio>
 #include <mutex>
 #include <string_view>
@@ -17,6 +18,8 @@ std::string& prefix_of_thread() {
   thread_local std::string prefix;
   return prefix;
 }
+
+std::atomic<bool> silent_output{false};
 
 }  // namespace
 
@@ -45,6 +48,7 @@ struct PrefixedOutput::Stream {
     const std::lock_guard lock(mutex_);
     rest_ += bytes;
     for (std::size_t end; (end = rest_.find('\n')) != std::string::npos; rest_.erase(0, end + 1)) {
+      if (silent_output) continue;
       const std::string line = prefix_of_thread() + rest_.substr(0, end + 1);
       for (std::size_t at = 0; at < line.size();) {
         const ssize_t n = ::write(to_, line.data() + at, line.size() - at);
@@ -85,5 +89,7 @@ PrefixedOutput::~PrefixedOutput() {
 }
 
 void PrefixedOutput::set_prefix(const std::string& prefix) { prefix_of_thread() = prefix; }
+
+void PrefixedOutput::set_silent(bool silent) { silent_output = silent; }
 
 }  // namespace redrive

@@ -18,6 +18,8 @@ class PrefixedOutput {
 
   /// Sets what lines of the calling thread begin with; empty: nothing.
   static void set_prefix(const std::string& prefix);
+  /// Drops all lines of this process, or no longer.
+  static void set_silent(bool silent);
 
  private:
   struct Stream;

@@ -9,6 +9,7 @@
 #include "redrive/base/memory_limit.h"
 #include "redrive/cli/failure.h"
 #include "redrive/cli/line_prefix.h"
+#include "redrive/cli/train_together.h"
 #include "redrive/cli/training.h"
 #include "redrive/train/job_queue.h"
 #include "redrive/train/run_lock.h"
@@ -34,12 +35,12 @@ class BlockTrainer {
 
  private:
   JobResult train(int index) {
-    try {
     std::string which;
+    try {
       if (!whole_) whole_ = &own_.emplace(open_divided_run(root_));
       const Block& block = whole_->blocks.at(static_cast<std::size_t>(index));
-      PrefixedOutput::set_prefix(block.name + ": ");
       which = "block " + block.name + ": ";
+      PrefixedOutput::set_prefix(block.name + ": ");
       return {train_block(block) == TrainEnd::kFinished ? JobEnd::kFinished : JobEnd::kStopped};
     } catch (...) {
       const Failure failure = current_failure();
@@ -115,7 +116,9 @@ int with_processes(const std::filesystem::path& root,
   if (group->size() > 1) prefixed.emplace();
   if (group->rank() > 0) {
     BlockTrainer trainer(*group, root, nullptr);
-    return follow_jobs(*group, trainer.handler());
+    JobHandler handler = trainer.handler();
+    handler.together = [&] { follow_together(*group, root); };
+    return follow_jobs(*group, handler);
   }
   try {
     const int code = lead(*group);
@@ -132,7 +135,8 @@ int with_processes(const std::filesystem::path& root,
 void check_one_process(const ProcessGroup& group) {
   if (group.size() > 1)
     throw UsageError("mpirun", std::to_string(group.size()) + " processes",
-                     "train a drive in several blocks; --blocks METRES divides it");
+                     "train a drive in several blocks: --blocks METRES divides it; or one run "
+                     "together: --data-parallel");
 }
 
 int train_blocks(ProcessGroup& group, DividedRun* whole) {

@@ -19,7 +19,8 @@ BlockResources block_resources(const ProcessGroup& group, const TrainOptions& op
 int with_processes(const std::filesystem::path& root,
                    const std::function<int(ProcessGroup&)>& lead);
 
-/// Throws UsageError if a launcher started several processes, of which one run has no use.
+/// Throws UsageError if a launcher started several processes, for which one run without
+/// --data-parallel has no use.
 void check_one_process(const ProcessGroup& group);
 
 /// Trains the blocks that are not finished, as process 0, and compares their brightness. Prints how

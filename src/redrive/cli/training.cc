@@ -138,10 +138,10 @@ int report_end(const Run& run, TrainEnd end) {
 }  // namespace
 
 TrainEnd train_on(Run* run, const TrainingData& training, const kernels::BackendGroup& group,
-                  const std::atomic<bool>& stop, StepObserver* observer) {
+                  const std::atomic<bool>& stop, StepObserver* observer, ProcessGroup* processes) {
   std::vector<kernels::Backend*> backends;
   for (const auto& backend : group.backends) backends.push_back(backend.get());
-  return train(run, training, backends, group.reduction.get(), stop, observer);
+  return train(run, training, backends, group.reduction.get(), stop, observer, processes);
 }
 
 void add_live_view_options(CLI::App& command, LiveViewOptions* options) {
@@ -158,9 +158,10 @@ void check_live_view(const LiveViewOptions& options) {
 }
 
 int train_to_end(Run* run, const TrainingData& training, const kernels::BackendGroup& group,
-                 const std::atomic<bool>& stop, const LiveViewOptions& options) {
+                 const std::atomic<bool>& stop, const LiveViewOptions& options,
+                 ProcessGroup* processes) {
   const auto train_with = [&](StepObserver* observer) {
-    return report_end(*run, train_on(run, training, group, stop, observer));
+    return report_end(*run, train_on(run, training, group, stop, observer, processes));
   };
   if (!options.view) return train_with(nullptr);
   view::LiveView live(run, *group.backends.front(), stop);

@@ -33,9 +33,10 @@ std::optional<std::uint64_t> check_run_memory(const Run& run, const kernels::Bac
 void print_summary(const Run& run, const TrainingData& training,
                    const kernels::BackendGroup& group);
 
-/// Trains on the group's backends until the end of the run or `stop`.
+/// Trains on the group's backends until the end of the run or `stop`. `processes`: as train().
 TrainEnd train_on(Run* run, const TrainingData& training, const kernels::BackendGroup& group,
-                  const std::atomic<bool>& stop, StepObserver* observer = nullptr);
+                  const std::atomic<bool>& stop, StepObserver* observer = nullptr,
+                  ProcessGroup* processes = nullptr);
 
 /// --view of train and resume.
 struct LiveViewOptions {
@@ -50,6 +51,7 @@ void check_live_view(const LiveViewOptions& options);
 /// Trains, prints how it ended and how to resume, and returns the exit code. With --view the page
 /// stays until `stop`.
 int train_to_end(Run* run, const TrainingData& training, const kernels::BackendGroup& group,
-                 const std::atomic<bool>& stop, const LiveViewOptions& options);
+                 const std::atomic<bool>& stop, const LiveViewOptions& options,
+                 ProcessGroup* processes = nullptr);
 
 }  // namespace redrive

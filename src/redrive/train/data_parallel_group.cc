@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/train/data_parallel_group.h"
 
+#include <type_traits>
+
 #include "redrive/base/error.h"
 
 namespace redrive {
@@ -29,21 +31,43 @@ void accumulate(const StepResult& one, int ranks, StepResult* all) {
   }
 }
 
+/// Calls `visit` for each number of a result but for the updates of an error map. Names and sizes
+/// stay.
+template <class Result, class Visit>
+void visit_numbers(Result& result, const Visit& visit) {
+  visit(result.pixels);
+  visit(result.epoch_pixels);
+  visit(result.active_rays);
+  visit(result.opacity);
+  visit(result.rgb_mse);
+  visit(result.loss);
+  visit(result.finite);
+  visit(result.colour_variance);
+  for (auto& term : result.loss_terms) visit(term.value);
+  for (auto& view : result.views)
+    for (int k = 0; k < 3; ++k) {
+      visit(view.d_translation[k]);
+      visit(view.d_rotation[k]);
+    }
+}
+
 }  // namespace
 
 DataParallelGroup::DataParallelGroup(const std::vector<kernels::Backend*>& backends,
-                                     kernels::AllReduce* all_reduce, TrainState* state)
-    : pool_(static_cast<int>(backends.size())), all_reduce_(all_reduce) {
+                                     kernels::AllReduce* all_reduce, TrainState* state,
+                                     ProcessGroup* processes)
+    : pool_(static_cast<int>(backends.size())), all_reduce_(all_reduce), processes_(processes) {
   REDRIVE_CHECK(all_reduce || backends.size() == 1);
+  REDRIVE_CHECK(!processes || backends.size() == 1);
   for (kernels::Backend* backend : backends) {
-    ranks_.push_back(std::make_unique<Rank>(Rank{*backend, size()}));
-    Rank& rank = *ranks_.back();
-    rank.state = size() == 1 ? state : &rank.copy;
+    const auto rank = static_cast<int>(ranks_.size());
+    ranks_.push_back(std::make_unique<Rank>(Rank{*backend, processes ? processes->rank() : rank}));
+    ranks_.back()->state = rank == 0 ? state : &ranks_.back()->copy;
   }
 }
 
 void DataParallelGroup::begin() {
-  if (size() == 1) return;
+  if (ranks_.size() == 1) return;
   for (const auto& rank : ranks_) rank->copy = {};  // frees memory for the new copies
   const std::string all = checkpoint_bytes(*first().state);
   for (const auto& rank : ranks_)
@@ -51,8 +75,9 @@ void DataParallelGroup::begin() {
 }
 
 void DataParallelGroup::each(const std::function<void(Rank&)>& work) {
-  pool_.run(size(), [&](int rank) {
-    const std::string which = size() > 1 ? "GPU " + std::to_string(rank) + ": " : "";
+  const auto here = static_cast<int>(ranks_.size());
+  pool_.run(here, [&](int rank) {
+    const std::string which = here > 1 ? "GPU " + std::to_string(rank) + ": " : "";
     try {
       work(*ranks_[rank]);
     } catch (const DeviceError& error) {
@@ -63,9 +88,29 @@ void DataParallelGroup::each(const std::function<void(Rank&)>& work) {
   });
 }
 
+StepResult DataParallelGroup::reduce_over_processes() {
+  const StepResult& own = first().result;
+  REDRIVE_CHECK(own.cells.empty());
+  std::vector<double> numbers;
+  visit_numbers(own, [&](const auto& number) { numbers.push_back(double(number)); });
+  std::vector<double> of_all(numbers.size() * static_cast<std::size_t>(size()));
+  processes_->all_gather(numbers, of_all);
+  StepResult all;
+  StepResult one = own;
+  const double* next = of_all.data();
+  for (int rank = 0; rank < size(); ++rank) {
+    visit_numbers(one, [&](auto& number) {
+      number = static_cast<std::remove_reference_t<decltype(number)>>(*next++);
+    });
+    accumulate(one, size(), &all);
+  }
+  processes_->mean(first().buffers.gradients);
+  return all;
+}
+
 StepResult DataParallelGroup::step(const TrainingSet& data, const StepRequest& request,
                                    double learning_rate) {
-  const bool several = size() > 1;
+  const bool several = ranks_.size() > 1;
   each([&](Rank& rank) {
     StepRequest own = request;
     own.rank = rank.rank;
@@ -78,12 +123,13 @@ StepResult DataParallelGroup::step(const TrainingSet& data, const StepRequest& r
   });
 
   StepResult all;
+  if (processes_) all = reduce_over_processes();
   cells_.clear();
   squared_errors_.clear();
   std::vector<std::span<float>> gradients;
   for (const auto& rank : ranks_) {
     const StepResult& one = rank->result;
-    accumulate(one, size(), &all);
+    if (!processes_) accumulate(one, size(), &all);
     gradients.push_back(rank->buffers.gradients);
     if (!several) continue;
     cells_.insert(cells_.end(), one.cells.begin(), one.cells.end());

@@ -4,7 +4,10 @@
 #include "redrive/train/data_parallel_group.h"
 
 #include <algorithm>
+#include <barrier>
 #include <cmath>
+#include <deque>
+#include <thread>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -249,6 +252,140 @@ TEST_F(DataParallelTest, RanksStayEqualAndAllUpdateTheErrorMap) {
     }
     EXPECT_GT(changed, 100);
   }
+}
+
+/// Processes as threads; collectives end when the last one has come.
+struct Meeting {
+  explicit Meeting(int n) : arrived(n), doubles(n), floats(n) {}
+  std::barrier<> arrived;
+  std::vector<std::span<const double>> doubles;
+  std::vector<std::span<float>> floats;
+};
+
+class ThreadGroup final : public ProcessGroup {
+ public:
+  ThreadGroup(Meeting* meeting, int rank) : meeting_(*meeting), rank_(rank) {}
+  int rank() const override { return rank_; }
+  int size() const override { return static_cast<int>(meeting_.floats.size()); }
+  void all_gather(std::span<const double> own, std::span<double> all) override {
+    meeting_.doubles[rank_] = own;
+    meeting_.arrived.arrive_and_wait();
+    for (std::size_t r = 0; r < meeting_.doubles.size(); ++r)
+      std::ranges::copy(meeting_.doubles[r], all.begin() + std::ssize(own) * std::ptrdiff_t(r));
+    meeting_.arrived.arrive_and_wait();
+  }
+  void mean(std::span<float> numbers) override {
+    meeting_.floats[rank_] = numbers;
+    meeting_.arrived.arrive_and_wait();
+    std::vector<float> means(numbers.size());
+    for (std::size_t i = 0; i < numbers.size(); ++i) {
+      for (const std::span<float> part : meeting_.floats) means[i] += part[i];
+      means[i] /= static_cast<float>(size());
+    }
+    meeting_.arrived.arrive_and_wait();
+    std::ranges::copy(means, numbers.begin());
+    meeting_.arrived.arrive_and_wait();
+  }
+
+ private:
+  Meeting& meeting_;
+  int rank_;
+};
+
+TEST_F(DataParallelTest, ProcessesComputeTheStepsOfBackendsOfOneProcess) {
+  constexpr int kRanks = 3, kSteps = 4;
+  GroupRun one = group_run("one", false);
+  one.draw(16);
+  const std::string before = checkpoint_bytes(one.run.state);
+  std::vector<std::unique_ptr<kernels::Backend>> owned;
+  std::vector<kernels::Backend*> backends;
+  for (int rank = 0; rank < kRanks; ++rank)
+    backends.push_back(owned.emplace_back(processor_backend(1)).get());
+  HostMean mean(backends);
+  DataParallelGroup group(backends, &mean, &one.run.state);
+  group.begin();
+  std::vector<StepResult> expected;
+  for (int step = 0; step < kSteps; ++step)
+    expected.push_back(group.step(one.set(), one.next(), 1e-2));
+
+  Meeting meeting(kRanks);
+  std::deque<GroupRun> runs;  // which refer to themselves
+  for (int rank = 0; rank < kRanks; ++rank)
+    runs.emplace_back(tiny_run(folder_.path / ("process " + std::to_string(rank)), folder_.path,
+                               tiny_options(1)));
+  std::vector<std::thread> threads;
+  for (int rank = 0; rank < kRanks; ++rank)
+    threads.emplace_back([&, rank] {
+      GroupRun& of = runs[static_cast<std::size_t>(rank)];
+      of.run.state = parse_checkpoint(before, "");
+      ThreadGroup processes(&meeting, rank);
+      DataParallelGroup own({backends[static_cast<std::size_t>(rank)]}, nullptr, &of.run.state,
+                            &processes);
+      EXPECT_EQ(own.size(), kRanks);
+      own.begin();
+      for (int step = 0; step < kSteps; ++step) {
+        const StepResult result = own.step(of.set(), of.next(), 1e-2);
+        const StepResult& other = expected[static_cast<std::size_t>(step)];
+        EXPECT_EQ(result.pixels, other.pixels);
+        EXPECT_EQ(result.loss, other.loss);
+        EXPECT_EQ(result.rgb_mse, other.rgb_mse);
+        EXPECT_EQ(loss_of(result, "colour"), loss_of(other, "colour"));
+        ASSERT_EQ(result.views.size(), other.views.size());
+        for (std::size_t v = 0; v < result.views.size(); ++v)
+          EXPECT_EQ(result.views[v].d_rotation, other.views[v].d_rotation);
+      }
+      EXPECT_TRUE(same_weights(of.run.state, one.run.state)) << rank;
+    });
+  for (std::thread& thread : threads) thread.join();
+}
+
+TEST_F(DataParallelTest, ARunOfProcessesIsWrittenByTheFirst) {
+  constexpr int kRanks = 2;
+  TrainOptions options = tiny_options(60);
+  options.max_steps = 60;
+  Meeting meeting(kRanks);
+  std::vector<redrive::Run> runs;
+  for (const char* name : {"first", "second"})
+    runs.push_back(tiny_run(folder_.path / name, folder_.path, options));
+  std::vector<std::thread> threads;
+  for (int rank = 0; rank < kRanks; ++rank)
+    threads.emplace_back([&, rank] {
+      redrive::Run& run = runs[static_cast<std::size_t>(rank)];
+      ThreadGroup processes(&meeting, rank);
+      ThreadPool pool(1);
+      const auto backend = processor_backend(1);
+      const TrainingData data = load_training_data(run, pool);
+      EXPECT_EQ(train(&run, data, {backend.get()}, nullptr, never_, nullptr, &processes),
+                TrainEnd::kFinished);
+    });
+  for (std::thread& thread : threads) thread.join();
+  EXPECT_TRUE(same_weights(runs[0].state, runs[1].state));
+  EXPECT_EQ(runs[0].state.seconds, runs[1].state.seconds) << "one clock";
+  EXPECT_EQ(load_checkpoint(runs[0].paths.checkpoint()).step, 60);
+  EXPECT_EQ(read_metrics(runs[0].paths).size(), 3u);
+  EXPECT_FALSE(std::filesystem::exists(runs[1].paths.checkpoint()));
+  EXPECT_FALSE(std::filesystem::exists(runs[1].paths.metrics()));
+}
+
+TEST_F(DataParallelTest, ProcessesMustBeginAlike) {
+  Meeting meeting(2);
+  std::vector<redrive::Run> runs;
+  for (const char* name : {"first", "second"})
+    runs.push_back(tiny_run(folder_.path / name, folder_.path, tiny_options(60)));
+  runs[1].state.model->parameters[3] += 1;
+  std::vector<std::thread> threads;
+  for (int rank = 0; rank < 2; ++rank)
+    threads.emplace_back([&, rank] {
+      redrive::Run& run = runs[static_cast<std::size_t>(rank)];
+      run.state.step = 1;  // or nerf would begin anew
+      ThreadGroup processes(&meeting, rank);
+      ThreadPool pool(1);
+      const auto backend = processor_backend(1);
+      const TrainingData data = load_training_data(run, pool);
+      EXPECT_THROW(train(&run, data, {backend.get()}, nullptr, never_, nullptr, &processes),
+                   UsageError);
+    });
+  for (std::thread& thread : threads) thread.join();
 }
 
 TEST_F(DataParallelTest, DrawsEachPixelOnceAnEpoch) {

@@ -16,7 +16,8 @@ namespace {
 constexpr auto kPoll = std::chrono::milliseconds(10);  // a job takes minutes
 constexpr std::size_t kMaxMessage = 2000;  // bytes; longer ones might wait for their receiver
 constexpr std::string_view kDo = "do ", kStop = "stop", kEnd = "end ", kFinished = "finished",
-                           kStopped = "stopped", kFailed = "failed ", kAsked = "asked to stop";
+                           kStopped = "stopped", kFailed = "failed ", kAsked = "asked to stop",
+                           kTogether = "together";
 
 /// Works on one job at a time.
 class Worker {
@@ -173,6 +174,7 @@ int follow_jobs(ProcessGroup& group, const JobHandler& handler) {
       const std::string_view text = message->text;
       heard = true;
       if (text.starts_with(kDo)) worker.start(number_in(text.substr(kDo.size())));
+      if (text == kTogether) handler.together();
       if (text == kStop) {
         stopping = true;
         handler.stop();
@@ -181,6 +183,10 @@ int follow_jobs(ProcessGroup& group, const JobHandler& handler) {
     }
     if (!heard) std::this_thread::sleep_for(kPoll);
   }
+}
+
+void start_together(ProcessGroup& group) {
+  for (int rank = 1; rank < group.size(); ++rank) group.send(rank, std::string(kTogether));
 }
 
 void end_jobs(ProcessGroup& group, int code) {

@@ -25,6 +25,7 @@ struct JobHandler {
   std::function<bool()> stopped;           ///< whether somebody asked this process to stop
   std::function<void()> stop;              ///< makes `work` end soon, with kStopped
   std::function<void(int job)> finished;   ///< process 0 alone, of the jobs of all processes
+  std::function<void()> together;          ///< other processes: their part of start_together
 };
 
 /// Hands jobs out in their order, as process 0, and works itself. A job that fails or is stopped
@@ -35,6 +36,9 @@ JobResult lead_jobs(ProcessGroup& group, const std::vector<int>& jobs, const Job
 /// Works as another process than 0 until end_jobs, and returns its code. A process without a job
 /// that is asked to stop stops all, too: also one that waits for the first job.
 int follow_jobs(ProcessGroup& group, const JobHandler& handler);
+
+/// Makes all other processes do JobHandler::together in follow_jobs, while this one does its part.
+void start_together(ProcessGroup& group);
 
 /// Ends follow_jobs of all other processes, with this exit code.
 void end_jobs(ProcessGroup& group, int code);

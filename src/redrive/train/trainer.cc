@@ -2,10 +2,12 @@
 #include "redrive/train/trainer.h"
 
 #include <algorithm>
+#include <bit>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <limits>
+#include <span>
 #include <utility>
 
 #include "redrive/base/error.h"
@@ -37,8 +39,10 @@ double decibels(double mse) { return -10 * std::log10(std::max(mse, 1e-10)); }
 class Trainer {
  public:
   Trainer(Run* run, const TrainingData& data, const std::vector<kernels::Backend*>& backends,
-          kernels::AllReduce* all_reduce, StepObserver* observer)
+          kernels::AllReduce* all_reduce, StepObserver* observer, ProcessGroup* processes)
       : run_(*run),
+        processes_(processes),
+        writes_(!processes || processes->rank() == 0),
         observer_(observer),
         state_(run->state),
         options_(run->options),
@@ -53,22 +57,23 @@ class Trainer {
               data.lidar.n > 0 && run->state.model->uses_lidar() ? &lidar_sampler_ : nullptr,
               &run->scene},
         refinement_(pose_refinement(run->options)),
-        group_(backends, all_reduce, &run->state),
+        group_(backends, all_reduce, &run->state, processes),
         saved_seconds_(run->state.seconds) {
     if (state_.step == 0) begin_from_data();
     steps_per_epoch_ = state_.model->steps_per_epoch(data_, group_.size());
     steps_ = total_steps(options_, steps_per_epoch_);
+    check_same_begin();
     adapt_state();
   }
 
   TrainEnd run(const std::atomic<bool>& stop) {
-    truncate_metrics(run_.paths, {state_.restarts, state_.rollbacks, state_.step});
+    if (writes_) truncate_metrics(run_.paths, {state_.restarts, state_.rollbacks, state_.step});
     print_schedule();
     if (state_.step == 0) save();
     waited_s_ = row_waited_s_ = data_.images.statistics().waited_s;
     while (true) {
       while (progress() < 1) {
-        if (stop) return end(TrainEnd::kInterrupted);
+        if (asked_to(stop)) return end(TrainEnd::kInterrupted);
         step();
         if (observer_) observer_->between_steps(run_, scene_, frames_);
       }
@@ -119,6 +124,32 @@ class Trainer {
     state_.adam.second_moment = Buffer<float>(model.size());
   }
 
+  /// Returns a number of each process.
+  std::vector<double> of_processes(double own) const {
+    std::vector<double> all(processes_ ? static_cast<std::size_t>(processes_->size()) : 1, own);
+    if (processes_) processes_->all_gather({&own, 1}, all);
+    return all;
+  }
+
+  /// Whether any process was asked to stop.
+  bool asked_to(const std::atomic<bool>& stop) const {
+    return std::ranges::max(of_processes(stop ? 1 : 0)) > 0;
+  }
+
+  /// Checks that all processes begin with the same state, and sets the clock of process 0.
+  void check_same_begin() {
+    if (!processes_) return;
+    const std::span<const float> parameters = state_.model->parameters;
+    std::uint64_t hash = static_cast<std::uint64_t>(state_.step);
+    for (const float number : parameters) hash = mix64(hash ^ std::bit_cast<std::uint32_t>(number));
+    const std::vector<double> hashes = of_processes(static_cast<double>(hash >> 12));  // exact
+    if (std::ranges::count(hashes, hashes.front()) != std::ssize(hashes))
+      throw UsageError("mpirun", std::to_string(hashes.size()) + " processes",
+                       "begin with different parameters: they need the same files, processors with "
+                       "the same instruction sets or one --isa, and the same program");
+    state_.seconds = of_processes(state_.seconds).front();
+  }
+
   /// Adapts the state to the pixels, which differ from before after masks were edited or when it is
   /// fresh.
   void adapt_state() {
@@ -158,7 +189,7 @@ class Trainer {
       refine_poses(scene_, result.views, pose_rates(pose_rate()), refinement_, &state_.poses);
       update_poses();
     }
-    const double seconds = seconds_since(begin);
+    const double seconds = of_processes(seconds_since(begin)).front();
     state_.seconds += seconds;
 
     if (const auto reason = watch_start(result, number, &state_.watch)) return restart(*reason);
@@ -181,13 +212,14 @@ class Trainer {
   }
 
   void save() {
+    saved_seconds_ = state_.seconds;
+    save_due_ = false;
+    if (!writes_) return;
     sync_metrics(run_.paths);
     for (const Buffer<float>* numbers : {&state_.model->parameters, &state_.adam.first_moment,
                                          &state_.adam.second_moment, &state_.cell_errors})
       group_.first().backend.download(*numbers);
     save_checkpoint(run_.paths.checkpoint(), state_);
-    saved_seconds_ = state_.seconds;
-    save_due_ = false;
   }
 
   bool loss_rose() const { return last_was_high_ || is_high(watched(), state_.loss_watch); }
@@ -215,9 +247,10 @@ class Trainer {
     std::fprintf(stderr,
                  "redrive: step %lld: %s; restarting from another seed (%d of at most %d)\n",
                  static_cast<long long>(state_.step), reason.c_str(), restarts, kMaxRestarts);
-    append_restart(run_.paths, state_.step, restarts, fresh.seed, reason);
+    if (writes_) append_restart(run_.paths, state_.step, restarts, fresh.seed, reason);
     state_ = std::move(fresh);
     begin_from_data();
+    check_same_begin();
     adapt_state();
     last_was_high_ = false;
     save();
@@ -264,7 +297,8 @@ class Trainer {
                  static_cast<long long>(state_.step), reason.c_str(),
                  static_cast<long long>(good.step), good.rate_factor, good.rollbacks,
                  kMaxRollbacks);
-    append_rollback(run_.paths, state_.step, good.step, good.rollbacks, good.rate_factor, reason);
+    if (writes_)
+      append_rollback(run_.paths, state_.step, good.step, good.rollbacks, good.rate_factor, reason);
     state_ = std::move(good);
     adapt_state();
     last_was_high_ = false;
@@ -287,7 +321,7 @@ class Trainer {
         row.losses.emplace_back(term.name, window.terms[i++] / window.steps);
       const double waited_s = data_.images.statistics().waited_s;
       row.image_wait_s = waited_s - std::exchange(row_waited_s_, waited_s);
-      append_metrics(run_.paths, row);
+      if (writes_) append_metrics(run_.paths, row);
     }
     last_was_high_ = is_high(watched(), state_.loss_watch);
     watch_loss(watched(), &state_.loss_watch);
@@ -341,6 +375,8 @@ class Trainer {
   }
 
   Run& run_;
+  ProcessGroup* processes_;  // that compute steps together; may be null
+  const bool writes_;
   StepObserver* observer_;
   TrainState& state_;
   const TrainOptions& options_;
@@ -364,14 +400,14 @@ class Trainer {
 
 TrainEnd train(Run* run, const TrainingData& data, const std::vector<kernels::Backend*>& backends,
                kernels::AllReduce* all_reduce, const std::atomic<bool>& stop,
-               StepObserver* observer) {
+               StepObserver* observer, ProcessGroup* processes) {
   const auto how_to_go_on = [&](const std::exception& error) {
     return "step " + std::to_string(run->state.step) + ": " + error.what() +
            "; the last checkpoint stands, go on from it with: redrive resume " +
            run->paths.root.string();
   };
   try {
-    return Trainer(run, data, backends, all_reduce, observer).run(stop);
+    return Trainer(run, data, backends, all_reduce, observer, processes).run(stop);
   } catch (
       const DeviceError& error) {  // a checkpoint is downloaded completely before it is written
     throw DeviceError(how_to_go_on(error));

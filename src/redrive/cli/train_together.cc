@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/cli/train_together.h"
+
+#include <chrono>
+#include <cstdio>
+#include <thread>
+
+#include "redrive/base/error.h"
+#include "redrive/cli/failure.h"
+#include "redrive/cli/line_prefix.h"
+#include "redrive/cli/train_blocks.h"
+#include "redrive/cli/training.h"
+#include "redrive/train/job_queue.h"
+
+namespace redrive {
+
+void add_data_parallel_option(CLI::App& command, bool* data_parallel) {
+  command.add_flag("--data-parallel", *data_parallel,
+                   "the processes of mpirun train one run together: each draws its own image of a "
+                   "step, and their gradients are averaged");
+}
+
+void check_together(const ProcessGroup& processes, const Run& run,
+                    const kernels::BackendGroup& backends) {
+  const std::string what = std::to_string(processes.size()) + " processes";
+  if (run.state.model->uses_error_map())
+    throw UsageError("--data-parallel", what,
+                     "is not for --method " + run.options.method +
+                         " with rays drawn by their errors, which processes do not exchange");
+  if (backends.backends.front()->free_memory())
+    throw UsageError("--data-parallel", what,
+                     "is for processors; --gpus lets several GPUs compute steps together");
+}
+
+int lead_together(ProcessGroup& processes, Run* run, const TrainingData& training,
+                  const kernels::BackendGroup& backends) {
+  std::printf("%d processes compute each step together\n", processes.size());
+  std::fflush(stdout);
+  start_together(processes);
+  try {
+    return train_to_end(run, training, backends, stop_on_signal(), {}, &processes);
+  } catch (...) {  // they wait for this process
+    const ExitCode code = print_failure();
+    processes.abort(code);
+    return code;
+  }
+}
+
+void follow_together(ProcessGroup& processes, const std::filesystem::path& root) {
+  PrefixedOutput::set_silent(true);
+  try {
+    Run run = open_run(root, /*to_resume=*/true);
+    TrainOptions here = run.options;
+    here.threads = block_resources(processes, run.options).threads;
+    const kernels::BackendGroup backends = make_backends(here);
+    const auto cache = check_run_memory(run, backends, processes.on_machine());
+    const TrainingData training = [&] {
+      ThreadPool pool(here.threads);
+      return load_training_data(run, pool, cache);
+    }();
+    train_on(&run, training, backends, stop_on_signal(), nullptr, &processes);
+  } catch (...) {
+    PrefixedOutput::set_silent(false);
+    std::this_thread::sleep_for(std::chrono::seconds(1));  // process 0 may be about to say the same
+    processes.abort(print_failure());
+  }
+  PrefixedOutput::set_silent(false);
+}
+
+}  // namespace redrive
