@@ -20,6 +20,7 @@ namespace {
 constexpr std::size_t kSightedPerRange = 256;
 constexpr std::size_t kFewReturns = 500;  ///< so many more are put on the box
 constexpr float kMirrorApart_m = 0.15f;   ///< a mirrored point has no return within it
+constexpr float kCore = 0.7f;             ///< part of the box that is opaque at first
 
 /// A training view of the object and where its camera is then.
 struct Sighting {
@@ -100,6 +101,25 @@ Eigen::Vector3f on_box(const Eigen::Vector3f& half, std::uint64_t key, std::uint
   return at;
 }
 
+/// Appends opaque Gaussians of one colour in the middle of the box. They hide what is behind from
+/// the first step on: without them the world and the object's far side, which shine through its
+/// near side at first, take any colours to make up for that.
+void append_core(const Eigen::Vector3f& size_m, const Eigen::Vector3f& rgb,
+                 const NearestCamera& cameras, GaussianList* list) {
+  constexpr int kAlong = 6, kAcross = 3, kUp = 3;
+  constexpr float kCoreOpacity = 0.95f;
+  const Eigen::Vector3f core = kCore * size_m,
+                        side = core.cwiseQuotient(Eigen::Vector3f(kAlong, kAcross, kUp));
+  for (int i = 0; i < kAlong * kAcross * kUp; ++i) {
+    const Eigen::Vector3f cell(float(i % kAlong), float(i / kAlong % kAcross),
+                               float(i / (kAlong * kAcross)));
+    const Point point{side.cwiseProduct(cell) + (side - core) / 2, rgb, Eigen::Vector3f::Zero()};
+    list->rows.resize(list->rows.size() + kGaussianRows);
+    put_gaussian(point, 0.5f * side, Eigen::Quaternionf::Identity(), kCoreOpacity,
+                 cameras.distance(point.position.data()), &*(list->rows.end() - kGaussianRows));
+  }
+}
+
 }  // namespace
 
 GaussianList actor_gaussians(const TrainingSet& data, const MovingObject& actor, float voxel,
@@ -142,6 +162,12 @@ GaussianList actor_gaussians(const TrainingSet& data, const MovingObject& actor,
   append_discs(one_per_voxel(measured, cameras, voxel, pool), cameras, 0.5f, kPointOpacity, pool,
                &list);
   append_discs(random, cameras, 0.5f, kRandomOpacity, pool, &list);
+  if (actor.deforms || list.size() == 0) return list;
+  Eigen::Vector3f mean = Eigen::Vector3f::Zero();
+  for (const Points* of : {&measured, &random})
+    for (const Point& point : *of)
+      mean += point.rgb / static_cast<float>(measured.size() + random.size());
+  append_core(actor.size_m.cast<float>(), mean, cameras, &list);
   return list;
 }
 

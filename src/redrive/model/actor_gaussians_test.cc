@@ -47,12 +47,14 @@ struct Road : SplatScene {
   }
 };
 
+constexpr std::size_t kInCore = 54;  // they come last
+
 TEST(ActorGaussians, LieOnReturnsAndTheirMirrorImagesInTheColoursOfTheImages) {
   Road road;
   road.add_returns(900);
   const GaussianList list = road.gaussians();
   int left = 0, right = 0;
-  for (std::size_t i = 0; i < list.size(); ++i) {
+  for (std::size_t i = 0; i < list.size() - kInCore; ++i) {
     const float* const rows = &list.rows[i * kGaussianRows];
     EXPECT_NEAR(rows[kPositionRow], -2, 1e-4) << "no return of another object";
     EXPECT_GT(std::fabs(rows[kPositionRow + 1]), 0.2f);
@@ -69,14 +71,33 @@ TEST(ActorGaussians, LieOnReturnsAndTheirMirrorImagesInTheColoursOfTheImages) {
 TEST(ActorGaussians, WithoutReturnsLieOnTheBox) {
   Road road;
   const GaussianList list = road.gaussians();
-  EXPECT_EQ(list.size(), 500u);
-  for (std::size_t i = 0; i < list.size(); ++i) {
+  ASSERT_EQ(list.size(), 500 + kInCore);
+  for (std::size_t i = 0; i < 500; ++i) {
     const float* const at = &list.rows[i * kGaussianRows + kPositionRow];
     const float sides[3] = {std::fabs(at[0]) / 1.8f, std::fabs(at[1]) / 0.9f, at[2] / 0.72f};
     EXPECT_NEAR(std::max({sides[0], sides[1], sides[2]}), 1, 1e-4);
   }
   EXPECT_EQ(road.gaussians(1, 1).rows, list.rows);
   EXPECT_NE(road.gaussians(2, 1).rows, list.rows);
+}
+
+TEST(ActorGaussians, HaveAnOpaqueCoreOfTheMeanColourUnlessTheyDeform) {
+  Road road;
+  road.add_returns(900);
+  const GaussianList list = road.gaussians();
+  Eigen::Vector3f sum = Eigen::Vector3f::Zero();
+  for (std::size_t i = list.size() - kInCore; i < list.size(); ++i) {
+    const float* const rows = &list.rows[i * kGaussianRows];
+    const Eigen::Vector3f at(rows[kPositionRow], rows[kPositionRow + 1], rows[kPositionRow + 2]);
+    EXPECT_TRUE((at.cwiseAbs().array() < Eigen::Array3f(1.4f, 0.7f, 0.56f)).all()) << at;
+    sum += at;
+    EXPECT_NEAR(1 / (1 + std::exp(-rows[kOpacityRow])), 0.95, 1e-5);
+    EXPECT_NEAR(rows[kColourRow], 0.5, 0.03) << "red on the left, blue on the right";
+    EXPECT_NEAR(rows[kColourRow + 2], 0.5, 0.03);
+  }
+  EXPECT_LT(sum.norm(), 1e-4);
+  road.car.deforms = true;
+  EXPECT_EQ(road.gaussians().size(), list.size() - kInCore);
 }
 
 TEST(ActorGaussians, AnObjectThatNoTrainingImageShowsHasNone) {
