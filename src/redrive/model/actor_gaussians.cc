@@ -12,6 +12,7 @@
 
 #include "redrive/base/rng.h"
 #include "redrive/model/gaussian_points.h"
+#include "redrive/scene/moving_objects.h"
 #include "redrive/scene/point_cloud.h"
 
 namespace redrive {
@@ -20,7 +21,7 @@ namespace {
 constexpr std::size_t kSightedPerRange = 256;
 constexpr std::size_t kFewReturns = 500;  ///< so many more are put on the box
 constexpr float kMirrorApart_m = 0.15f;   ///< a mirrored point has no return within it
-constexpr float kCore = 0.7f;             ///< part of the box that is opaque at first
+constexpr double kCore = 0.7;             ///< of the box, which hides what is behind
 
 /// A training view of the object and where its camera is then.
 struct Sighting {
@@ -42,10 +43,12 @@ std::vector<Sighting> sightings_of(const Scene& scene, const MovingObject& actor
   return sightings;
 }
 
-/// Returns the colour of a point in the image nearest to t_ns that shows it.
+/// Returns the colour of a point in the image nearest to t_ns that shows it and that the object's
+/// core does not hide it from.
 std::optional<Eigen::Vector3f> colour_near(const TrainingSet& data,
                                            const std::vector<Sighting>& sightings,
-                                           const Eigen::Vector3f& point, std::int64_t t_ns) {
+                                           const MovingBox& core, const Eigen::Vector3f& point,
+                                           std::int64_t t_ns) {
   std::vector<std::pair<std::int64_t, std::size_t>> nearest;  // a heap
   for (std::size_t i = 0; i < sightings.size(); ++i)
     nearest.emplace_back(std::abs(sightings[i].t_ns - t_ns), i);
@@ -53,6 +56,8 @@ std::optional<Eigen::Vector3f> colour_near(const TrainingSet& data,
     std::ranges::pop_heap(nearest, std::greater<>());
     const Sighting& s = sightings[nearest.back().second];
     const Camera& camera = data.scene.rig[data.scene.views[s.view].camera].camera;
+    const Eigen::Vector3d eye = s.actor_from_camera.translation();
+    if (core.intersects(eye, point.cast<double>() - eye, 1)) continue;
     const auto pixel =
         camera.project(s.actor_from_camera.inverse(Eigen::Isometry) * point.cast<double>());
     if (!pixel) continue;
@@ -89,6 +94,30 @@ void add_mirrored(std::vector<TimedPoint>* points) {
   }
 }
 
+/// Gives points that no image shows the colours of the nearest ones that one shows: more of those
+/// at the same height than of those ahead and behind, as cars are painted.
+void borrow_colours(const std::vector<std::uint8_t>& seen, std::vector<TimedPoint>* points) {
+  const Eigen::Vector3f scale(0.3f, 1, 2);
+  Points known;
+  for (std::size_t i = 0; i < points->size(); ++i)
+    if (seen[i]) {
+      known.push_back((*points)[i].point);
+      known.back().position = known.back().position.cwiseProduct(scale);
+    }
+  if (known.empty()) return;
+  const PointSet set{known};
+  PointTree tree(3, set, nanoflann::KDTreeSingleIndexAdaptorParams(16));
+  tree.buildIndex();
+  for (std::size_t i = 0; i < points->size(); ++i) {
+    if (seen[i]) continue;
+    const Eigen::Vector3f at = (*points)[i].point.position.cwiseProduct(scale);
+    std::uint32_t near;
+    float square;
+    tree.knnSearch(at.data(), 1, &near, &square);
+    (*points)[i].point.rgb = known[near].rgb;
+  }
+}
+
 /// Returns a point at random on the sides and the top of a box.
 Eigen::Vector3f on_box(const Eigen::Vector3f& half, std::uint64_t key, std::uint64_t i) {
   Eigen::Vector3f at;
@@ -101,19 +130,20 @@ Eigen::Vector3f on_box(const Eigen::Vector3f& half, std::uint64_t key, std::uint
   return at;
 }
 
-/// Appends opaque Gaussians of one colour in the middle of the box. They hide what is behind from
-/// the first step on: without them the world and the object's far side, which shine through its
-/// near side at first, take any colours to make up for that.
-void append_core(const Eigen::Vector3f& size_m, const Eigen::Vector3f& rgb,
-                 const NearestCamera& cameras, GaussianList* list) {
-  constexpr int kAlong = 6, kAcross = 3, kUp = 3;
+/// Appends opaque Gaussians of one colour in the core of the box. They hide what is behind from the
+/// first step on: without them the world and the object's far side, which shine through its near
+/// side at first, take any colours to make up for that.
+void append_core(const MovingBox& core, const Eigen::Vector3f& rgb, const NearestCamera& cameras,
+                 GaussianList* list) {
+  constexpr int kAlong[3] = {6, 3, 3};
   constexpr float kCoreOpacity = 0.95f;
-  const Eigen::Vector3f core = kCore * size_m,
-                        side = core.cwiseQuotient(Eigen::Vector3f(kAlong, kAcross, kUp));
-  for (int i = 0; i < kAlong * kAcross * kUp; ++i) {
-    const Eigen::Vector3f cell(float(i % kAlong), float(i / kAlong % kAcross),
-                               float(i / (kAlong * kAcross)));
-    const Point point{side.cwiseProduct(cell) + (side - core) / 2, rgb, Eigen::Vector3f::Zero()};
+  const Eigen::Vector3f half = core.half_size_m.cast<float>(),
+                        side = 2 * half.cwiseQuotient(Eigen::Vector3f(6, 3, 3));
+  for (int i = 0; i < kAlong[0] * kAlong[1] * kAlong[2]; ++i) {
+    const Eigen::Vector3f middle(float(i % kAlong[0]) + 0.5f,
+                                 float(i / kAlong[0] % kAlong[1]) + 0.5f,
+                                 float(i / (kAlong[0] * kAlong[1])) + 0.5f);
+    const Point point{side.cwiseProduct(middle) - half, rgb, Eigen::Vector3f::Zero()};
     list->rows.resize(list->rows.size() + kGaussianRows);
     put_gaussian(point, 0.5f * side, Eigen::Quaternionf::Identity(), kCoreOpacity,
                  cameras.distance(point.position.data()), &*(list->rows.end() - kGaussianRows));
@@ -149,25 +179,32 @@ GaussianList actor_gaussians(const TrainingSet& data, const MovingObject& actor,
   std::vector<std::size_t> by_time(points.size());  // so that each image is read about once
   for (std::size_t i = 0; i < points.size(); ++i) by_time[i] = i;
   std::ranges::stable_sort(by_time, {}, [&](std::size_t i) { return points[i].t_ns; });
+  const MovingBox core{actor.id, Rigid3d::Identity(), kCore * actor.size_m / 2};
   pool.run_ranges(points.size(), kSightedPerRange, [&](std::size_t begin, std::size_t end) {
-    for (const std::size_t i : std::span(by_time).subspan(begin, end - begin))
-      if (const auto rgb = colour_near(data, sightings, points[i].point.position, points[i].t_ns)) {
-        points[i].point.rgb = *rgb;
-        seen[i] = 1;
-      }
+    for (const std::size_t i : std::span(by_time).subspan(begin, end - begin)) {
+      Point& point = points[i].point;
+      Eigen::Vector3f mirrored = point.position;
+      mirrored.y() *= -1;
+      auto rgb = colour_near(data, sightings, core, point.position, points[i].t_ns);
+      if (!rgb) rgb = colour_near(data, sightings, core, mirrored, points[i].t_ns);
+      if (!rgb) continue;
+      point.rgb = *rgb;
+      seen[i] = 1;
+    }
   });
+  if (std::ranges::find(seen, 1) == seen.end()) return list;
+  borrow_colours(seen, &points);
   Points measured, random;
   for (std::size_t i = 0; i < points.size(); ++i)
-    if (seen[i]) (i < on_returns ? measured : random).push_back(points[i].point);
+    (i < on_returns ? measured : random).push_back(points[i].point);
   append_discs(one_per_voxel(measured, cameras, voxel, pool), cameras, 0.5f, kPointOpacity, pool,
                &list);
   append_discs(random, cameras, 0.5f, kRandomOpacity, pool, &list);
-  if (actor.deforms || list.size() == 0) return list;
-  Eigen::Vector3f mean = Eigen::Vector3f::Zero();
-  for (const Points* of : {&measured, &random})
-    for (const Point& point : *of)
-      mean += point.rgb / static_cast<float>(measured.size() + random.size());
-  append_core(actor.size_m.cast<float>(), mean, cameras, &list);
+  if (!actor.deforms) {
+    Eigen::Vector3f mean = Eigen::Vector3f::Zero();
+    for (const TimedPoint& p : points) mean += p.point.rgb / static_cast<float>(points.size());
+    append_core(core, mean, cameras, &list);
+  }
   return list;
 }
 

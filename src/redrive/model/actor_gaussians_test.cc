@@ -81,6 +81,34 @@ TEST(ActorGaussians, WithoutReturnsLieOnTheBox) {
   EXPECT_NE(road.gaussians(2, 1).rows, list.rows);
 }
 
+// The camera stands 12 m to the left of the car. Red tells how far a pixel is from the middle: the
+// right side, which it does not see, has the colours of the left one, at 11.1 m.
+TEST(ActorGaussians, ASideThatNoImageShowsHasTheColoursOfTheOtherOne) {
+  Road road;
+  for (View& view : road.scene.views) {
+    // Camera z is -y of the world, x is -x.
+    view.world_from_body.linear() << -1, 0, 0, 0, 0, -1, 0, -1, 0;
+    view.world_from_body.translation() = Eigen::Vector3d(10, 12, 1);
+  }
+  for (MovingObject::Key& key : road.car.keys) key.world_from_box.translation().x() = 10;
+  for (Image8& image : road.images)
+    for (std::size_t i = 0; 3 * i < image.rgb.size(); ++i)
+      image.rgb[3 * i] =
+          static_cast<std::uint8_t>(std::min(255.0, 12 * std::abs(double(i % 100) - 49.5)));
+  const GaussianList list = road.gaussians();
+  int right = 0;
+  for (std::size_t i = 0; i < 500; ++i) {
+    const float* const rows = &list.rows[i * kGaussianRows];
+    const float along = std::fabs(rows[kPositionRow]);
+    if (rows[kPositionRow + 1] > -0.89f || along < 0.8f || along > 1.3f) continue;
+    if (std::fabs(rows[kPositionRow + 2]) > 0.3f) continue;  // past the core
+    ++right;
+    // On its own, at 12.9 m, it would be 1 pixel and more nearer to the middle.
+    EXPECT_NEAR(rows[kColourRow] * 255 / 12, 100 * along / 11.1f, 0.6f);
+  }
+  EXPECT_GT(right, 5);
+}
+
 TEST(ActorGaussians, HaveAnOpaqueCoreOfTheMeanColourUnlessTheyDeform) {
   Road road;
   road.add_returns(900);
