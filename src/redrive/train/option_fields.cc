@@ -319,9 +319,9 @@ std::vector<TrainField> make_fields() {
            "background of transparent pixels in rendering and scoring, which they need; random: "
            "black; grid trains on random backgrounds"),
       text("masks", &O::masks, {},
-           "auto: mask the ego vehicle, broken rows and annotated moving objects; none: mask "
-           "nothing; "
-           "or a folder with CAM.png as in RUN/masks, in place of computed masks"),
+           "auto: mask the ego vehicle, broken rows and moving objects that the method does not "
+           "draw; none: mask nothing; or a folder with CAM.png as in RUN/masks, in place of "
+           "computed masks"),
       number("epochs", &O::epochs, Range<int>{1, 10000}, "passes over all training pixels"),
       number("max-steps", &O::max_steps, Range<std::int64_t>{0, 1'000'000'000'000},
              "stop after so many steps; 0: no limit"),
