@@ -83,12 +83,11 @@ PointCloud recorded_points(const Run& run, ThreadPool& pool) {
   std::uint64_t largest = 0;
   for (const RigCamera& rig : run.scene.rig)
     largest = std::max<std::uint64_t>(largest, 5ull * rig.camera.width * rig.camera.height);
-  // Returns of a time take their colours from images of that time.
+  // Returns take their colours from images of their time, so few are needed at once.
+  constexpr std::uint64_t kImages = 256;
   ImageCache cache(static_cast<int>(run.scene.views.size()),
                    [&](int view) { return load(run.scene.views[static_cast<std::size_t>(view)]); },
-                   {.bytes = allowed_memory(run.options, memory_bytes()) / 4,
-                    .image_bytes = largest,
-                    .decoders = 0});
+                   {.bytes = kImages * largest, .image_bytes = largest, .decoders = 0});
   return lidar_points(run.scene, ViewImages(cache), returns, pool);
 }
 
