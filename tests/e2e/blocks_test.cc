@@ -143,6 +143,17 @@ TEST_F(BlocksEndToEnd, CtrlCSavesAndPrintsHowToGoOn) {
   expect_same_blocks(whole, parts);
 }
 
+TEST_F(BlocksEndToEnd, AnErrorNamesItsBlock) {
+  for (const auto& entry : fs::recursive_directory_iterator(drive_ / "sensor" / "camera"))
+    if (entry.path().stem().string().ends_with("103")) write_file(entry.path(), "no image");
+  std::vector<std::string> arguments = block_arguments(folder_ / "run", kTwoBlocks);
+  arguments.insert(arguments.end(), {"--masks", "none"});
+  const ProgramResult ended = redrive(arguments);
+  EXPECT_EQ(ended.exit_code, kExitBadInput) << ended.out;
+  EXPECT_THAT(ended.err, HasSubstr("redrive: block 001: "));
+  EXPECT_THAT(ended.err, HasSubstr("0 of 2 blocks are finished"));
+}
+
 TEST_F(BlocksEndToEnd, RefusesWhatCannotBeDivided) {
   const auto refusal = [&](const std::vector<std::string>& more) {
     const ProgramResult ended = redrive(train_arguments(folder_ / "run", more));
