@@ -33,6 +33,14 @@ struct BrightnessSums {
   }
 };
 
+/// Returns the part of an image's change that a knot takes: a hat function that is 0 at the nearest
+/// other images, or a knot away where they are nearer.
+float knot_weight(int knot, float at, float before, float after) {
+  const float distance = static_cast<float>(knot) - at,
+              reach = std::max(1.0f, distance < 0 ? before : after);
+  return std::max(0.0f, 1 - std::fabs(distance) / reach);
+}
+
 }  // namespace
 
 void ImageGains::write_planes(std::span<const float> parameters, const Exposure& exposure,
@@ -58,13 +66,16 @@ void ImageGains::write_planes(std::span<const float> parameters, const Exposure&
 }
 
 void ImageGains::add_changes(std::span<const float> parameters, const Exposure& exposure,
-                             const kernels::RasterSize& size, const ImagePart& part,
+                             const ExposureGaps& gaps, const kernels::RasterSize& size,
+                             const ImagePart& part,
                              std::span<const kernels::PatchBrightness> patches, float decay,
                              std::span<float> changes) const {
   REDRIVE_CHECK_OP(parameters.size(), ==, this->size());
   REDRIVE_CHECK_OP(changes.size(), ==, this->size());
   if (exposure.camera < 0 || appearance.size() == 0) return;
-  const KnotWeights at = knots_at(appearance, exposure);
+  const float spacing_s = appearance.knot_spacing_s,
+              at = std::clamp(exposure.t_s / spacing_s, 0.0f,
+                              static_cast<float>(appearance.knots - 1));
   const std::array<float, 3> gain = colour_gains(appearance, parameters.data(), exposure);
   const int across = size.stride / kernels::kPatchSide;
   const float cell_pixels = static_cast<float>(part.image_width) *
@@ -77,9 +88,9 @@ void ImageGains::add_changes(std::span<const float> parameters, const Exposure& 
     const float by = (exposure_rate * of_all - exposure_decay * std::log(gain[c])) / kLogGainScale;
     for (int knot = 0; knot < appearance.knots; ++knot)
       changes[3 * (static_cast<std::size_t>(exposure.camera) * appearance.knots + knot) + c] +=
-          exposure_share * by;
-    changes[at.first + c] += (1 - exposure_share) * (1 - at.second_weight) * by;
-    changes[at.second + c] += (1 - exposure_share) * at.second_weight * by;
+          (exposure_share + (1 - exposure_share) * knot_weight(knot, at, gaps.before_s / spacing_s,
+                                                               gaps.after_s / spacing_s)) *
+          by;
     if (shading.size() == 0) continue;
 
     std::vector<BrightnessSums> cells(shading.cells());

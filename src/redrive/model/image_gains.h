@@ -18,6 +18,12 @@ struct ImagePart {
   int x = 0, y = 0, image_width = 1, image_height = 1;
 };
 
+/// How long before and after an image its camera took the nearest other training images, seconds;
+/// infinite where it took none. Exposures between two training images are interpolated.
+struct ExposureGaps {
+  float before_s = 0, after_s = 0;
+};
+
 struct ImageGains {
   AppearanceConfig appearance;  ///< exposure of each camera at each frame
   ShadingConfig shading;
@@ -37,7 +43,7 @@ struct ImageGains {
   /// patches: of the loss of that window with the gains of `parameters`; decay: 0..1, of the
   /// shading's rates, so that it settles.
   void add_changes(std::span<const float> parameters, const Exposure& exposure,
-                   const kernels::RasterSize& size, const ImagePart& part,
+                   const ExposureGaps& gaps, const kernels::RasterSize& size, const ImagePart& part,
                    std::span<const kernels::PatchBrightness> patches, float decay,
                    std::span<float> changes) const;
 };

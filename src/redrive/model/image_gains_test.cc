@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -56,8 +57,8 @@ TEST(ImageGains, FindTheLightThatMovesWithTheCamera) {
     const Exposure exposure{1, 0.1f * static_cast<float>(step / 2 % 4)};
     gains.write_planes(parameters, exposure, size, part, planes);
     std::vector<float> changes(parameters.size());
-    gains.add_changes(parameters, exposure, size, part, brightness(planes, size, part, 0.4f, truth),
-                      1, changes);
+    gains.add_changes(parameters, exposure, {}, size, part,
+                      brightness(planes, size, part, 0.4f, truth), 1, changes);
     for (std::size_t i = 0; i < changes.size(); ++i) parameters[i] += changes[i];
   }
   const ImagePart part{0, 0, kWidth, kHeight};
@@ -74,6 +75,40 @@ TEST(ImageGains, FindTheLightThatMovesWithTheCamera) {
   for (const float gain : planes) EXPECT_EQ(gain, 1) << "the other camera";
 }
 
+TEST(ImageGains, BetweenTrainingImagesAreInterpolated) {
+  constexpr float kEver = std::numeric_limits<float>::infinity();
+  ImageGains gains = two_cameras();
+  gains.appearance.knots = 7;
+  gains.exposure_decay = gains.exposure_share = 0;
+  const kernels::RasterSize size = kernels::raster_size(kWidth, kHeight);
+  const ImagePart part{0, 0, kWidth, kHeight};
+  std::vector<float> parameters(gains.size()), planes(3 * size.plane());
+  // Training images at knots 1, 2 and 5.
+  const struct {
+    Exposure exposure;
+    ExposureGaps gaps;
+    float truth;
+  } images[] = {{{1, 0.1f}, {kEver, 0.1f}, 0.8f},
+                {{1, 0.2f}, {0.1f, 0.3f}, 1},
+                {{1, 0.5f}, {0.3f, kEver}, 1.25f}};
+  for (int step = 0; step < 150; ++step) {
+    const auto& image = images[step % 3];
+    gains.write_planes(parameters, image.exposure, size, part, planes);
+    std::vector<float> changes(parameters.size());
+    gains.add_changes(
+        parameters, image.exposure, image.gaps, size, part,
+        brightness(planes, size, part, 0.4f, [&](float, float, int) { return image.truth; }), 1,
+        changes);
+    for (std::size_t i = 0; i < changes.size(); ++i)
+      if (i < gains.appearance.size()) parameters[i] += changes[i];
+  }
+  const float log_gains[] = {-1, -1, 0, 1 / 3.0f, 2 / 3.0f, 1, 1};
+  for (int knot = 0; knot < 7; ++knot) {
+    gains.write_planes(parameters, {1, 0.1f * static_cast<float>(knot)}, size, part, planes);
+    EXPECT_NEAR(std::log(planes[0]) / std::log(1.25f), log_gains[knot], 1e-3f) << knot;
+  }
+}
+
 TEST(ImageGains, OfAnImageThatAgreesDecay) {
   const ImageGains gains = two_cameras();
   std::vector<float> parameters(gains.size(), 0.5f);
@@ -82,7 +117,7 @@ TEST(ImageGains, OfAnImageThatAgreesDecay) {
   std::vector<float> planes(3 * size.plane()), changes(parameters.size());
   gains.write_planes(parameters, {0, 0}, size, part, planes);
   const float gain = planes[0];
-  gains.add_changes(parameters, {0, 0}, size, part,
+  gains.add_changes(parameters, {0, 0}, {}, size, part,
                     brightness(planes, size, part, 0.4f, [&](float, float, int) { return gain; }),
                     1, changes);
   const std::size_t of_exposure = gains.appearance.size(), cells = 3 * gains.shading.cells();
@@ -101,7 +136,7 @@ TEST(ImageGains, ShadingIsBounded) {
   for (int step = 0; step < 200; ++step) {  // one half black, the other as rendered
     gains.write_planes(parameters, {0, 0}, size, part, planes);
     std::vector<float> changes(parameters.size());
-    gains.add_changes(parameters, {0, 0}, size, part,
+    gains.add_changes(parameters, {0, 0}, {}, size, part,
                       brightness(planes, size, part, 0.9f,
                                  [](float x, float, int) { return x < 0.5f ? 0.0f : 1.0f; }),
                       1, changes);
@@ -118,7 +153,7 @@ TEST(ImageGains, WhatIsMaskedStays) {
   std::vector<float> parameters(gains.size()), changes(gains.size());
   const kernels::RasterSize size = kernels::raster_size(kWidth, kHeight);
   std::vector<kernels::PatchBrightness> patches(size.plane() / 64);
-  gains.add_changes(parameters, {0, 0}, size, {0, 0, kWidth, kHeight}, patches, 1, changes);
+  gains.add_changes(parameters, {0, 0}, {}, size, {0, 0, kWidth, kHeight}, patches, 1, changes);
   for (const float change : changes) EXPECT_EQ(change, 0);
 }
 
@@ -133,7 +168,8 @@ TEST(ImageGains, AnImageMovesTheKnotsAroundItByTheirWeights) {
       patch.target[c] = 15;
       patch.rendered[c] = 30;
     }
-  gains.add_changes(parameters, {1, 0.175f}, size, {0, 0, kWidth, kHeight}, patches, 1, changes);
+  gains.add_changes(parameters, {1, 0.175f}, {}, size, {0, 0, kWidth, kHeight}, patches, 1,
+                    changes);
   // Knots of camera 1, of 0, 0.1, 0.2, 0.3 s.
   const float all = changes[12];
   EXPECT_LT(all, 0);

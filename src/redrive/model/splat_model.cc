@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <optional>
 
 #include "redrive/base/error.h"
@@ -116,6 +117,19 @@ double mean_transmittance(const kernels::RasterImage& drawn, const Image8& image
       }
   }
   return sum / std::max(pixels, 1.0);
+}
+
+ExposureGaps exposure_gaps(const Scene& scene, const View& of_view) {
+  constexpr float kEver = std::numeric_limits<float>::infinity();
+  const float t_s = scene.exposure(of_view).t_s;
+  ExposureGaps gaps{kEver, kEver};
+  for (const View& view : scene.views) {
+    if (view.held_out || view.camera != of_view.camera) continue;
+    const float later_s = scene.exposure(view).t_s - t_s;
+    if (later_s < 0) gaps.before_s = std::min(gaps.before_s, -later_s);
+    if (later_s > 0) gaps.after_s = std::min(gaps.after_s, later_s);
+  }
+  return gaps;
 }
 
 kernels::GaussianCamera camera_of(const PlainCamera& whole, const ImageWindow& window,
@@ -338,7 +352,8 @@ void SplatModel::step_window(kernels::Backend& backend, const TrainingSet& data,
        returns > 0 ? std::span<const float>(own.d_range) : std::span<const float>()},
       gradients.first(blocks_size()), d_poses);
   if (request.progress > double(kGainsFrom))
-    gains.add_changes(gain_parameters(), exposure, size, part, loss.patches,
+    gains.add_changes(gain_parameters(), exposure, exposure_gaps(data.scene, view), size, part,
+                      loss.patches,
                       static_cast<float>(std::pow(last_rate, std::min(request.progress, 1.0))),
                       gradients.subspan(blocks_size(), gains.size()));
 

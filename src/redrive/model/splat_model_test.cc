@@ -93,15 +93,17 @@ TEST(SplatModel, FindsTheExposuresOfImages) {
   training.begin(known_gaussians(120));
   training.model.initial_rate = 0.01;
   training.run(*backend, known.data());
+  const auto gain_of = [&](std::size_t v) {
+    return colour_gains(
+        training.model.gains.appearance,
+        training.model.parameters.data() + gaussian_blocks(training.model.gaussians) * kBlockSize,
+        known.scene.exposure(known.scene.views[v]));
+  };
   double found = 0, given = 0, n = 0;  // means: a common factor is in the colours
   std::vector<double> off;
   for (std::size_t v = 0; v < known.images.size(); ++v) {
     if (known.scene.views[v].held_out) continue;
-    const std::array<float, 3> gain = colour_gains(
-        training.model.gains.appearance,
-        training.model.parameters.data() + gaussian_blocks(training.model.gaussians) * kBlockSize,
-        known.scene.exposure(known.scene.views[v]));
-    for (const float g : gain) {
+    for (const float g : gain_of(v)) {
       found += std::log(g);
       given += std::log(gains[v]);
       off.push_back(std::log(g) - std::log(gains[v]));
@@ -109,6 +111,12 @@ TEST(SplatModel, FindsTheExposuresOfImages) {
     }
   }
   for (const double one : off) EXPECT_NEAR(one - (found - given) / n, 0, 0.04);
+  for (const std::size_t v : {4, 7}) {  // held out, between two images of their camera
+    ASSERT_TRUE(known.scene.views[v].held_out);
+    for (int c = 0; c < 3; ++c)
+      EXPECT_NEAR(std::log(gain_of(v)[c]),
+                  (std::log(gain_of(v - 4)[c]) + std::log(gain_of(v + 4)[c])) / 2, 1e-4);
+  }
 }
 
 TEST(SplatModel, MaskedPixelsHaveNoEffect) {
