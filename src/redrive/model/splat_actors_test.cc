@@ -300,6 +300,28 @@ TEST(SplatActors, GaussiansStayWithTheirObjectAndInItsBox) {
   EXPECT_EQ(training.adam.first_moment.size(), training.model.size());
 }
 
+TEST(SplatActors, ColoursOfObjectsStayBetween0And1) {
+  const TrafficScene traffic;
+  Training training;
+  begin(&training, traffic, 0);
+  SplatModel& model = training.model;
+  const std::size_t of_world = 3, of_object = 5 * kGaussianBlock + 3;  // behind 80 of the world
+  for (const std::size_t i : {of_world, of_object}) {
+    model.parameters[gaussian_slot(i, kColourRow)] = 1.5f;
+    model.parameters[gaussian_slot(i, kColourRow + 1)] = -0.5f;
+    model.parameters[gaussian_slot(i, kColourRow + 2)] = 0.25f;
+    model.parameters[gaussian_slot(i, kHarmonicsRow)] = -0.5f;
+  }
+  model.update(*fast_backend(), 1e-3, 1, training.buffers.gradients.span(), &training.adam);
+  const auto at = [&](std::size_t i, int row) { return model.parameters[gaussian_slot(i, row)]; };
+  EXPECT_EQ(at(of_object, kColourRow), 1);
+  EXPECT_EQ(at(of_object, kColourRow + 1), 0);
+  EXPECT_EQ(at(of_object, kColourRow + 2), 0.25f);
+  EXPECT_EQ(at(of_object, kHarmonicsRow), -0.5f);
+  EXPECT_EQ(at(of_world, kColourRow), 1.5f);
+  EXPECT_EQ(at(of_world, kColourRow + 1), -0.5f);
+}
+
 TEST(SplatActors, ThreadsChangeNoBit) {
   const TrafficScene traffic;
   Training one, four;

@@ -399,6 +399,7 @@ void SplatModel::update(kernels::Backend& backend, double learning_rate, std::in
   backend.gaussians().update_gaussians(
       update, all().n, gradients.first(blocks), parameters.span().first(blocks),
       adam->first_moment.span().first(blocks), adam->second_moment.span().first(blocks));
+  bound_actor_colours();
   const std::size_t motions = blocks + gains.size() + bounds_size();
   for (std::size_t i = blocks; i < motions; ++i) parameters[i] += gradients[i];
   for (std::size_t a = 0; motion_rate > 0 && a < actor_ids.size(); ++a) {

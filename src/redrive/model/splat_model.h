@@ -157,6 +157,9 @@ struct SplatModel final : Model {
            (actor_keys.empty() ? 0 : kMotionSize * static_cast<std::size_t>(actor_keys.back()));
   }
   std::optional<std::size_t> actor_index(std::int64_t id) const;
+  /// Keeps the colours of actors' Gaussians in [0, 1]: those of sides that images see at a glance
+  /// alone would leave it, and an edit may turn them to the camera.
+  void bound_actor_colours();
   /// Returns the blocks that an object shows: `imported`, or of the actor of this id; empty where
   /// there are none.
   std::span<const float> blocks_of(std::int64_t id, const ActorBody* imported) const;
