@@ -163,7 +163,7 @@ TEST_F(Traffic, TheReportOfARecordingShowsItsObjects) {
                                        "1000:1011", "--report", report.string()});
   ASSERT_TRUE(fs::exists(report / "index.html")) << ended.err;
   const std::string page = read_file(report / "index.html");
-  EXPECT_THAT(page, HasSubstr("<h2>Annotated objects</h2>"));
+  EXPECT_THAT(page, HasSubstr("<h2>Objects</h2>"));
   EXPECT_THAT(page, HasSubstr("parked"));
   const Image8 boxes = read_image(report / ("objects_" + std::string(kCamera) + ".jpg"));
   int orange = 0;

@@ -39,6 +39,14 @@ void print_row(const std::string& name, const Score& score) {
   std::printf("\n");
 }
 
+void print_moving(const MovingEvaluation& moving) {
+  print_row("moving objects", moving.inside);
+  print_row("beside moving objects", moving.outside);
+  for (const auto& [id, object] : moving.objects)
+    std::printf("%-28s %6d %8.2f %8.4f\n", ("  " + object.type + " " + std::to_string(id)).c_str(),
+                object.score.images, object.score.psnr_db, object.score.ssim);
+}
+
 void print_evaluation(const Evaluation& evaluation) {
   std::printf("%s\n",
               evaluation.held_out ? "held-out frames" : "training frames (no frame was held out)");
@@ -48,14 +56,7 @@ void print_evaluation(const Evaluation& evaluation) {
   print_row("all", evaluation.overall);
   for (const auto& [name, part] : evaluation.parts)
     if (part.overall.images > 0) print_row("  block " + name, part.overall);
-  if (const auto& moving = evaluation.moving) {
-    print_row("moving objects", moving->inside);
-    print_row("beside moving objects", moving->outside);
-    for (const auto& [id, object] : moving->objects)
-      std::printf("%-28s %6d %8.2f %8.4f\n",
-                  ("  " + object.type + " " + std::to_string(id)).c_str(), object.score.images,
-                  object.score.psnr_db, object.score.ssim);
-  }
+  if (evaluation.moving) print_moving(*evaluation.moving);
   if (const auto& changes = evaluation.pose_changes)
     if (const std::string which = at_bound(*changes); !which.empty())
       std::printf("WARNING: pose corrections at their bounds: %s; see redrive align\n",
@@ -99,7 +100,10 @@ void print_evaluation(const Evaluation& evaluation) {
 void print_other_cameras(const std::map<std::string, OtherCameraScore>& scores) {
   std::printf("%-28s %6s %8s %8s %8s %10s\n", "camera not trained on", "images", "PSNR dB", "SSIM",
               "FLIP", "px masked");
-  for (const auto& [name, other] : scores) print_row(name, other.score);
+  for (const auto& [name, other] : scores) {
+    print_row(name, other.score);
+    if (other.moving) print_moving(*other.moving);
+  }
   for (const auto& [name, other] : scores) {
     std::printf("%s: after gains of %.3f %.3f %.3f (red, green, blue)", name.c_str(),
                 other.gains[0], other.gains[1], other.gains[2]);

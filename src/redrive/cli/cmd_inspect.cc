@@ -189,11 +189,12 @@ void write_report(const std::filesystem::path& folder, Inspection* result) {
     samples = lidar_samples(result->recording, images.scene, lidar);
   result->preflight = check_recording(result->recording, images, samples, pool);
   if (!result->recording.lidar_files.empty()) {
-    const std::vector<MovingObject> found = find_moving_objects(lidar, pool);
+    const std::vector<MovingObject> found = find_moving_objects(lidar, images.moving, pool);
     if (!found.empty())
       result->findings.push_back(
           {"moving objects", std::to_string(found.size()) +
-                                 " that nobody annotated, by the LiDAR; training masks them"});
+                                 " that nobody annotated, by the LiDAR; --method splat draws them, "
+                                 "other methods mask them"});
     images.moving = images.moving.with(found);
   }
   std::error_code error;
@@ -429,6 +430,18 @@ void print_inspection(const Inspection& result) {
     std::printf("nothing missing, nothing odd\n");
 }
 
+/// Returns annotated objects, and those that move and that nobody annotated.
+std::vector<ObjectSummary> list_objects(const Recording& recording) {
+  const Scene scene = make_scene(recording, {});
+  MovingObjects objects = read_moving_objects(recording, scene);
+  if (!recording.lidar_files.empty()) {
+    ThreadPool pool(static_cast<int>(std::max(1u, std::thread::hardware_concurrency())));
+    objects = objects.with(
+        find_moving_objects(load_lidar_returns(recording, scene, objects, pool), objects, pool));
+  }
+  return summarize_objects(scene, objects);
+}
+
 struct InspectOptions {
   std::string recording, frames, masks, report;
   bool json = false, objects = false;
@@ -438,10 +451,7 @@ int run_inspect(const InspectOptions& options) {
   const auto& [root, frames, masks, report, json, objects] = options;
   if (!report.empty()) require_empty_folder(report);
   Inspection result = inspect(root, frames);
-  if (objects && result.problems.empty()) {
-    const Scene scene = make_scene(result.recording, {});
-    result.objects = summarize_objects(scene, read_moving_objects(result.recording, scene));
-  }
+  if (objects && result.problems.empty()) result.objects = list_objects(result.recording);
   if (!masks.empty() && result.problems.empty()) write_masks(masks, &result);
   if (!report.empty() && result.problems.empty()) write_report(report, &result);
   if (json) {
@@ -464,8 +474,8 @@ Action configure_inspect(CLI::App& command) {
   add_frames_option(command, &options->frames);
   command.add_flag("--json", options->json, "JSON on standard output instead of the table");
   command.add_flag("--objects", options->objects,
-                   "lists annotated objects: type, moving or parked, boxes, metres driven, least "
-                   "distance, images");
+                   "lists annotated objects, and ones that move by the LiDAR: type, moving or "
+                   "parked, boxes, metres driven, least distance, images");
   command.add_option(
       "--masks", options->masks,
       "new folder for masks of pixels that training ignores: CAM.png, to be edited, and "

@@ -119,7 +119,6 @@ TrainingRates measured(const TrainOptions& whole, const Recording& recording, co
     lidar.push_back(run.recording.lidar_files[i]);
   run.recording.lidar_files = std::move(lidar);
   run.state = make_initial_state(options, run.scene);
-  load_actors(&run);
   return measure_rates(&run, backend, kCalibrationSteps);
 }
 

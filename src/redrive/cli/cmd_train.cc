@@ -147,7 +147,6 @@ int lead_training(const TrainArguments& arguments, ProcessGroup& processes) {
   if (!arguments.blocks.empty())
     if (const auto code = train_divided(arguments, processes, run, poses)) return *code;
   run.state = make_initial_state(run.options, run.scene);
-  load_actors(&run);
   record_hyperparameters(*run.state.model, &run.options);
   const std::atomic<bool>& stop = stop_on_signal();
   const bool together = arguments.data_parallel && processes.size() > 1;
@@ -156,13 +155,13 @@ int lead_training(const TrainArguments& arguments, ProcessGroup& processes) {
       check_run_memory(run, group, together ? processes.on_machine() : 1);
   const TrainingData training = [&] {
     ThreadPool pool(threads);
-    return prepare_training_data(run, pool, cache);
+    return prepare_training_data(&run, pool, cache);
   }();
   // Nothing is written before the input has been checked.
   run.paths = create_run(
       arguments.out, run.options,
       [&](const RunPaths& paths) {
-        write_run_masks(paths, training, run.scene);
+        write_run_masks(paths, training, run);
         write_poses(poses)(paths);
       },
       run.state.model.get());

@@ -94,9 +94,13 @@ void print_summary(const Run& run, const TrainingData& training,
                                           static_cast<double>(mask.used.size()));
     std::printf("\n");
   }
-  if (const std::size_t moving = training.left_out.moving.objects().size(); moving > 0)
-    std::printf("moving objects masked: %zu, %zu of them found in the LiDAR\n", moving,
-                found_objects(training.left_out.moving).size());
+  const auto count_moving = [](const char* what, const MovingObjects& objects) {
+    if (const std::size_t n = objects.objects().size(); n > 0)
+      std::printf("moving objects %s: %zu, %zu of them found in the LiDAR\n", what, n,
+                  found_objects(objects).size());
+  };
+  count_moving("drawn", MovingObjects(run.scene.actors));
+  count_moving("masked", training.left_out.moving);
   if (const LidarReturns& lidar = training.lidar; lidar.n > 0 && run.recording.lidar_files.empty())
     std::printf("%zu points of %s; dropped: %zu that may be occluded\n", lidar.n,
                 run.recording.points_file.c_str(), lidar.hidden);

@@ -183,7 +183,7 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
     evaluation.cameras[run.scene.rig[c].name] = mean.mean();
   }
   evaluation.overall = overall.mean();
-  moving.finish(&evaluation);
+  evaluation.moving = moving.mean();
 
   for (const NovelGroundTruth& ground_truth : ground_truths) {
     ScoreMean mean;
@@ -209,6 +209,18 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
   return evaluation;
 }
 
+nlohmann::json moving_to_json(const MovingEvaluation& moving) {
+  nlohmann::json json = {{"inside", score_to_json(moving.inside)},
+                         {"outside", score_to_json(moving.outside)},
+                         {"objects", nlohmann::json::object()}};
+  for (const auto& [id, object] : moving.objects)
+    json["objects"][std::to_string(id)] = {{"type", object.type},
+                                           {"psnr_db", object.score.psnr_db},
+                                           {"ssim", object.score.ssim},
+                                           {"images", object.score.images}};
+  return json;
+}
+
 nlohmann::json evaluation_to_json(const Evaluation& evaluation) {
   nlohmann::json json = {{"overall", score_to_json(evaluation.overall)},
                          {"cameras", nlohmann::json::object()},
@@ -227,16 +239,7 @@ nlohmann::json evaluation_to_json(const Evaluation& evaluation) {
   if (evaluation.pose_changes) json["pose_changes"] = changes_to_json(*evaluation.pose_changes);
   if (const auto& aligned = evaluation.view_alignment)
     json["view_alignment"] = view_alignment_to_json(*aligned);
-  if (const auto& moving = evaluation.moving) {
-    json["moving"] = {{"inside", score_to_json(moving->inside)},
-                      {"outside", score_to_json(moving->outside)},
-                      {"objects", nlohmann::json::object()}};
-    for (const auto& [id, object] : moving->objects)
-      json["moving"]["objects"][std::to_string(id)] = {{"type", object.type},
-                                                       {"psnr_db", object.score.psnr_db},
-                                                       {"ssim", object.score.ssim},
-                                                       {"images", object.score.images}};
-  }
+  if (evaluation.moving) json["moving"] = moving_to_json(*evaluation.moving);
   if (const auto& alignment = evaluation.alignment)
     json["alignment"] = {{"moved_m", alignment->translation_m},
                          {"turned_deg", alignment->rotation_deg},

@@ -52,7 +52,7 @@ struct Score {
                               ///< masks exclude from scores
 };
 
-/// Scores of annotated moving objects (eval/moving_scores.h).
+/// Scores of moving objects (eval/moving_scores.h).
 struct MovingEvaluation {
   struct Object {
     std::string type;  ///< MovingObject::type
@@ -96,9 +96,12 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
 /// Returns the largest device work of an evaluation of the run's model, or of score_other_cameras.
 DeviceWork work_of_evaluation(const Run& run, bool other_cameras = false);
 
+/// Returns {"inside": SCORE, "outside": SCORE, "objects": {ID: {"type", "psnr_db", "ssim",
+/// "images"}}}; SCORE as of evaluation_to_json.
+nlohmann::json moving_to_json(const MovingEvaluation& moving);
+
 /// Returns {"overall": SCORE, "cameras": {CAM: SCORE}, "novel": {NAME: SCORE}, "held_out": bool,
-/// "moving": {"inside": SCORE, "outside": SCORE, "objects": {ID: {"type", "psnr_db",
-/// "ssim", "images"}}} or null,
+/// "moving": moving_to_json or null,
 /// "lidar": {"range_error_m", "hit_rate", "near_hit_rate", "returns", "chamfer_m", "revolutions",
 /// "moving": {"range_error_m", "hit_rate", "near_hit_rate", "returns"} or null} or null,
 /// "alignment": {"moved_m", "turned_deg", "rest_m", "rest_deg", "frames"} or null,

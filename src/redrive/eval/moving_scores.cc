@@ -69,7 +69,7 @@ Score score_part(kernels::Backend& backend, const RenderedImage& rendered,
 }  // namespace
 
 MovingScores::MovingScores(const Run& run, kernels::Backend& backend)
-    : backend_(backend), objects_(read_moving_objects(run.recording, run.scene)) {}
+    : backend_(backend), objects_(run.moving) {}
 
 void MovingScores::add(const Scene& scene, const View& view, const Mask& of_camera,
                        const RenderedImage& rendered, const Image8& ground_truth) {
@@ -103,13 +103,14 @@ void MovingScores::add(const Scene& scene, const View& view, const Mask& of_came
   ++images_;
 }
 
-void MovingScores::finish(Evaluation* evaluation) const {
-  if (images_ == 0) return;
-  evaluation->moving = MovingEvaluation{inside_.mean(), outside_.mean(), {}};
+std::optional<MovingEvaluation> MovingScores::mean() const {
+  if (images_ == 0) return std::nullopt;
+  MovingEvaluation moving{inside_.mean(), outside_.mean(), {}};
   for (const auto& [index, sum] : of_object_) {
     const MovingObject& object = objects_.objects()[index];
-    evaluation->moving->objects[object.id] = {object.type, sum.mean()};
+    moving.objects[object.id] = {object.type, sum.mean()};
   }
+  return moving;
 }
 
 }  // namespace redrive

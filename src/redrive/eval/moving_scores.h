@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Scores of annotated moving objects apart from those of the world behind them.
+// Scores of moving objects apart from those of the world behind them.
 #pragma once
 
 #include <cstdint>
@@ -23,8 +23,8 @@ class MovingScores {
   /// `ground_truth`: not masked yet; of_camera: the camera's mask.
   void add(const Scene& scene, const View& view, const Mask& of_camera,
            const RenderedImage& rendered, const Image8& ground_truth);
-  /// Sets Evaluation::moving; leaves it empty where no image shows a moving object.
-  void finish(Evaluation* evaluation) const;
+  /// Returns nothing where no image shows a moving object.
+  std::optional<MovingEvaluation> mean() const;
 
  private:
   kernels::Backend& backend_;

@@ -59,6 +59,7 @@ class MovingScoresTest : public ::testing::Test {
       scene.views.push_back(view);
       if (f < 2) run_.recording.box_files.push_back({f, "frame"});
     }
+    run_.moving = read_moving_objects(run_.recording, scene);
     ground_truth_.width = kWidth_px;
     ground_truth_.height = kHeight_px;
     for (std::size_t i = 0; i < 3 * kPixels; ++i)
@@ -67,7 +68,7 @@ class MovingScoresTest : public ::testing::Test {
   /// The ground truth with an error in the pixels of an object (an index of object_map), and
   /// another elsewhere.
   RenderedImage rendered(const View& view, std::uint32_t object, float inside, float outside) {
-    const auto map = object_map(run_.scene, view, read_moving_objects(run_.recording, run_.scene));
+    const auto map = object_map(run_.scene, view, run_.moving);
     RenderedImage image;
     image.width = kWidth_px;
     image.height = kHeight_px;
@@ -77,16 +78,15 @@ class MovingScoresTest : public ::testing::Test {
                           (map[i / 3] == object ? inside : outside));
     return image;
   }
-  Evaluation scored(const std::vector<std::tuple<std::size_t, float, float>>& images) {
+  std::optional<MovingEvaluation> scored(
+      const std::vector<std::tuple<std::size_t, float, float>>& images) {
     MovingScores scores(run_, backend_);
     for (const auto& [v, inside, outside] : images) {
       const View& view = run_.scene.views[v];
       scores.add(run_.scene, view, full_mask(kWidth_px, kHeight_px),
                  rendered(view, 1, inside, outside), ground_truth_);
     }
-    Evaluation evaluation;
-    scores.finish(&evaluation);
-    return evaluation;
+    return scores.mean();
   }
 
   static constexpr std::size_t kPixels = std::size_t{kWidth_px} * kHeight_px;
@@ -98,9 +98,9 @@ class MovingScoresTest : public ::testing::Test {
 double psnr_of_error(double error) { return -20 * std::log10(error); }
 
 TEST_F(MovingScoresTest, PixelsOfBoxesAndAllOthersCountApart) {
-  const Evaluation result = scored({{0, 0.2f, 0.1f}, {1, 0.05f, 0.1f}});
-  ASSERT_TRUE(result.moving);
-  const MovingEvaluation& moving = *result.moving;
+  const auto result = scored({{0, 0.2f, 0.1f}, {1, 0.05f, 0.1f}});
+  ASSERT_TRUE(result);
+  const MovingEvaluation& moving = *result;
   EXPECT_NEAR(moving.outside.psnr_db, psnr_of_error(0.1), 1e-3);
   EXPECT_EQ(moving.outside.images, 2);
   // The van has too few pixels to count, the parked car does not move.
@@ -117,11 +117,11 @@ TEST_F(MovingScoresTest, PixelsOfBoxesAndAllOthersCountApart) {
 }
 
 TEST_F(MovingScoresTest, AnObjectWithoutErrorsScoresBest) {
-  const Evaluation result = scored({{0, 0, 0.1f}});
-  ASSERT_TRUE(result.moving);
-  EXPECT_EQ(result.moving->objects.at(7).score.psnr_db, kPsnrCapDb);
-  EXPECT_NEAR(result.moving->objects.at(7).score.ssim, 1, 1e-6) << "others are black in both";
-  EXPECT_LT(result.moving->outside.psnr_db, 21);
+  const auto moving = scored({{0, 0, 0.1f}});
+  ASSERT_TRUE(moving);
+  EXPECT_EQ(moving->objects.at(7).score.psnr_db, kPsnrCapDb);
+  EXPECT_NEAR(moving->objects.at(7).score.ssim, 1, 1e-6) << "others are black in both";
+  EXPECT_LT(moving->outside.psnr_db, 21);
 }
 
 TEST_F(MovingScoresTest, MaskedPixelsDoNotCount) {
@@ -134,15 +134,14 @@ TEST_F(MovingScoresTest, MaskedPixelsDoNotCount) {
   for (std::size_t i = 0; i < kPixels; ++i)
     for (std::size_t c = 0; !of_camera.used[i] && c < 3; ++c) image.rgb[3 * i + c] = 0.9f;
   scores.add(run_.scene, view, of_camera, image, ground_truth_);
-  Evaluation result;
-  scores.finish(&result);
-  ASSERT_TRUE(result.moving);
-  EXPECT_NEAR(result.moving->objects.at(7).score.psnr_db, psnr_of_error(0.1), 1e-3);
+  const auto moving = scores.mean();
+  ASSERT_TRUE(moving);
+  EXPECT_NEAR(moving->objects.at(7).score.psnr_db, psnr_of_error(0.1), 1e-3);
 }
 
 TEST_F(MovingScoresTest, NothingWithoutAnObjectInSight) {
   run_.scene.frames[2].t_ns = 10'000'000'000;  // nothing is there by then
-  EXPECT_FALSE(scored({{2, 0.1f, 0.1f}}).moving);
+  EXPECT_FALSE(scored({{2, 0.1f, 0.1f}}));
 }
 
 }  // namespace

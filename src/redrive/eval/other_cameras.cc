@@ -9,6 +9,7 @@
 #include "redrive/base/error.h"
 #include "redrive/base/evenly_spaced.h"
 #include "redrive/base/parallel.h"
+#include "redrive/eval/moving_scores.h"
 #include "redrive/eval/score_mean.h"
 #include "redrive/scene/load_views.h"
 #include "redrive/train/training_data.h"
@@ -67,8 +68,7 @@ Exclusions exclusions_of(const Run& run, const OtherScene& other, int threads) {
   std::vector<Mask> masks;
   for (const RigCamera& rig : other.scene.rig)
     masks.push_back(full_mask(rig.camera.width, rig.camera.height));
-  if (run.options.masks == "none")
-    return {masks, MovingObjects({}, run.recording.frames, run.scene.global_from_world)};
+  if (run.options.masks == "none") return {masks, {}};
   Scene alone = other.scene;
   alone.rig = {other.scene.rig[static_cast<std::size_t>(other.camera)]};
   for (View& view : alone.views) view.camera = 0;
@@ -83,8 +83,9 @@ Exclusions exclusions_of(const Run& run, const OtherScene& other, int threads) {
 }
 
 struct Comparison {
+  const View& view;
   RenderedImage rendered;
-  Image8 ground_truth;
+  Image8 recorded, ground_truth;  ///< which is masked
 };
 
 /// Minimises the sum over pixels of (gain rendered - ground truth)^2 for each channel.
@@ -123,6 +124,7 @@ std::map<std::string, OtherCameraScore> score_other_cameras(const Run& run,
     Scene& scene = other.scene;
     const RigCamera& camera = scene.rig[static_cast<std::size_t>(other.camera)];
     const Exclusions left_out = exclusions_of(run, other, backend.threads());
+    const Mask& of_camera = left_out.masks[static_cast<std::size_t>(other.camera)];
     OtherCameraScore result;
     if (run.state.poses.refines()) {
       std::vector<std::size_t> all(scene.views.size());
@@ -132,25 +134,27 @@ std::map<std::string, OtherCameraScore> score_other_cameras(const Run& run,
     const RayTable table = make_ray_table(camera.camera, backend.threads());
     std::vector<Comparison> images;
     for (const View& view : scene.views) {
-      Image8 ground_truth = load_view(scene, view);
-      apply_mask(view_mask(scene, view, left_out.masks[static_cast<std::size_t>(other.camera)],
-                           left_out.moving),
-                 &ground_truth);
-      images.push_back({render_image(backend, *run.state.model, table, scene.shutter_poses(view),
+      const Image8 recorded = load_view(scene, view);
+      images.push_back({view,
+                        render_image(backend, *run.state.model, table, scene.shutter_poses(view),
                                      scene.exposure(view)),
-                        std::move(ground_truth)});
+                        recorded, recorded});
+      apply_mask(view_mask(scene, view, of_camera, left_out.moving), &images.back().ground_truth);
       ++done;
       if (options.progress) options.progress(static_cast<int>(done), static_cast<int>(total));
     }
     result.gains = least_squares_gains(images);
     ScoreMean mean;
+    MovingScores moving(run, backend);
     for (Comparison& image : images) {
       for (std::size_t i = 0; i < image.rendered.rgb.size(); ++i)
         image.rendered.rgb[i] =
             static_cast<float>(std::clamp(result.gains[i % 3] * image.rendered.rgb[i], 0.0, 1.0));
       mean.add(score_image(backend, image.rendered, image.ground_truth));
+      moving.add(scene, image.view, of_camera, image.rendered, image.recorded);
     }
     result.score = mean.mean();
+    result.moving = moving.mean();
     scores[camera.name] = result;
   }
   return scores;
@@ -163,6 +167,7 @@ nlohmann::json other_cameras_to_json(const std::map<std::string, OtherCameraScor
     cameras[name]["gains"] = other.gains;
     cameras[name]["view_alignment"] =
         other.view_alignment ? view_alignment_to_json(*other.view_alignment) : nullptr;
+    cameras[name]["moving"] = other.moving ? moving_to_json(*other.moving) : nullptr;
   }
   return {{"other_cameras", cameras}};
 }

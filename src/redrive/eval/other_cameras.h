@@ -23,6 +23,7 @@ struct OtherCameraScore {
   Score score;
   std::array<double, 3> gains{1, 1, 1};         ///< r, g, b: of rendered images, before scoring
   std::optional<ViewAlignment> view_alignment;  ///< where training refined poses
+  std::optional<MovingEvaluation> moving;       ///< empty where no image shows a moving object
 };
 
 /// Scores by name. Takes options.max_images images of each camera, evenly spaced,
@@ -33,7 +34,7 @@ std::map<std::string, OtherCameraScore> score_other_cameras(const Run& run,
                                                             const std::vector<std::string>& names,
                                                             const EvalOptions& options = {});
 
-/// Returns {"other_cameras": {CAM: SCORE and "gains": [3], "view_alignment": as in
+/// Returns {"other_cameras": {CAM: SCORE and "gains": [3], "view_alignment" and "moving" as in
 /// evaluation_to_json}}.
 nlohmann::json other_cameras_to_json(const std::map<std::string, OtherCameraScore>& scores);
 

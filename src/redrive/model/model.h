@@ -166,11 +166,12 @@ class Model : public Configurable {
   virtual bool streams_images() const { return false; }
   /// Whether steps keep a halved copy of each image, if all are in memory.
   virtual bool keeps_half_images(const Scene&) const { return false; }
-  /// Whether Scene::actors are drawn; otherwise annotated moving objects are masked.
+  /// Whether Scene::actors are drawn; otherwise moving objects are masked.
   virtual bool draws_actors() const { return false; }
-  /// Throws InputError naming `recording` unless these are the objects that training drew, with as
-  /// many boxes. Nothing before the first step.
+  /// Throws InputError naming `recording`, or for found objects (ids below 0) `found`, unless these
+  /// are the objects that training drew, with as many boxes. Nothing before the first step.
   virtual void check_actors(const std::filesystem::path& /*recording*/,
+                            const std::filesystem::path& /*found*/,
                             const std::vector<MovingObject>&) const {}
   /// Applies what training corrected in the tracks of objects, for rendering; once.
   virtual void correct_actors(std::vector<MovingObject>*) const {}

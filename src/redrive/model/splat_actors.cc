@@ -206,18 +206,20 @@ void SplatModel::add_motion_gradients(
 }
 
 void SplatModel::check_actors(const std::filesystem::path& recording,
+                              const std::filesystem::path& found,
                               const std::vector<MovingObject>& objects) const {
+  const auto file_of = [&](std::int64_t id) { return id < 0 ? found : recording; };
   for (const MovingObject& object : objects)
     if (!actor_index(object.id))
-      throw InputError(recording, "boxes of object " + std::to_string(object.id), "",
+      throw InputError(file_of(object.id), "boxes of object " + std::to_string(object.id), "",
                        "the object was not there when the run was trained");
   for (std::size_t a = 0; a < actor_ids.size(); ++a) {
     const auto object = std::ranges::find(objects, actor_ids[a], &MovingObject::id);
-    const std::size_t found = object == objects.end() ? 0 : object->keys.size(),
+    const std::size_t boxes = object == objects.end() ? 0 : object->keys.size(),
                       trained = motions_of(a).second / kMotionSize;
-    if (found != trained)
-      throw InputError(recording, "boxes of object " + std::to_string(actor_ids[a]),
-                       std::to_string(found),
+    if (boxes != trained)
+      throw InputError(file_of(actor_ids[a]), "boxes of object " + std::to_string(actor_ids[a]),
+                       std::to_string(boxes),
                        "must be as many as when the run was trained, " + std::to_string(trained));
   }
 }

@@ -131,7 +131,7 @@ TEST(SplatActors, RefusesOtherObjectsThanInTraining) {
   std::vector<MovingObject> objects = traffic.scene.actors;
   const auto message = [&] {
     try {
-      traffic.truth.check_actors("recording", objects);
+      traffic.truth.check_actors("recording", "moving.json", objects);
     } catch (const InputError& error) {
       return std::string(error.what());
     }

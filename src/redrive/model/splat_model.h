@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // --method splat: 3D Gaussians, rasterised (Kerbl et al. 2023), through the exact camera of every
 // image (field/gaussian.h). A step takes one image, or a window of a large one.
-// Each moving object that the recording annotates (Scene::actors) has Gaussians in axes of its own,
+// Each moving object, annotated or found (Scene::actors), has Gaussians in axes of its own,
 // those of its box. Hyperparameters: splat_model_config.cc; first Gaussians: initial_gaussians.h,
 // actor_gaussians.h; their number: densify_gaussians.h.
 #pragma once
@@ -71,7 +71,7 @@ struct SplatModel final : Model {
   bool streams_images() const override { return true; }
   bool keeps_half_images(const Scene& scene) const override;
   bool draws_actors() const override { return actors > 0; }
-  void check_actors(const std::filesystem::path& recording,
+  void check_actors(const std::filesystem::path& recording, const std::filesystem::path& found,
                     const std::vector<MovingObject>& objects) const override;
   void correct_actors(std::vector<MovingObject>* objects) const override;
   std::string describe_batch() const override { return "1 image"; }

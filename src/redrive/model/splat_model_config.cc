@@ -93,7 +93,7 @@ void SplatModel::visit_hyperparameters(HyperparameterVisitor& visit) {
         opacity_weight);
   visit(Hyperparameter{"lidar_rays", "0: LiDAR is not used", 0, 65536}.as_option("lidar-rays"),
         lidar_rays);
-  visit({"actors", "1: annotated moving objects are drawn; 0: they are masked", 0, 1}, actors);
+  visit({"actors", "1: moving objects are drawn; 0: they are masked", 0, 1}, actors);
   visit({"motion_rate", "learning rate of moving objects' tracks, m; 0: they stay", 0, 1},
         motion_rate);
   visit(Hyperparameter{"min_scale", "of the two larger axes, of the distance", 0, 1}.exclusive(),
@@ -138,7 +138,7 @@ void SplatModel::visit_hyperparameters(HyperparameterVisitor& visit) {
 
 void SplatModel::visit_state(HyperparameterVisitor& visit) {
   visit({"gaussians", "number of Gaussians of the world", 0, kMostGaussians}, gaussians);
-  visit({"actor_ids", "annotated ids of the moving objects that are drawn"}, actor_ids);
+  visit({"actor_ids", "ids of the moving objects that are drawn"}, actor_ids);
   visit({"actor_ends", "ends of their blocks of Gaussians", 1, kMostGaussians}, actor_ends);
   visit({"actor_keys", "ends of their tracks' keys", 1, kMostGaussians}, actor_keys);
   visit({"first_gaussians", "number of Gaussians at the start", 0, kMostGaussians},

@@ -113,7 +113,7 @@ TrafficEdit parse_traffic_edit(std::string_view text, const std::filesystem::pat
         std::int64_t number = 0;
         const auto [end, error] = std::from_chars(id.data(), id.data() + id.size(), number);
         if (error != std::errc{} || end != id.data() + id.size() || id != std::to_string(number))
-          field.at(id).fail("expected the annotated id of an object as its name");
+          field.at(id).fail("expected the id of an object as its name");
         edit.actors[number] = change_from_json(field.at(id), {});
       }
     } else if (key == "copies") {

@@ -2,7 +2,7 @@
 // Changes to the moving objects of a run:
 //   {"actors": {"ID": CHANGE, ..}, "copies": [{"of": ID, "id": ID, CHANGE}, ..],
 //    "added": [{"id": ID, "body": {"file": FILE}, "track": [..], CHANGE}, ..]}
-// ID: the annotated id of the object. The fields of CHANGE are those of ActorChange, whose body is
+// ID: the id of the object. The fields of CHANGE are those of ActorChange, whose body is
 // an ID or {"file": FILE}; a copy and what is added have an id that no object has.
 #pragma once
 

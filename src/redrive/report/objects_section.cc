@@ -203,8 +203,7 @@ std::string objects_section(const std::filesystem::path& folder, const Recording
   });
   std::string figures;
   for (int c = 0; c < images.cameras(); ++c) figures += camera_figure(folder, recording, images, c);
-  return "<h2>Annotated objects</h2>\n" + objects_table(objects) + "<div class=\"row\">\n" +
-         figures +
+  return "<h2>Objects</h2>\n" + objects_table(objects) + "<div class=\"row\">\n" + figures +
          plot_figure(folder / "figures", "objects_above", above_script(images, "objects_above"),
                      "from above, to scale: the drive, tracks of objects that move (orange), "
                      "parked ones (blue)") +

@@ -272,7 +272,82 @@ double centre_away(double low, double high, double size, double sensor) {
   return sensor <= low ? low + size / 2 : high - size / 2;
 }
 
-MovingObject object_of(const Track& track, const std::vector<Sweep>& sweeps, std::int64_t id) {
+/// Fits a line through the points around time `at_s`, in which outliers hardly count; returns its
+/// point and slope there.
+std::pair<Vector3d, Vector3d> line_at(const std::vector<double>& times_s,
+                                      const std::vector<Vector3d>& points, double at_s) {
+  constexpr double kAround_s = 0.6, kOutlier_m = 0.2;
+  constexpr int kRounds = 4;
+  Vector3d point = Vector3d::Zero(), slope = Vector3d::Zero();
+  for (int round = 0; round < kRounds; ++round) {
+    double sum = 0, sum_t = 0, sum_tt = 0;
+    Vector3d sum_p = Vector3d::Zero(), sum_tp = Vector3d::Zero();
+    for (std::size_t k = 0; k < points.size(); ++k) {
+      const double t_s = times_s[k] - at_s, part = std::abs(t_s) / kAround_s;
+      if (part >= 1) continue;
+      double weight = std::pow(1 - part * part * part, 3);
+      if (round > 0)
+        weight /= 1 + (points[k] - point - t_s * slope).squaredNorm() / (kOutlier_m * kOutlier_m);
+      sum += weight;
+      sum_t += weight * t_s;
+      sum_tt += weight * t_s * t_s;
+      sum_p += weight * points[k];
+      sum_tp += weight * t_s * points[k];
+    }
+    const double determinant = sum * sum_tt - sum_t * sum_t;
+    slope = determinant > 1e-9 * sum * sum ? Vector3d((sum * sum_tp - sum_t * sum_p) / determinant)
+                                           : Vector3d::Zero();
+    point = (sum_p - sum_t * slope) / sum;
+  }
+  return {point, slope};
+}
+
+/// Puts boxes where lines through those around them are, along these.
+void smooth(MovingObject* object) {
+  std::vector<double> times_s;
+  std::vector<Vector3d> centres;
+  for (const MovingObject::Key& key : object->keys) {
+    times_s.push_back(1e-9 * static_cast<double>(key.t_ns - object->keys[0].t_ns));
+    centres.push_back(key.world_from_box.translation());
+  }
+  for (std::size_t k = 0; k < times_s.size(); ++k) {
+    const auto [centre, velocity] = line_at(times_s, centres, times_s[k]);
+    Rigid3d& pose = object->keys[k].world_from_box;
+    pose.translation() = centre;
+    if (velocity.head<2>().norm() > kMovingSpeed_m_per_s / 2)
+      pose.linear() = world_from_heading(std::atan2(velocity.y(), velocity.x()));
+  }
+}
+
+/// Drops boxes at the place of an annotated object.
+void leave_to(const MovingObjects& annotated, MovingObject* object) {
+  constexpr double kBeside_m = 0.5;
+  std::erase_if(object->keys, [&](const MovingObject::Key& key) {
+    return std::ranges::any_of(annotated.at(key.t_ns), [&](MovingBox box) {
+      box.half_size_m.array() += kBeside_m;
+      return box.contains(key.world_from_box.translation());
+    });
+  });
+}
+
+/// Whether two objects are at the same place at most of their common times.
+bool is_same(const MovingObject& a, const MovingObject& b) {
+  constexpr double kApart_m = 1.5;
+  std::size_t common = 0, near = 0;
+  for (const MovingObject::Key& key : b.keys)
+    if (const auto other = a.world_from_box(key.t_ns)) {
+      ++common;
+      near += (other->translation() - key.world_from_box.translation()).norm() < kApart_m;
+    }
+  return common > 0 && 2 * near > common;
+}
+
+void number(std::vector<MovingObject>* objects) {
+  for (std::size_t i = 0; i < objects->size(); ++i)
+    (*objects)[i].id = -1 - static_cast<std::int64_t>(i);
+}
+
+MovingObject object_of(const Track& track, const std::vector<Sweep>& sweeps) {
   const std::vector<Cluster>& clusters = track.clusters;
   std::vector<Extent> extents;
   std::vector<double> sizes[3], yaws_rad;
@@ -283,7 +358,6 @@ MovingObject object_of(const Track& track, const std::vector<Sweep>& sweeps, std
     for (int d = 0; d < 3; ++d) sizes[d].push_back(size[d]);
   }
   MovingObject object;
-  object.id = id;
   object.type = kFound;
   for (int d = 0; d < 3; ++d) object.size_m[d] = std::max(usual(sizes[d]), kLeastSize_m);
   for (std::size_t k = 0; k < clusters.size(); ++k) {
@@ -297,13 +371,15 @@ MovingObject object_of(const Track& track, const std::vector<Sweep>& sweeps, std
     key.world_from_box.translation() = key.world_from_box.linear() * centre;
     object.keys.push_back(key);
   }
+  smooth(&object);
   set_velocities(&object);
   return object;
 }
 
 }  // namespace
 
-std::vector<MovingObject> find_moving_objects(const LidarReturns& returns, ThreadPool& pool) {
+std::vector<MovingObject> find_moving_objects(const LidarReturns& returns,
+                                              const MovingObjects& annotated, ThreadPool& pool) {
   const std::vector<Sweep> sweeps = seen_through(returns, pool);
   std::vector<std::vector<Cluster>> clusters(sweeps.size());
   pool.run(static_cast<int>(sweeps.size()),
@@ -312,10 +388,29 @@ std::vector<MovingObject> find_moving_objects(const LidarReturns& returns, Threa
   for (Track& track : join(clusters)) {
     if (!moves_steadily(track)) continue;
     for (const bool later : {false, true}) extend(sweeps, later, &track.clusters);
-    objects.push_back(object_of(track, sweeps, -1 - static_cast<std::int64_t>(objects.size())));
+    MovingObject object = object_of(track, sweeps);
+    leave_to(annotated, &object);
+    if (object.keys.size() >= kLeastKeys) objects.push_back(std::move(object));
   }
-  std::ranges::sort(objects, {}, &MovingObject::id);
+  number(&objects);
   return objects;
+}
+
+void join_found(std::vector<MovingObject> later, std::vector<MovingObject>* objects) {
+  for (MovingObject& object : later) {
+    const auto same = std::ranges::find_if(
+        *objects, [&](const MovingObject& before) { return is_same(before, object); });
+    if (same == objects->end()) {
+      objects->push_back(std::move(object));
+      continue;
+    }
+    same->size_m = same->size_m.cwiseMax(object.size_m);
+    const std::int64_t last_ns = same->keys.back().t_ns;
+    std::ranges::copy_if(object.keys, std::back_inserter(same->keys),
+                         [&](const MovingObject::Key& key) { return key.t_ns > last_ns; });
+    set_velocities(&*same);
+  }
+  number(objects);
 }
 
 std::vector<MovingObject> found_objects(const MovingObjects& moving) {

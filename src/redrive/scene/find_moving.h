@@ -18,10 +18,17 @@
 namespace redrive {
 
 /// Returns objects with the ids -1, -2, ... and the type "FOUND". Their boxes stand on the ground,
-/// enclose the returns on them, and extend away from the sensor to the object's usual size. The
-/// result does not depend on threads. `returns`: of revolutions, in the world, whose z axis points
-/// up.
-std::vector<MovingObject> find_moving_objects(const LidarReturns& returns, ThreadPool& pool);
+/// enclose the returns on them, and extend away from the sensor to the object's usual size; their
+/// tracks are smooth. The result does not depend on threads. `returns`: of revolutions, in the
+/// world, whose z axis points up, without those on `annotated` objects; what is left of these is no
+/// object.
+std::vector<MovingObject> find_moving_objects(const LidarReturns& returns,
+                                              const MovingObjects& annotated, ThreadPool& pool);
+
+/// Adds objects that were found in a later part of a drive to those of the parts before, with ids
+/// below theirs. One that is at the place of another at most of their common times is that one: its
+/// boxes go on with the later track.
+void join_found(std::vector<MovingObject> later, std::vector<MovingObject>* objects);
 
 /// Returns those of the type "FOUND".
 std::vector<MovingObject> found_objects(const MovingObjects& moving);

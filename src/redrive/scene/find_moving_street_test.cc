@@ -29,11 +29,10 @@ Comparison compare(const std::filesystem::path& root, PoseSource source) {
   options.downscale = std::max(1, recording.cameras[0].calibration.width / 400);
   const Scene scene = make_scene(recording, options);
   ThreadPool pool(2);
-  const MovingObjects annotated = read_moving_objects(recording, scene),
-                      none(std::vector<MovingObject>{});
+  const MovingObjects annotated = read_moving_objects(recording, scene), none;
   const LidarReturns returns = load_lidar_returns(recording, scene, none, pool);
   Comparison out;
-  out.found = find_moving_objects(returns, pool);
+  out.found = find_moving_objects(returns, none, pool);
   const MovingObjects found(out.found);
   for (const View& view : scene.views) {
     const auto a = object_map(scene, view, annotated), b = object_map(scene, view, found);
@@ -77,9 +76,9 @@ TEST(FindMovingStreet, FindsNothingBesideTheBoxes) {
   const Recording recording = open_recording(REDRIVE_SAMPLES "/street_traffic");
   const Scene scene = make_scene(recording, {});
   ThreadPool pool(2);
-  const LidarReturns rest =
-      load_lidar_returns(recording, scene, read_moving_objects(recording, scene), pool);
-  EXPECT_TRUE(find_moving_objects(rest, pool).empty());
+  const MovingObjects annotated = read_moving_objects(recording, scene);
+  const LidarReturns rest = load_lidar_returns(recording, scene, annotated, pool);
+  EXPECT_TRUE(find_moving_objects(rest, annotated, pool).empty());
 }
 
 class RealDrives : public ::testing::Test {

@@ -96,7 +96,7 @@ class Street {
 
 std::vector<MovingObject> found_in(const LidarReturns& returns) {
   ThreadPool pool(2);
-  return find_moving_objects(returns, pool);
+  return find_moving_objects(returns, {}, pool);
 }
 
 TEST(FindMoving, FindsNothingWhereNothingMoves) {
@@ -143,6 +143,58 @@ TEST(FindMoving, EnclosesWhatIsSeenOfAMovingCar) {
   EXPECT_EQ(beside, 0u);
   for (std::size_t k = 3; k + 3 < found[0].keys.size(); ++k)  // more of its side is seen by and by
     EXPECT_NEAR(found[0].keys[k].velocity_in_world_m_per_s.x(), 10, 2) << k;
+  for (const MovingObject::Key& key : found[0].keys) {
+    EXPECT_NEAR(key.world_from_box.translation().y(), -1.1, 0.15);
+    EXPECT_GT(key.world_from_box.linear()(0, 0), std::cos(3 * M_PI / 180)) << "it drives along x";
+  }
+}
+
+// What a box misses stays near it: nobody needs a second object there.
+TEST(FindMoving, FindsNothingAtThePlaceOfAnAnnotatedObject) {
+  Street street;
+  street.car = AlignedBox3d(Vector3d(12, -2, 0.2), Vector3d(16, -0.2, 1.5));
+  street.car_m_per_s = Vector3d(10, 0, 0);
+  const LidarReturns returns = street.returns();
+  MovingObject annotated;
+  annotated.size_m = {1, 1, 1};
+  for (const double t_s : {0.0, 0.5, 1.0, 1.5, 2.0, 2.5}) {
+    MovingObject::Key key{1'000'000'000 + std::llround(1e9 * t_s), Rigid3d::Identity(),
+                          street.car_m_per_s};
+    key.world_from_box.translation() = street.car_at(t_s).center();
+    annotated.keys.push_back(key);
+  }
+  ThreadPool pool(2);
+  EXPECT_EQ(find_moving_objects(returns, {}, pool).size(), 1u);
+  EXPECT_TRUE(find_moving_objects(returns, MovingObjects({annotated}), pool).empty());
+}
+
+MovingObject along_x(double from_m, double y_m, double first_s, double last_s) {
+  MovingObject object;
+  object.size_m = {4, 2, 1.5};
+  for (double t_s = first_s; t_s < last_s + 0.05; t_s += 0.1) {
+    MovingObject::Key key{std::llround(1e9 * t_s), Rigid3d::Identity(), {10, 0, 0}};
+    key.world_from_box.translation() = Vector3d(from_m + 10 * t_s, y_m, 0);
+    object.keys.push_back(key);
+  }
+  return object;
+}
+
+// Parts of a drive overlap: the object at y = 1 was found in both.
+TEST(FindMoving, JoinsWhatTwoPartsOfADriveFound) {
+  std::vector<MovingObject> objects;
+  join_found({along_x(0, 1, 0, 2), along_x(0, 8, 0, 1)}, &objects);
+  MovingObject again = along_x(0.5, 1.2, 1.5, 4);
+  again.size_m = {3, 2.5, 1.5};
+  join_found({along_x(0, 4, 1.5, 4), again}, &objects);
+  ASSERT_EQ(objects.size(), 3u);
+  for (int i = 0; i < 3; ++i) EXPECT_EQ(objects[i].id, -1 - i);
+  EXPECT_EQ(objects[0].size_m, Vector3d(4, 2.5, 1.5));
+  ASSERT_EQ(objects[0].keys.size(), 41u);
+  for (std::size_t k = 0; k < 41; ++k) {
+    EXPECT_NEAR(1e-9 * static_cast<double>(objects[0].keys[k].t_ns), 0.1 * k, 1e-6);
+    EXPECT_NEAR(objects[0].keys[k].world_from_box.translation().x(), k < 21 ? k : k + 0.5, 1e-5);
+  }
+  EXPECT_NEAR(objects[2].keys[0].world_from_box.translation().y(), 4, 1e-9);
 }
 
 TEST(FindMoving, DoesNotDependOnThreads) {
@@ -151,7 +203,7 @@ TEST(FindMoving, DoesNotDependOnThreads) {
   street.car_m_per_s = Vector3d(-9, 0, 0);
   const LidarReturns returns = street.returns();
   ThreadPool one(1);
-  const auto a = find_moving_objects(returns, one), b = found_in(returns);
+  const auto a = find_moving_objects(returns, {}, one), b = found_in(returns);
   ASSERT_GE(a.size(), 1u);
   ASSERT_EQ(a.size(), b.size());
   EXPECT_LT(a[0].keys[a[0].keys.size() / 2].velocity_in_world_m_per_s.x(), -7) << "oncoming";

@@ -323,7 +323,7 @@ std::vector<std::uint32_t> object_map(const Scene& scene, const View& view,
 
 void mark_objects(const Scene& scene, const MovingObjects& objects, ThreadPool& pool,
                   std::vector<Image8>* images) {
-  const ViewMasker masker(scene, {}, MovingObjects(std::vector<MovingObject>()), objects, pool);
+  const ViewMasker masker(scene, {}, {}, objects, pool);
   pool.run(static_cast<int>(images->size()), [&](int i) {
     if (!scene.views[i].held_out) masker.apply(scene.views[i], &(*images)[i]);
   });
@@ -369,8 +369,7 @@ void apply_masks(const Scene& scene, const std::vector<Mask>& camera_masks,
                  const MovingObjects& moving, ThreadPool& pool, std::vector<Image8>* images) {
   REDRIVE_CHECK_OP(camera_masks.size(), ==, scene.rig.size());
   REDRIVE_CHECK_OP(images->size(), ==, scene.views.size());
-  const ViewMasker masker(scene, camera_masks, moving, MovingObjects(std::vector<MovingObject>()),
-                          pool);
+  const ViewMasker masker(scene, camera_masks, moving, {}, pool);
   pool.run(static_cast<int>(images->size()), [&](int i) {
     if (!scene.views[i].held_out) masker.apply(scene.views[i], &(*images)[i]);
   });

@@ -20,6 +20,7 @@ MovingObject object_from_json(const JsonField& json) {
   MovingObject object;
   object.type = kFound;
   object.id = json.at("id").integer();
+  if (object.id >= 0) json.at("id").fail("expected an id below 0; others are annotated objects");
   const auto size =
       numbers_within<3>(json.at("size_m"), 0, kMaxSize_m, "expected three metres, 0 to 1000");
   object.size_m = Eigen::Vector3d(size.data());
@@ -74,6 +75,10 @@ std::vector<MovingObject> parse_moving_objects(std::string_view text,
       list.at(i).at("id").fail("expected an id that no other object has");
   }
   return objects;
+}
+
+std::filesystem::path moving_file(const std::filesystem::path& masks) {
+  return masks / "moving.json";
 }
 
 std::vector<MovingObject> read_moving_file(const std::filesystem::path& file) {

@@ -23,6 +23,8 @@ void set_velocities(MovingObject* object);
 /// repeats.
 std::vector<MovingObject> parse_moving_objects(std::string_view text,
                                                const std::filesystem::path& file);
+/// Returns FOLDER/moving.json, of a folder of masks.
+std::filesystem::path moving_file(const std::filesystem::path& masks);
 /// Returns none where the file does not exist.
 std::vector<MovingObject> read_moving_file(const std::filesystem::path& file);
 /// Keeps the yaw alone of rotations.

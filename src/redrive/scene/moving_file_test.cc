@@ -42,7 +42,7 @@ TEST(MovingFile, RejectsWhatCannotBeAnObject) {
   const auto parse = [](const std::string& objects) {
     return parse_moving_objects(R"({"objects": [)" + objects + "]}", "moving.json");
   };
-  const std::string begin = R"({"id": 1, "size_m": [4, 2, 1], "keys": [)",
+  const std::string begin = R"({"id": -1, "size_m": [4, 2, 1], "keys": [)",
                     key = R"({"t_ns": 5, "position_m": [1, 2, 3], "yaw_deg": 4})";
   EXPECT_EQ(parse("").size(), 0u);
   EXPECT_EQ(parse(begin + key + "]}").size(), 1u);
@@ -52,7 +52,7 @@ TEST(MovingFile, RejectsWhatCannotBeAnObject) {
         begin + R"({"t_ns": -5, "position_m": [1, 2, 3], "yaw_deg": 4}]})",  //
         begin + R"({"t_ns": 5, "position_m": [1, 2], "yaw_deg": 4}]})",      //
         begin + R"({"t_ns": 5, "position_m": [1, 2, 3], "yaw_deg": 400}]})",
-        std::string(R"({"id": 1, "size_m": [4, -2, 1], "keys": [)") + key + "]}"})
+        std::string(R"({"id": -1, "size_m": [4, -2, 1], "keys": [)") + key + "]}"})
     EXPECT_THROW(parse(bad), InputError) << bad;
   EXPECT_THROW(parse_moving_objects("[]", "moving.json"), InputError);
 }

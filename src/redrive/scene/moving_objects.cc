@@ -72,6 +72,7 @@ MovingObjects MovingObjects::without(const std::vector<MovingObject>& others) co
 MovingObjects MovingObjects::with(const std::vector<MovingObject>& others) const {
   MovingObjects all = *this;
   all.objects_.insert(all.objects_.end(), others.begin(), others.end());
+  std::ranges::stable_sort(all.objects_, {}, &MovingObject::id);
   return all;
 }
 

@@ -46,6 +46,8 @@ constexpr double kMovingSpeed_m_per_s = 1;
 
 class MovingObjects {
  public:
+  MovingObjects() = default;  ///< none
+
   /// `boxes`: of all frames. Each holds at its own time.
   MovingObjects(const std::vector<Box>& boxes, const std::vector<FramePose>& frames,
                 const Rigid3d& global_from_world);

@@ -26,6 +26,10 @@ constexpr std::size_t kMostRays = 40'000;  // of a sweep; more take time
 // Sweeps before and after that count, 0.4 s to 8 s away: slow objects leave their place later.
 constexpr std::array<int, 12> kOffsets = {4, 5, 6, 8, 10, 13, 17, 22, 29, 38, 55, 80};
 
+// Indices of all sweeps of a long drive would be large: those that a block looks at are kept.
+constexpr int kBlock = 32;
+constexpr std::size_t kMostGroundPoints = 4'000'000;
+
 constexpr std::int64_t kMostSweeps = 1'000'000;  // a day; longer are gaps or wrong times
 
 Vector3f at(const std::vector<float>& v, std::size_t n, std::size_t i) {
@@ -41,9 +45,8 @@ std::int64_t cell_of(int x, int y, int z) {
 class Ground {
  public:
   explicit Ground(const LidarReturns& returns) {
-    constexpr std::size_t kMostPoints = 4'000'000;
     constexpr double kLowest = 0.05;  // echoes from below the road are fewer
-    const std::size_t step = 1 + returns.n / kMostPoints;
+    const std::size_t step = 1 + returns.n / kMostGroundPoints;
     std::vector<std::pair<std::int64_t, float>> points;
     for (std::size_t i = 0; i < returns.n; i += step) {
       const Vector3f p = at(returns.origin, returns.n, i) +
@@ -182,6 +185,16 @@ std::vector<SweepPoint> thinned(const LidarReturns& returns,
 
 }  // namespace
 
+std::uint64_t search_bytes(std::uint64_t returns, std::uint64_t revolutions) {
+  // Below the ground's 0.3 m and in a thinning's cell with another are four of five returns.
+  constexpr std::uint64_t kPointOf = 5, kGroundPoint = 16;
+  const std::uint64_t indices = std::min<std::uint64_t>(revolutions, kBlock + 2 * kOffsets.back());
+  return returns * sizeof(std::uint32_t) + returns / kPointOf * sizeof(SweepPoint) +
+         std::min<std::uint64_t>(returns, kMostGroundPoints) * kGroundPoint +
+         indices * (sizeof(std::uint32_t) * (kMostRays + RayIndex::kColumns * RayIndex::kRows) +
+                    sizeof(Vector3f) * RayIndex::kColumns);
+}
+
 std::vector<Sweep> seen_through(const LidarReturns& returns, ThreadPool& pool) {
   std::vector<Sweep> sweeps;
   if (returns.n == 0) return sweeps;
@@ -210,8 +223,6 @@ std::vector<Sweep> seen_through(const LidarReturns& returns, ThreadPool& pool) {
       }
     }
   };
-  // Indices of all sweeps of a long drive would be large: keeps those that a block looks at.
-  constexpr int kBlock = 32;
   int made = 0, dropped = 0;
   for (int begin = 0; begin < count; begin += kBlock) {
     const int end = std::min(begin + kBlock, count),

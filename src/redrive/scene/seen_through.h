@@ -31,6 +31,9 @@ struct Sweep {
 constexpr double kSweep_s = 0.1;
 constexpr float kThinning_m = 0.25f;
 
+/// Bytes that seen_through works with, of so many returns of so many revolutions, at most.
+std::uint64_t search_bytes(std::uint64_t returns, std::uint64_t revolutions);
+
 /// Returns sweeps one after the other, empty ones included; none where they span more than a day.
 /// Sweeps nearer than 0.4 s to one do not count for it.
 std::vector<Sweep> seen_through(const LidarReturns& returns, ThreadPool& pool);

@@ -9,6 +9,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
+#include "redrive/scene/find_moving.h"
 #include "redrive/scene/load_views.h"
 #include "redrive/scene/masks.h"
 #include "redrive/scene/moving_file.h"
@@ -55,17 +56,14 @@ double length_of(const std::string& text) {
 }
 
 /// Returns find_moving of the blocks, one after the other, so that the LiDAR of one is in memory at
-/// a time. What two of them see is there twice.
-std::vector<MovingObject> found_in_blocks(const DividedRun& whole,
-                                          const std::filesystem::path& folder, ThreadPool& pool) {
+/// a time.
+std::vector<MovingObject> found_in_blocks(const DividedRun& whole, ThreadPool& pool) {
+  const std::filesystem::path folder = mask_folder(whole.options, whole.scene);
   if (!folder.empty() && std::filesystem::exists(moving_file(folder)))
     return read_moving_file(moving_file(folder));
   std::vector<MovingObject> found;
   for (const Block& block : whole.blocks)
-    for (MovingObject& object : find_moving(planned_run(whole, block), folder, pool)) {
-      object.id = -1 - static_cast<std::int64_t>(found.size());
-      found.push_back(std::move(object));
-    }
+    join_found(find_moving(planned_run(whole, block), pool), &found);
   return found;
 }
 
@@ -132,7 +130,7 @@ void create_divided_run(const std::filesystem::path& root, DividedRun* whole, Th
     const std::filesystem::path folder = mask_folder(whole->options, whole->scene);
     masks = static_masks(whole->scene, ViewLoader(whole->scene, pool), folder, pool,
                          whole->recording.metric);
-    found = found_in_blocks(*whole, folder, pool);
+    found = found_in_blocks(*whole, pool);
   }
   whole->paths = create_run(root, whole->options, [&](const RunPaths& paths) {
     for (const std::filesystem::path& folder : {paths.masks(), paths.root / "blocks"}) {

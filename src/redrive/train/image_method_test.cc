@@ -245,7 +245,7 @@ TEST_F(ImageMethodTest, SupportsPoseRefinementRestartsAndTheRunFolder) {
   run.paths = create_run(folder_.path / "run", run.options, {}, run.state.model.get());
   EXPECT_GT(estimate_memory(run, 2).total(), 0u);
   ThreadPool pool(2);
-  train(&run, prepare_training_data(run, pool), {backend_.get()}, nullptr, never_);
+  train(&run, prepare_training_data(&run, pool), {backend_.get()}, nullptr, never_);
 
   const nlohmann::json config = read_json(run.paths.config());
   EXPECT_EQ(config.at("strips"), 4);

@@ -8,6 +8,7 @@
 #include "redrive/recording/recording_reader.h"
 #include "redrive/scene/cloud_returns.h"
 #include "redrive/scene/masks.h"
+#include "redrive/scene/seen_through.h"
 #include "redrive/scene/track_points.h"
 #include "redrive/train/step.h"
 
@@ -24,6 +25,7 @@ std::uint64_t pixels(const Camera& camera) { return std::uint64_t(camera.width) 
 
 constexpr const char* kOfImages = "--downscale, --frames or --cameras (images and their rays: ";
 constexpr const char* kOfLidar = "--frames or --lidar-rays 0 (LiDAR: ";
+constexpr const char* kOfSearch = "--frames or --masks none (search for moving objects: ";
 std::string step_option(const Model& model) { return "--batch (" + model.describe_batch() + ": "; }
 
 /// Bytes with a description, largest first.
@@ -82,14 +84,23 @@ MemoryEstimate estimate_memory(const Run& run, int threads) {
   for (const RigCamera& rig : scene.rig)
     need.rays += (sizeof(std::uint32_t) + 3 * sizeof(float)) * pixels(rig.camera);
 
-  if (model.uses_lidar() && run.recording.body_from_lidar) {
-    std::uint64_t points = 0;
+  const bool searches = run.options.masks != "none";
+  if ((model.uses_lidar() || searches) && run.recording.body_from_lidar) {
+    std::uint64_t points = 0, files = 0;
     for (const FrameFile& file : run.recording.lidar_files)
-      if (file.frame_id >= scene.frames.front().id && file.frame_id <= scene.frames.back().id)
+      if (file.frame_id >= scene.frames.front().id && file.frame_id <= scene.frames.back().id) {
         points += run.recording.reader->lidar_point_count(file);
-    need.lidar =
+        ++files;
+      }
+    const std::uint64_t lidar =
         points * kReturn * 2 / 3;  // a third of the points are in two overlapping revolutions
-    need.sorting = points * (sizeof(LidarPoint) + kSortedRay * 2 / 3);
+    const std::uint64_t sorting = points * (sizeof(LidarPoint) + kSortedRay * 2 / 3);
+    if (model.uses_lidar()) {
+      need.lidar = lidar;
+      need.sorting = sorting;
+    }
+    if (searches && points > 0)
+      need.search = lidar + std::max(sorting, search_bytes(points, files));
   }
   if (model.uses_lidar() && run.recording.lidar_files.empty() &&
       !run.recording.points_file.empty()) {
@@ -162,6 +173,7 @@ void check_memory(const MemoryEstimate& need, std::uint64_t allowed, const Train
                    memory_text(need.least(), allowed) + "; lower " +
                        what_to_lower({{images + need.rays, kOfImages},
                                       {need.lidar + need.sorting, kOfLidar},
+                                      {need.search, kOfSearch},
                                       {need.step, need.step_option}}));
 }
 

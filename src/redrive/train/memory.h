@@ -22,7 +22,8 @@ struct MemoryEstimate {
   std::uint64_t least_images = 0;
   std::uint64_t decoders = 0;  ///< part of least_images: that of the threads that decode
   std::uint64_t lidar = 0;     ///< all returns
-  // The peak is in loading or in training:
+  std::uint64_t search = 0;    ///< for objects that move, before any image is loaded
+  // The peak is in loading or in training, or in the search:
   std::uint64_t decoding = 0;  ///< images as recorded
   std::uint64_t sorting = 0;  ///< LiDAR points as recorded, and their rays, before they are returns
   std::uint64_t rays = 0;     ///< directions of all pixels of all cameras
@@ -34,8 +35,10 @@ struct MemoryEstimate {
   /// With a cache of the smallest size, where images may be in one.
   std::uint64_t least() const { return total_with(least_images > 0 ? least_images : images); }
   std::uint64_t total_with(std::uint64_t of_images) const {
-    const std::uint64_t sum = program + state + of_images +
-                              std::max({decoding, lidar + sorting, lidar + rays + step + saving});
+    const std::uint64_t sum =
+        program + state +
+        std::max(search,
+                 of_images + std::max({decoding, lidar + sorting, lidar + rays + step + saving}));
     return sum + sum / 20;  // small buffers, and gaps between blocks
   }
 };

@@ -6,6 +6,8 @@
 
 #include "redrive/base/error.h"
 #include "redrive/kernels/device/cuda_backend.h"
+#include "redrive/recording/aimotive.h"
+#include "redrive/recording/las.h"
 #include "redrive/train/train_testing.h"
 
 namespace redrive {
@@ -111,6 +113,29 @@ TEST_F(MemoryEstimateTest, RejectsMoreThanAllowedNamingTheOptionToLower) {
   EXPECT_THAT(rejection(), HasSubstr("lower --batch (64 rays: 8.0 GiB), --downscale"));
   need.sorting = 9 * kGiB;
   EXPECT_THAT(rejection(), HasSubstr("lower --frames or --lidar-rays 0 (LiDAR: 9.0 GiB), --batch"));
+}
+
+// Methods without LiDAR read it, too, to find what moves.
+TEST_F(MemoryEstimateTest, CountsTheSearchForMovingObjects) {
+  constexpr std::uint64_t kPoints = 20'000;
+  const std::vector<LidarRecord> points(kPoints, {{20, 0, 0}, 1});
+  folder_.write("frame_10.las", make_las(points));
+  recording_.reader = aimotive::make_reader();
+  recording_.body_from_lidar = Rigid3d::Identity();
+  TrainOptions options = tiny_options(1);
+  const MemoryEstimate without = of(options);
+  EXPECT_EQ(without.search, 0u);
+  recording_.lidar_files = {{10, folder_.path / "frame_10.las"}};
+  const MemoryEstimate with = of(options);
+  EXPECT_EQ(with.lidar, 0u);
+  EXPECT_GT(with.search, kPoints * 36 * 2 / 3);
+  EXPECT_LT(with.search, kPoints * 400);
+  MemoryEstimate large = with;
+  large.search = 4 * kGiB;
+  EXPECT_GT(large.total(), 4 * kGiB);
+  EXPECT_LT(large.total(), 5 * kGiB) << "what is loaded afterwards is not there yet";
+  options.masks = "none";
+  EXPECT_EQ(of(options).search, 0u);
 }
 
 TEST_F(MemoryEstimateTest, OfAGpuIsTheStateTheImagesAndAStep) {

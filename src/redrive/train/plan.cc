@@ -46,7 +46,7 @@ TrainingRates measure_rates(Run* run, kernels::Backend& backend, int steps) {
                    static_cast<double>(decoded);
   std::optional<TrainingData> data;
   rates.prepare_s =
-      cores / images * seconds_of([&] { data.emplace(prepare_training_data(*run, pool)); });
+      cores / images * seconds_of([&] { data.emplace(prepare_training_data(run, pool)); });
   const PixelSampler sampler(run->scene, data->images, run->options.seed);
   const LidarSampler lidar(data->lidar, run->options.seed);
   const TrainingSet set{run->scene, data->view_images(), data->lidar, sampler,

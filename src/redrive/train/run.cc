@@ -12,6 +12,7 @@
 #include "redrive/base/files.h"
 #include "redrive/model/method.h"
 #include "redrive/recording/pose_files.h"
+#include "redrive/scene/moving_file.h"
 
 namespace redrive {
 namespace {
@@ -51,6 +52,15 @@ void check_shown_hyperparameters(const Run& run, const nlohmann::json& config) {
           number.dump().substr(0, 80),
           "is " + value.text + " by the options and the recording; options and --set change it");
   }
+}
+
+/// Throws InputError if the masks of a block (train/blocks.h) did not come with it: without a file
+/// nothing is masked.
+void check_link(const std::filesystem::path& masks) {
+  std::error_code error;
+  if (std::filesystem::is_symlink(masks, error) && !std::filesystem::exists(masks, error))
+    throw InputError(masks, "", "",
+                     "links to a folder that is not there; cp -rL copies a block with its masks");
 }
 
 /// Throws InputError unless the checkpoint belongs to these options and this recording.
@@ -161,7 +171,8 @@ Run open_run(const std::filesystem::path& root, bool to_resume) {
     check_shown_hyperparameters(run, config);
     load_actors(&run);  // in the poses that training began with, as it did
     if (run.state.step > 0 || !to_resume)
-      run.state.model->check_actors(run.recording.root, run.scene.actors);
+      run.state.model->check_actors(run.recording.root, moving_file(run.paths.masks()),
+                                    run.scene.actors);
     if (!to_resume) run.state.model->correct_actors(&run.scene.actors);
     if (!to_resume && run.state.poses.refines()) {
       const Scene initial = run.scene;
@@ -172,14 +183,21 @@ Run open_run(const std::filesystem::path& root, bool to_resume) {
   return run;
 }
 
-void load_actors(Run* run) {
+void load_actors(Run* run, const std::vector<MovingObject>& found) {
+  run->moving = read_moving_objects(run->recording, run->scene).with(found);
+  run->scene.actors.clear();
   if (!run->state.model->draws_actors()) return;
-  const MovingObjects moving = read_moving_objects(run->recording, run->scene);
-  for (const MovingObject& object : moving.objects())
+  for (const MovingObject& object : run->moving.objects())
     if (object.keys.size() >= 2 && std::ranges::any_of(run->scene.frames, [&](const Frame& frame) {
           return object.world_from_box(frame.t_ns).has_value();
         }))
       run->scene.actors.push_back(object);
+}
+
+void load_actors(Run* run) {
+  if (run->options.masks == "none") return load_actors(run, {});
+  check_link(run->paths.masks());
+  load_actors(run, read_moving_file(moving_file(run->paths.masks())));
 }
 
 }  // namespace redrive

@@ -9,6 +9,7 @@
 #include <string_view>
 #include <vector>
 
+#include "redrive/scene/moving_objects.h"
 #include "redrive/train/options.h"
 #include "redrive/train/state.h"
 
@@ -44,15 +45,20 @@ struct Run {
   Recording recording;
   Scene scene;
   TrainState state;
+  MovingObjects moving;  ///< annotated ones and found ones (load_actors)
 };
 /// Opens a run with refined poses in the recording's frames and the scene. to_resume: with initial
 /// poses; a run that was killed before its first checkpoint then opens with the initial state.
 /// Throws InputError if a file is missing or the files do not belong together.
 Run open_run(const std::filesystem::path& root, bool to_resume = false);
 
-/// Sets run->scene.actors, if the model draws them: the annotated objects that move, have boxes of
-/// two times at least and are there at a frame of the scene. open_run() does so. InputError as the
-/// readers of boxes.
+/// Sets run->moving to the annotated objects that move and to `found` ones (scene/find_moving.h),
+/// and run->scene.actors, if the model draws them, to those that have boxes of two times at least
+/// and are there at a frame of the scene. InputError as the readers of boxes.
+void load_actors(Run* run, const std::vector<MovingObject>& found);
+/// Likewise with the run's masks/moving.json; with --masks none without. open_run() does so.
+/// InputError as read_moving_file, and if the masks of a block (train/blocks.h) did not come with
+/// it.
 void load_actors(Run* run);
 /// Returns the model of options and scene, without parameters.
 std::unique_ptr<Model> make_run_model(const TrainOptions& options, const Scene& scene);

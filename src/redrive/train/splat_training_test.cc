@@ -139,10 +139,9 @@ Streamed train_streamed(const std::filesystem::path& root, TrainOptions options,
   run.recording = open_recording(options);
   run.scene = make_scene(run.recording, scene_options(options));
   run.state = make_initial_state(options, run.scene);
-  load_actors(&run);
   run.paths = create_run(root, run.options, {}, run.state.model.get());
   ThreadPool pool(backend.threads());
-  out.data.emplace(prepare_training_data(run, pool, cache_bytes));
+  out.data.emplace(prepare_training_data(&run, pool, cache_bytes));
   train(&run, *out.data, {&backend}, nullptr, never);
   return out;
 }
@@ -186,7 +185,7 @@ TEST_F(SplatTrainingTest, AnImageThatBreaksWhileItTrainsIsNamed) {
   run.scene = make_scene(run.recording, scene_options(run.options));
   run.state = make_initial_state(run.options, run.scene);
   ThreadPool pool(2);
-  const TrainingData data = prepare_training_data(run, pool, 1);
+  const TrainingData data = prepare_training_data(&run, pool, 1);
   const std::filesystem::path broken = run.scene.views[3].image;
   folder_.write(broken.filename(), "no image");
   try {
@@ -232,14 +231,12 @@ TEST_F(SplatTrainingTest, AResumedRunHasItsMovingObjectsAgain) {
     run.recording = open_recording(run.options);
     run.scene = make_scene(run.recording, scene_options(run.options));
     run.state = make_initial_state(run.options, run.scene);
-    load_actors(&run);
     record_hyperparameters(*run.state.model, &run.options);
     ThreadPool pool(2);
-    const TrainingData data = prepare_training_data(run, pool);
+    const TrainingData data = prepare_training_data(&run, pool);
     run.paths = create_run(
         folder_.path / name, run.options,
-        [&](const RunPaths& paths) { write_run_masks(paths, data, run.scene); },
-        run.state.model.get());
+        [&](const RunPaths& paths) { write_run_masks(paths, data, run); }, run.state.model.get());
     return run;
   };
   redrive::Run whole = begin("whole"), parts = begin("parts");
@@ -283,7 +280,7 @@ TEST_F(SplatTrainingTest, TheRunFolderIsComplete) {
   run.paths = create_run(folder_.path / "run", run.options, {}, run.state.model.get());
   EXPECT_GT(estimate_memory(run, 2).total(), 0u);
   ThreadPool pool(2);
-  train(&run, prepare_training_data(run, pool), {backend_.get()}, nullptr, never_);
+  train(&run, prepare_training_data(&run, pool), {backend_.get()}, nullptr, never_);
 
   const redrive::Run opened = open_run(run.paths.root);
   EXPECT_TRUE(same_weights(opened.state, run.state));

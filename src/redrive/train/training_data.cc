@@ -12,16 +12,13 @@
 namespace redrive {
 namespace {
 
-/// `masks`, the recording's moving objects and `found` ones; nothing with --masks none.
-Exclusions with_moving(const Run& run, const std::function<std::vector<Mask>()>& masks,
-                       const std::function<std::vector<MovingObject>()>& found) {
-  if (run.options.masks != "none")
-    return {masks(),
-            read_moving_objects(run.recording, run.scene).without(run.scene.actors).with(found())};
+/// `masks` and the moving objects that the model does not draw; nothing with --masks none.
+Exclusions with_moving(const Run& run, const std::function<std::vector<Mask>()>& masks) {
+  if (run.options.masks != "none") return {masks(), run.moving.without(run.scene.actors)};
   std::vector<Mask> full;
   for (const RigCamera& rig : run.scene.rig)
     full.push_back(full_mask(rig.camera.width, rig.camera.height));
-  return {full, MovingObjects({}, run.recording.frames, run.scene.global_from_world)};
+  return {full, {}};
 }
 
 LidarReturns training_returns(const Run& run, const MovingObjects& moving, ThreadPool& pool) {
@@ -30,15 +27,6 @@ LidarReturns training_returns(const Run& run, const MovingObjects& moving, Threa
     return !held_out.contains(frame);
   };
   return load_lidar_returns(run.recording, run.scene, moving, pool, selection);
-}
-
-/// Throws InputError if the masks of a block (train/blocks.h) did not come with it: without a file
-/// nothing is masked.
-void check_link(const std::filesystem::path& masks) {
-  std::error_code error;
-  if (std::filesystem::is_symlink(masks, error) && !std::filesystem::exists(masks, error))
-    throw InputError(masks, "", "",
-                     "links to a folder that is not there; cp -rL copies a block with its masks");
 }
 
 /// Bytes of a training view's image at most.
@@ -106,27 +94,20 @@ TrainingData applied(const Run& run, ThreadPool& pool, Exclusions left_out,
   }
   if (run.state.model->uses_lidar())
     data.lidar =
-        training_returns(run,
-                         run.scene.actors.empty() ? data.left_out.moving
-                                                  : read_moving_objects(run.recording, run.scene)
-                                                        .with(found_objects(data.left_out.moving)),
-                         pool);
+        training_returns(run, run.scene.actors.empty() ? data.left_out.moving : run.moving, pool);
   return data;
 }
 
 }  // namespace
 
-std::filesystem::path moving_file(const std::filesystem::path& masks) {
-  return masks / "moving.json";
-}
-
-std::vector<MovingObject> find_moving(const Run& run, const std::filesystem::path& folder,
-                                      ThreadPool& pool) {
+std::vector<MovingObject> find_moving(const Run& run, ThreadPool& pool) {
+  if (run.options.masks == "none") return {};
+  const std::filesystem::path folder = mask_folder(run.options, run.scene);
   if (!folder.empty() && std::filesystem::exists(moving_file(folder)))
     return read_moving_file(moving_file(folder));
   if (run.recording.lidar_files.empty()) return {};
-  return find_moving_objects(
-      training_returns(run, read_moving_objects(run.recording, run.scene), pool), pool);
+  const MovingObjects annotated = read_moving_objects(run.recording, run.scene);
+  return find_moving_objects(training_returns(run, annotated, pool), annotated, pool);
 }
 
 std::filesystem::path mask_folder(const TrainOptions& options, const Scene& scene) {
@@ -134,23 +115,19 @@ std::filesystem::path mask_folder(const TrainOptions& options, const Scene& scen
   if (given == "auto" || given == "none") return {};
   if (!std::filesystem::is_directory(given))
     throw UsageError("--masks", given, "must be auto, none or a folder");
-  if (std::ranges::none_of(scene.rig, [&](const RigCamera& rig) {
+  if (!std::filesystem::exists(moving_file(given)) &&
+      std::ranges::none_of(scene.rig, [&](const RigCamera& rig) {
         return std::filesystem::exists(mask_file(given, rig));
       }))
-    throw UsageError("--masks", given,
-                     "holds no mask of a camera that is trained on, such as " +
-                         mask_file("", scene.rig[0]).string());
+    throw UsageError(
+        "--masks", given,
+        "holds neither moving.json nor a mask of a camera that is trained on, such as " +
+            mask_file("", scene.rig[0]).string());
   return given;
 }
 
 Exclusions read_exclusions(const Run& run) {
-  return with_moving(
-      run,
-      [&] {
-        check_link(run.paths.masks());
-        return read_masks(run.paths.masks(), run.scene);
-      },
-      [&] { return read_moving_file(moving_file(run.paths.masks())); });
+  return with_moving(run, [&] { return read_masks(run.paths.masks(), run.scene); });
 }
 
 TrainingData load_training_data(const Run& run, ThreadPool& pool,
@@ -159,30 +136,27 @@ TrainingData load_training_data(const Run& run, ThreadPool& pool,
                  cache_bytes ? std::vector<Image8>() : load_views(run.scene, pool), cache_bytes);
 }
 
-TrainingData prepare_training_data(const Run& run, ThreadPool& pool,
+TrainingData prepare_training_data(Run* to_train, ThreadPool& pool,
                                    std::optional<std::uint64_t> cache_bytes) {
-  const std::filesystem::path folder =
-      mask_folder(run.options, run.scene);  // first, so that a wrong folder is reported at once
+  const std::filesystem::path folder = mask_folder(to_train->options, to_train->scene);
+  load_actors(to_train, find_moving(*to_train, pool));
+  const Run& run = *to_train;
   std::vector<Image8> images;
   if (!cache_bytes) images = load_views(run.scene, pool);
-  Exclusions left_out = with_moving(
-      run,
-      [&] {
-        const bool on_car = run.recording.metric;
-        return cache_bytes
-                   ? static_masks(run.scene, ViewLoader(run.scene, pool), folder, pool, on_car)
-                   : static_masks(run.scene, images, folder, pool, on_car);
-      },
-      [&] { return find_moving(run, folder, pool); });
+  Exclusions left_out = with_moving(run, [&] {
+    const bool on_car = run.recording.metric;
+    return cache_bytes ? static_masks(run.scene, ViewLoader(run.scene, pool), folder, pool, on_car)
+                       : static_masks(run.scene, images, folder, pool, on_car);
+  });
   return applied(run, pool, std::move(left_out), std::move(images), cache_bytes);
 }
 
-void write_run_masks(const RunPaths& paths, const TrainingData& training, const Scene& scene) {
+void write_run_masks(const RunPaths& paths, const TrainingData& training, const Run& run) {
   std::error_code error;
   std::filesystem::create_directory(paths.masks(), error);
   if (error) throw IoError(paths.masks(), error.message());
-  write_masks(paths.masks(), training.left_out.masks, scene);
-  const std::vector<MovingObject> found = found_objects(training.left_out.moving);
+  write_masks(paths.masks(), training.left_out.masks, run.scene);
+  const std::vector<MovingObject> found = found_objects(run.moving);
   if (!found.empty()) write_moving_file(moving_file(paths.masks()), found);
 }
 

@@ -19,8 +19,7 @@ struct Exclusions {
   MovingObjects moving;     ///< those that the model does not draw
 };
 
-/// Reads masks/ of an existing run and the recording's annotated objects; nothing with --masks
-/// none. Throws InputError as the readers of masks and boxes do.
+/// Reads masks/ of an existing run; nothing with --masks none. InputError as read_masks.
 Exclusions read_exclusions(const Run& run);
 
 struct TrainingData {
@@ -42,20 +41,18 @@ struct TrainingData {
 /// once in either case, so that errors are found: InputError names the file.
 TrainingData load_training_data(const Run& run, ThreadPool& pool,
                                 std::optional<std::uint64_t> cache_bytes = {});
-/// Loads the data of a new run. Masks are detected, or read from the folder that options.masks
-/// names; throws UsageError if that has no mask of any camera.
-TrainingData prepare_training_data(const Run& run, ThreadPool& pool,
+/// Loads the data of a new run and its moving objects (load_actors, with those of find_moving).
+/// Masks are detected, or read from the folder that options.masks names; UsageError as mask_folder.
+TrainingData prepare_training_data(Run* run, ThreadPool& pool,
                                    std::optional<std::uint64_t> cache_bytes = {});
 /// Returns the folder that --masks names; empty for auto and none. UsageError if it has no mask of
 /// any camera.
 std::filesystem::path mask_folder(const TrainOptions& options, const Scene& scene);
-/// Returns RUN/masks/moving.json.
-std::filesystem::path moving_file(const std::filesystem::path& masks);
-/// Returns the objects that move and that nobody annotated: of `folder` (mask_folder) where it has
-/// a moving_file, else searched in the LiDAR of the run's frames that are not held out.
-std::vector<MovingObject> find_moving(const Run& run, const std::filesystem::path& folder,
-                                      ThreadPool& pool);
-/// Writes the masks of prepare_training_data into paths.masks(), for create_run.
-void write_run_masks(const RunPaths& paths, const TrainingData& training, const Scene& scene);
+/// Returns the objects that move and that nobody annotated: of the mask_folder where it has a
+/// moving_file, else searched in the LiDAR of the run's frames that are not held out; none with
+/// --masks none.
+std::vector<MovingObject> find_moving(const Run& run, ThreadPool& pool);
+/// Writes the masks and found objects of prepare_training_data into paths.masks(), for create_run.
+void write_run_masks(const RunPaths& paths, const TrainingData& training, const Run& run);
 
 }  // namespace redrive

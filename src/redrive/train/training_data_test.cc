@@ -5,9 +5,11 @@
 #include <gtest/gtest.h>
 
 #include "redrive/base/error.h"
+#include "redrive/model/splat_model.h"
 #include "redrive/recording/aimotive.h"
 #include "redrive/recording/las.h"
 #include "redrive/recording/scan_files.h"
+#include "redrive/scene/moving_file.h"
 #include "redrive/train/train_testing.h"
 
 namespace redrive {
@@ -35,7 +37,7 @@ class TrainingDataTest : public testing::Test {
   }
   std::string rejection() {
     try {
-      prepare_training_data(run_, pool_);
+      prepare_training_data(&run_, pool_);
     } catch (const UsageError& error) {
       return error.what();
     }
@@ -55,16 +57,15 @@ TEST_F(TrainingDataTest, RunKeepsTheComputedMasks) {
   run_.options.holdout_every = 3;
   prepare();
   write(masks_);
-  const TrainingData found = prepare_training_data(run_, pool_);
+  const TrainingData found = prepare_training_data(&run_, pool_);
   ASSERT_EQ(found.images.size(), 4u);
   EXPECT_TRUE(found.images[0].rgb.empty()) << "held out";
   ASSERT_EQ(found.images[1].used.size(), 8u * 5);
   EXPECT_EQ(std::ranges::count(found.images[1].used, 0), 1);
   EXPECT_EQ(found.images[1].used[1 * 8 + 1], 0);
 
-  run_.paths = create_run(folder_.path / "run", run_.options, [&](const RunPaths& paths) {
-    write_run_masks(paths, found, run_.scene);
-  });
+  run_.paths = create_run(folder_.path / "run", run_.options,
+                          [&](const RunPaths& paths) { write_run_masks(paths, found, run_); });
   std::filesystem::remove_all(masks_);
   const TrainingData loaded = load_training_data(run_, pool_);
   for (std::size_t i = 0; i < loaded.images.size(); ++i) {
@@ -77,10 +78,9 @@ TEST_F(TrainingDataTest, ARemovedMaskMasksNothing) {
   run_.options.masks = masks_;
   prepare();
   write(masks_);
-  const TrainingData found = prepare_training_data(run_, pool_);
-  run_.paths = create_run(folder_.path / "run", run_.options, [&](const RunPaths& paths) {
-    write_run_masks(paths, found, run_.scene);
-  });
+  const TrainingData found = prepare_training_data(&run_, pool_);
+  run_.paths = create_run(folder_.path / "run", run_.options,
+                          [&](const RunPaths& paths) { write_run_masks(paths, found, run_); });
   ASSERT_TRUE(std::filesystem::remove(run_.paths.masks() / "FRONT.png"));
   EXPECT_TRUE(load_training_data(run_, pool_).images[0].used.empty());
 }
@@ -91,9 +91,8 @@ TEST_F(TrainingDataTest, NoneComputesNoMasks) {
   run_.paths.root = folder_.path;
   std::filesystem::create_directory(run_.paths.masks());
   write(run_.paths.masks());
-  run_.recording.box_files = {{10, folder_.path / "missing.json"}};
   EXPECT_TRUE(load_training_data(run_, pool_).images[0].used.empty());
-  EXPECT_TRUE(prepare_training_data(run_, pool_).images[0].used.empty());
+  EXPECT_TRUE(prepare_training_data(&run_, pool_).images[0].used.empty());
 }
 
 // Else the LiDAR of held-out frames could not be scored. Runs of earlier builds go on as they
@@ -113,10 +112,10 @@ TEST_F(TrainingDataTest, RevolutionsOfHeldOutFramesDoNotTrain) {
     run_.recording.lidar_files.push_back({frame.id, folder_.path / name});
     times.push_back(frame.t_ns);
   }
-  EXPECT_EQ(prepare_training_data(run_, pool_).lidar.t_ns,
+  EXPECT_EQ(prepare_training_data(&run_, pool_).lidar.t_ns,
             (std::vector<std::int64_t>{times[1], times[3]}));
   for (View& view : run_.scene.views) view.held_out = false;
-  EXPECT_EQ(prepare_training_data(run_, pool_).lidar.t_ns, times);
+  EXPECT_EQ(prepare_training_data(&run_, pool_).lidar.t_ns, times);
 }
 
 TEST_F(TrainingDataTest, RejectsAFolderWithoutMasks) {
@@ -127,6 +126,31 @@ TEST_F(TrainingDataTest, RejectsAFolderWithoutMasks) {
   run_.options.masks = "nowhere";
   EXPECT_THAT(rejection(), AllOf(HasSubstr("--masks"), HasSubstr("nowhere"),
                                  HasSubstr("auto, none or a folder")));
+}
+
+TEST_F(TrainingDataTest, AFolderMayHoldMovingObjectsAlone) {
+  run_.options.masks = masks_;
+  prepare();
+  MovingObject object;
+  object.id = -2;
+  object.size_m = {4, 2, 2};
+  for (const FramePose& frame : run_.recording.frames) {
+    Rigid3d pose = Rigid3d::Identity();
+    pose.translation().x() = 6;
+    object.keys.push_back({frame.t_ns, pose, Eigen::Vector3d::Zero()});
+  }
+  write_moving_file(moving_file(masks_), {object});
+  TrainingData data = prepare_training_data(&run_, pool_);
+  ASSERT_EQ(run_.moving.objects().size(), 1u);
+  EXPECT_EQ(run_.moving.objects()[0].id, -2);
+  EXPECT_TRUE(run_.scene.actors.empty()) << "of a method that draws none";
+  EXPECT_EQ(data.left_out.moving.objects().size(), 1u);
+
+  run_.state.model = std::make_unique<SplatModel>();
+  data = prepare_training_data(&run_, pool_);
+  ASSERT_EQ(run_.scene.actors.size(), 1u);
+  EXPECT_EQ(run_.scene.actors[0].type, kFound);
+  EXPECT_TRUE(data.left_out.moving.objects().empty());
 }
 
 }  // namespace

@@ -9,6 +9,7 @@
 
 #include "redrive/recording/recording_reader.h"
 #include "redrive/recording/trajectory.h"
+#include "redrive/scene/find_moving.h"
 #include "redrive/view/traffic.h"
 
 namespace redrive::view {
@@ -82,13 +83,18 @@ std::vector<OverlayLine> Overlay::lines(const Placement& placement, const Overla
           kOwnFrustum_m)
         draw_frustum(camera.camera, world_from_camera, camera.name, &pen);
     }
-  if (which.boxes)
+  if (which.boxes) {
     for (const FrameFile& file : run_.recording.box_files)
       if (file.frame_id == placement.frame)
         for (const Box& box : run_.recording.reader->read_boxes(file))
           draw_box("box", box.type + " " + std::to_string(box.object_id), box.size_m,
                    world_from_global * pose_at(run_.recording.frames, box.t_ns) * box.body_from_box,
                    &pen);
+    for (const MovingObject& object : found_objects(run_.moving))
+      if (const auto world_from_box = object.world_from_box(placement.t_ns))
+        draw_box("box", object.type + " " + std::to_string(object.id), object.size_m,
+                 *world_from_box, &pen);
+  }
   return lines;
 }
 

@@ -162,7 +162,7 @@ nlohmann::json ViewRenderer::describe() const {
           {"metric", scene.metric},
           {"ecef", run_.recording.global_frame == GlobalFrame::kEcef},
           {"lidar", !run_.recording.lidar_files.empty() && run_.recording.body_from_lidar},
-          {"boxes", !run_.recording.box_files.empty()},
+          {"boxes", !run_.recording.box_files.empty() || !run_.moving.objects().empty()},
           {"cameras", cameras},
           {"frames", frames},
           {"held_out", held_out},

@@ -1,0 +1,138 @@
+// SPDX-License-Identifier: Apache-2.0
+// Moving objects that nobody annotated: samples/street_traffic without its boxes.
+#include <nlohmann/json.hpp>
+
+#include "redrive/image/image_io.h"
+#include "tests/e2e/end_to_end.h"
+
+namespace redrive::testing {
+namespace {
+
+using ::testing::HasSubstr;
+
+constexpr const char* kFront = "F_MIDLONGRANGECAM_CL";
+
+class FoundTraffic : public EndToEnd {
+ protected:
+  FoundTraffic() {
+    fs::create_directories(hidden_ / "dynamic");
+    for (const char* part : {"sensor", "dynamic/raw-revolutions"})
+      fs::create_directory_symlink(fs::path(REDRIVE_SAMPLES "/street_traffic") / part,
+                                   hidden_ / part);
+  }
+  ProgramResult train(const fs::path& run, const std::vector<std::string>& more) const {
+    std::vector<std::string> arguments = {"train",
+                                          hidden_.string(),
+                                          "--out",
+                                          run.string(),
+                                          "--method",
+                                          "splat",
+                                          "--truth-poses",
+                                          "--cameras",
+                                          kFront,
+                                          "--holdout-every",
+                                          "6",
+                                          "--downscale",
+                                          "2",
+                                          "--set",
+                                          "max_gaussians=20000",
+                                          "--threads",
+                                          "2",
+                                          "--max-steps",
+                                          "60"};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    return redrive(arguments);
+  }
+  Image8 rendered(const fs::path& run, std::vector<std::string> more) const {
+    const fs::path out = folder_ / "view.png";
+    more.insert(more.begin(), {"render", run.string(), "--camera", kFront, "--frame", "1012",
+                               "--force", "--out", out.string()});
+    const ProgramResult ended = redrive(more);
+    EXPECT_EQ(ended.exit_code, kExitOk) << ended.err;
+    return read_image(out);
+  }
+  static nlohmann::json scores(const fs::path& run) {
+    const ProgramResult scored = redrive({"eval", run.string(), "--json"});
+    EXPECT_EQ(scored.exit_code, kExitOk) << scored.err;
+    return nlohmann::json::parse(scored.out);
+  }
+
+  const fs::path hidden_ = folder_ / "hidden";
+};
+
+TEST_F(FoundTraffic, IsDrawnScoredAndEditedAsAnnotatedTrafficIs) {
+  const fs::path run = folder_ / "run";
+  const ProgramResult trained = train(run, {});
+  ASSERT_EQ(trained.exit_code, kExitOk) << trained.err;
+  EXPECT_THAT(trained.out, HasSubstr("moving objects drawn: 1, 1 of them found in the LiDAR"));
+
+  const nlohmann::json moving = scores(run).at("moving");
+  ASSERT_EQ(moving.at("objects").size(), 1u);
+  EXPECT_EQ(moving.at("objects").at("-1").at("type"), "FOUND");
+  EXPECT_GT(moving.at("inside").at("psnr_db"), 14);
+
+  const Image8 all = rendered(run, {}), none = rendered(run, {"--actors", "none"});
+  EXPECT_NE(all.rgb, none.rgb);
+  EXPECT_EQ(rendered(run, {"--actors=-1"}).rgb, all.rgb);
+  EXPECT_EQ(rendered(run, {"--actors", "-1"}).rgb, all.rgb);
+  const fs::path edit = folder_ / "edit.json";
+  write_file(edit, R"({"actors": {"-1": {"remove": true}}})");
+  EXPECT_EQ(rendered(run, {"--edit", edit}).rgb, none.rgb);
+  const ProgramResult exported = redrive({"export", run.string(), "--actor", "-1", "--to",
+                                          "splat-ply", (folder_ / "car.ply").string()});
+  EXPECT_EQ(exported.exit_code, kExitOk) << exported.err;
+  EXPECT_THAT(exported.out, HasSubstr("FOUND of "));
+
+  const ProgramResult resumed = redrive({"resume", run.string(), "--max-steps", "70"});
+  EXPECT_EQ(resumed.exit_code, kExitOk) << resumed.err;
+
+  write_file(run / "masks/moving.json", R"({"objects": []})");
+  const ProgramResult removed = redrive({"eval", run.string()});
+  EXPECT_EQ(removed.exit_code, kExitBadInput);
+  EXPECT_THAT(removed.err, HasSubstr("masks/moving.json: boxes of object -1"));
+}
+
+TEST_F(FoundTraffic, IsMaskedWithoutActors) {
+  const fs::path run = folder_ / "run";
+  const ProgramResult trained = train(run, {"--set", "actors=0", "--max-steps", "5"});
+  ASSERT_EQ(trained.exit_code, kExitOk) << trained.err;
+  EXPECT_THAT(trained.out, HasSubstr("moving objects masked: 1, 1 of them found in the LiDAR"));
+  const nlohmann::json masked = scores(run);
+  EXPECT_GT(masked.at("overall").at("left_out_pixels"), 300);
+  EXPECT_EQ(masked.at("moving").at("outside"), masked.at("overall"));
+  write_file(run / "masks/moving.json", R"({"objects": []})");
+  EXPECT_LT(scores(run).at("overall").at("left_out_pixels"),
+            masked.at("overall").at("left_out_pixels"));
+}
+
+TEST_F(FoundTraffic, IsListedByInspect) {
+  const ProgramResult ended = redrive({"inspect", hidden_.string(), "--objects", "--json"});
+  const nlohmann::json objects = nlohmann::json::parse(ended.out).at("objects");
+  ASSERT_GE(objects.size(), 1u) << ended.err;
+  EXPECT_EQ(objects[0].at("type"), "FOUND");
+  EXPECT_LT(objects[0].at("id"), 0);
+  EXPECT_EQ(objects[0].at("moves"), true);
+}
+
+// A moving.json of --masks, which needs no mask, is that of all blocks.
+TEST_F(FoundTraffic, IsDrawnByTheBlocksThatSeeIt) {
+  const fs::path whole = folder_ / "whole", given = folder_ / "given", run = folder_ / "run";
+  ASSERT_EQ(train(whole, {"--max-steps", "1"}).exit_code, kExitOk);
+  fs::create_directory(given);
+  fs::copy(whole / "masks/moving.json", given / "moving.json");
+  const ProgramResult trained = train(run, {"--blocks", "6", "--masks", given});
+  ASSERT_EQ(trained.exit_code, kExitOk) << trained.err;
+  EXPECT_THAT(trained.out, HasSubstr("finished: 2 blocks"));
+  EXPECT_THAT(trained.out, HasSubstr("moving objects drawn: 1, 1 of them found"));
+  EXPECT_EQ(read_file(run / "masks/moving.json"), read_file(given / "moving.json"));
+  EXPECT_NE(rendered(run, {"--actors=-1"}).rgb, rendered(run, {"--actors", "none"}).rgb);
+  EXPECT_EQ(scores(run).at("moving").at("objects").size(), 1u);
+
+  // Searched in each of them, it is there once.
+  const fs::path searched = folder_ / "searched";
+  ASSERT_EQ(train(searched, {"--blocks", "6", "--max-steps", "1"}).exit_code, kExitOk);
+  EXPECT_EQ(read_json(searched / "masks/moving.json").at("objects").size(), 1u);
+}
+
+}  // namespace
+}  // namespace redrive::testing
