@@ -223,19 +223,21 @@ TEST_F(BlocksEndToEnd, AKilledProcessCostsNothingButItsLastSteps) {
 TEST_F(BlocksEndToEnd, TwoProcessesTrainOneRunTogether) {
   if (!has_mpirun()) GTEST_SKIP() << "there is no mpirun";
   const fs::path whole = folder_ / "whole", again = folder_ / "again";
-  const auto arguments = [&](const fs::path& run, int steps) {
-    return launched(2,
-                    train_arguments(run, {"--epochs", "1000", "--max-steps", std::to_string(steps),
-                                          "--checkpoint-every", "50", "--data-parallel"}));
+  const auto arguments = [&](const fs::path& run, int max_steps) {
+    return launched(
+        2, train_arguments(run, {"--epochs", "1000", "--max-steps", std::to_string(max_steps),
+                                 "--checkpoint-every", "50", "--data-parallel"}));
   };
-  const ProgramResult ended = Program(REDRIVE_MPIRUN, arguments(whole, 200)).wait();
+  // Long enough to be killed while it trains.
+  const int steps = 500;
+  const ProgramResult ended = Program(REDRIVE_MPIRUN, arguments(whole, steps)).wait();
   ASSERT_EQ(ended.exit_code, kExitOk) << ended.out << ended.err;
   EXPECT_THAT(ended.out, HasSubstr("2 processes compute each step together"));
-  const std::size_t first = ended.out.find("finished: step 200");
+  const std::size_t first = ended.out.find("finished: step 500");
   ASSERT_NE(first, std::string::npos) << ended.out;
   EXPECT_EQ(ended.out.find("finished: step", first + 1), std::string::npos) << "it is one run";
 
-  Program killed(REDRIVE_MPIRUN, arguments(again, 200));
+  Program killed(REDRIVE_MPIRUN, arguments(again, steps));
   ASSERT_TRUE(wait_for_rows(again, 3));
   const std::vector<pid_t> processes = processes_with(again.string());
   ASSERT_FALSE(processes.empty());
@@ -247,7 +249,7 @@ TEST_F(BlocksEndToEnd, TwoProcessesTrainOneRunTogether) {
   expect_same_end(whole, again);
 
   // Twice the rays of a step are other steps than those of one process.
-  const fs::path alone = trained("alone", 200);
+  const fs::path alone = trained("alone", steps);
   EXPECT_FALSE(bit_equal(load_checkpoint(alone / "checkpoint.safetensors").model->parameters,
                          load_checkpoint(whole / "checkpoint.safetensors").model->parameters));
 }

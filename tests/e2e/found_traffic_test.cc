@@ -20,8 +20,7 @@ class FoundTraffic : public EndToEnd {
       fs::create_directory_symlink(fs::path(REDRIVE_SAMPLES "/street_traffic") / part,
                                    hidden_ / part);
   }
-  ProgramResult train(const fs::path& run, const std::vector<std::string>& more,
-                      int steps = 60) const {
+  ProgramResult train(const fs::path& run, const std::vector<std::string>& more) const {
     std::vector<std::string> arguments = {"train",
                                           hidden_.string(),
                                           "--out",
@@ -95,7 +94,7 @@ TEST_F(FoundTraffic, IsDrawnScoredAndEditedAsAnnotatedTrafficIs) {
 
 TEST_F(FoundTraffic, IsMaskedWithoutActors) {
   const fs::path run = folder_ / "run";
-  const ProgramResult trained = train(run, {"--set", "actors=0"}, 5);
+  const ProgramResult trained = train(run, {"--set", "actors=0"});
   ASSERT_EQ(trained.exit_code, kExitOk) << trained.err;
   EXPECT_THAT(trained.out, HasSubstr("moving objects masked: 1, 1 of them found in the LiDAR"));
   const nlohmann::json masked = scores(run);
@@ -118,7 +117,7 @@ TEST_F(FoundTraffic, IsListedByInspect) {
 // A moving.json of --masks, which needs no mask, is that of all blocks.
 TEST_F(FoundTraffic, IsDrawnByTheBlocksThatSeeIt) {
   const fs::path whole = folder_ / "whole", given = folder_ / "given", run = folder_ / "run";
-  ASSERT_EQ(train(whole, {}, 1).exit_code, kExitOk);
+  ASSERT_EQ(train(whole, {}).exit_code, kExitOk);
   fs::create_directory(given);
   fs::copy(whole / "masks/moving.json", given / "moving.json");
   const ProgramResult trained = train(run, {"--blocks", "6", "--masks", given});
@@ -131,7 +130,7 @@ TEST_F(FoundTraffic, IsDrawnByTheBlocksThatSeeIt) {
 
   // Searched in each of them, it is there once.
   const fs::path searched = folder_ / "searched";
-  ASSERT_EQ(train(searched, {"--blocks", "6"}, 1).exit_code, kExitOk);
+  ASSERT_EQ(train(searched, {"--blocks", "6"}).exit_code, kExitOk);
   EXPECT_EQ(read_json(searched / "masks/moving.json").at("objects").size(), 1u);
 }
 

@@ -48,7 +48,8 @@ def project(f, points):
     pose = np.array(f["transform_matrix"])  # OpenGL axes
     x, y, z = ((points - pose[:3, 3]) @ pose[:3, :3] * (1, -1, -1)).T
     u, v = distorted(f, x / z, y / z)
-    return f["fl_x"] * u + f["cx"], f["fl_y"] * v + f["cy"], np.sqrt(x * x + y * y + z * z)
+    distance = np.where(z > 0, np.sqrt(x * x + y * y + z * z), np.nan)  # not behind the camera
+    return f["fl_x"] * u + f["cx"], f["fl_y"] * v + f["cy"], distance
 
 
 def places(f, u, v, depth):

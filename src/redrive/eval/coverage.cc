@@ -7,6 +7,7 @@
 #include "redrive/base/error.h"
 #include "redrive/base/evenly_spaced.h"
 #include "redrive/eval/evaluate.h"
+#include "redrive/scene/actor_body.h"
 #include "redrive/scene/moving_objects.h"
 
 namespace redrive {
@@ -105,10 +106,12 @@ std::vector<std::uint8_t> Coverage::seen(const Camera& camera,
     if (!direction) continue;
     const Eigen::Vector3d point = range_of(rendered, i, far_m_) * *direction;
     const auto shows = [&](const ShutterPoses::Actor& actor) {
-      const auto half_m = half_size_m_.find(actor.body);
-      return half_m != half_size_m_.end() &&
-             ((actor_from_camera(actor) * point).cwiseAbs().array() <= half_m->second.array())
-                 .all();
+      const auto own = half_size_m_.find(actor.body);
+      if (!actor.imported && own == half_size_m_.end()) return false;
+      const Eigen::Vector3d half_m =
+          actor.imported ? Eigen::Vector3d(actor.imported->size_m.array() / 2 + kBoxMargin_m)
+                         : own->second;
+      return ((actor_from_camera(actor) * point).cwiseAbs().array() <= half_m.array()).all();
     };
     const auto actor = std::ranges::find_if(world_from_camera.actors(), shows);
     const bool is_static = actor == world_from_camera.actors().end();

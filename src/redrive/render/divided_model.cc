@@ -129,8 +129,8 @@ DividedModel::BlockExposure DividedModel::exposure_in(int block, const LoadedBlo
 }
 
 const DividedModel::Body& DividedModel::body_of(std::int64_t id) const {
-  const auto [at, is_new] = bodies_.try_emplace(id);
-  if (!is_new) return at->second;
+  if (const auto known = bodies_.find(id); known != bodies_.end()) return known->second;
+  Body most;
   MovingObject object;
   object.id = id;
   for (int b = 0; b < drive_.way.blocks(); ++b) {
@@ -143,10 +143,10 @@ const DividedModel::Body& DividedModel::body_of(std::int64_t id) const {
     const auto* const splat = dynamic_cast<const SplatModel*>(block->model.get());
     if (!splat || !splat->has_body(id)) continue;
     ActorBody body = splat->body(object);
-    if (body.n > (at->second.gaussians ? at->second.gaussians->n : 0))
-      at->second = {std::make_shared<const ActorBody>(std::move(body)), mean_log_gains(b)};
+    if (body.n > (most.gaussians ? most.gaussians->n : 0))
+      most = {std::make_shared<const ActorBody>(std::move(body)), mean_log_gains(b)};
   }
-  return at->second;
+  return bodies_.emplace(id, std::move(most)).first->second;
 }
 
 std::shared_ptr<const ActorBody> DividedModel::borrowed(int block, const Model& model,

@@ -372,7 +372,6 @@ MovingObject object_of(const Track& track, const std::vector<Sweep>& sweeps) {
     object.keys.push_back(key);
   }
   smooth(&object);
-  set_velocities(&object);
   return object;
 }
 
@@ -390,6 +389,7 @@ std::vector<MovingObject> find_moving_objects(const LidarReturns& returns,
     for (const bool later : {false, true}) extend(sweeps, later, &track.clusters);
     MovingObject object = object_of(track, sweeps);
     leave_to(annotated, &object);
+    set_velocities(&object);
     if (object.keys.size() >= kLeastKeys) objects.push_back(std::move(object));
   }
   number(&objects);

@@ -46,6 +46,25 @@ MovingObject object_from_json(const JsonField& json) {
   return object;
 }
 
+/// Rounds yaws to 1e-9 degrees, so that what is read and written again is the same text.
+std::string moving_file_text(const std::vector<MovingObject>& objects) {
+  nlohmann::ordered_json list = nlohmann::ordered_json::array();
+  for (const MovingObject& object : objects) {
+    nlohmann::ordered_json keys = nlohmann::ordered_json::array();
+    for (const MovingObject::Key& key : object.keys) {
+      const Eigen::Vector3d at = key.world_from_box.translation(),
+                            ahead = key.world_from_box.linear().col(0);
+      const double yaw_deg = kDegreesPerRadian * std::atan2(ahead.y(), ahead.x());
+      keys.push_back({{"t_ns", key.t_ns},
+                      {"position_m", {at.x(), at.y(), at.z()}},
+                      {"yaw_deg", std::round(yaw_deg * 1e9) / 1e9}});
+    }
+    const Eigen::Vector3d& size = object.size_m;
+    list.push_back({{"id", object.id}, {"size_m", {size.x(), size.y(), size.z()}}, {"keys", keys}});
+  }
+  return nlohmann::ordered_json{{"objects", list}}.dump(1) + "\n";
+}
+
 }  // namespace
 
 void set_velocities(MovingObject* object) {
@@ -86,22 +105,13 @@ std::vector<MovingObject> read_moving_file(const std::filesystem::path& file) {
   return parse_moving_objects(read_file(file), file);
 }
 
+std::vector<MovingObject> as_in_moving_file(const std::vector<MovingObject>& objects) {
+  return parse_moving_objects(moving_file_text(objects), "moving.json");
+}
+
 void write_moving_file(const std::filesystem::path& file,
                        const std::vector<MovingObject>& objects) {
-  nlohmann::ordered_json list = nlohmann::ordered_json::array();
-  for (const MovingObject& object : objects) {
-    nlohmann::ordered_json keys = nlohmann::ordered_json::array();
-    for (const MovingObject::Key& key : object.keys) {
-      const Eigen::Vector3d at = key.world_from_box.translation(),
-                            ahead = key.world_from_box.linear().col(0);
-      keys.push_back({{"t_ns", key.t_ns},
-                      {"position_m", {at.x(), at.y(), at.z()}},
-                      {"yaw_deg", kDegreesPerRadian * std::atan2(ahead.y(), ahead.x())}});
-    }
-    const Eigen::Vector3d& size = object.size_m;
-    list.push_back({{"id", object.id}, {"size_m", {size.x(), size.y(), size.z()}}, {"keys", keys}});
-  }
-  write_file(file, nlohmann::ordered_json{{"objects", list}}.dump(1) + "\n");
+  write_file(file, moving_file_text(objects));
 }
 
 }  // namespace redrive

@@ -27,7 +27,10 @@ std::vector<MovingObject> parse_moving_objects(std::string_view text,
 std::filesystem::path moving_file(const std::filesystem::path& masks);
 /// Returns none where the file does not exist.
 std::vector<MovingObject> read_moving_file(const std::filesystem::path& file);
-/// Keeps the yaw alone of rotations.
+/// Returns objects as read_moving_file returns them after write_moving_file. Doing so again changes
+/// nothing.
+std::vector<MovingObject> as_in_moving_file(const std::vector<MovingObject>& objects);
+/// Keeps the yaw alone of rotations, to 1e-9 degrees.
 void write_moving_file(const std::filesystem::path& file, const std::vector<MovingObject>& objects);
 
 }  // namespace redrive

@@ -330,8 +330,8 @@ TEST_F(DataParallelTest, ProcessesComputeTheStepsOfBackendsOfOneProcess) {
         EXPECT_EQ(result.loss, other.loss);
         EXPECT_EQ(result.rgb_mse, other.rgb_mse);
         EXPECT_EQ(loss_of(result, "colour"), loss_of(other, "colour"));
-        ASSERT_EQ(result.views.size(), other.views.size());
-        for (std::size_t v = 0; v < result.views.size(); ++v)
+        EXPECT_EQ(result.views.size(), other.views.size());
+        for (std::size_t v = 0; v < std::min(result.views.size(), other.views.size()); ++v)
           EXPECT_EQ(result.views[v].d_rotation, other.views[v].d_rotation);
       }
       EXPECT_TRUE(same_weights(of.run.state, one.run.state)) << rank;

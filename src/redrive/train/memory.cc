@@ -84,7 +84,8 @@ MemoryEstimate estimate_memory(const Run& run, int threads) {
   for (const RigCamera& rig : scene.rig)
     need.rays += (sizeof(std::uint32_t) + 3 * sizeof(float)) * pixels(rig.camera);
 
-  const bool searches = run.options.masks != "none";
+  // A run that exists has what was found in its masks.
+  const bool searches = run.options.masks != "none" && !std::filesystem::exists(run.paths.masks());
   if ((model.uses_lidar() || searches) && run.recording.body_from_lidar) {
     std::uint64_t points = 0, files = 0;
     for (const FrameFile& file : run.recording.lidar_files)

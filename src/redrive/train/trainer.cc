@@ -140,13 +140,15 @@ class Trainer {
   void check_same_begin() {
     if (!processes_) return;
     const std::span<const float> parameters = state_.model->parameters;
-    std::uint64_t hash = static_cast<std::uint64_t>(state_.step);
+    std::uint64_t hash = mix64(static_cast<std::uint64_t>(state_.step) ^
+                               mix64(static_cast<std::uint64_t>(sampler_.pixels())));
     for (const float number : parameters) hash = mix64(hash ^ std::bit_cast<std::uint32_t>(number));
     const std::vector<double> hashes = of_processes(static_cast<double>(hash >> 12));  // exact
     if (std::ranges::count(hashes, hashes.front()) != std::ssize(hashes))
-      throw UsageError("mpirun", std::to_string(hashes.size()) + " processes",
-                       "begin with different parameters: they need the same files, processors with "
-                       "the same instruction sets or one --isa, and the same program");
+      throw UsageError(
+          "mpirun", std::to_string(hashes.size()) + " processes",
+          "begin with different parameters or pixels: they need the same files, processors with "
+          "the same instruction sets or one --isa, and the same program");
     state_.seconds = of_processes(state_.seconds).front();
   }
 

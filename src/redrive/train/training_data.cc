@@ -104,10 +104,12 @@ std::vector<MovingObject> find_moving(const Run& run, ThreadPool& pool) {
   if (run.options.masks == "none") return {};
   const std::filesystem::path folder = mask_folder(run.options, run.scene);
   if (!folder.empty() && std::filesystem::exists(moving_file(folder)))
-    return read_moving_file(moving_file(folder));
+    return as_in_moving_file(read_moving_file(moving_file(folder)));
   if (run.recording.lidar_files.empty()) return {};
   const MovingObjects annotated = read_moving_objects(run.recording, run.scene);
-  return find_moving_objects(training_returns(run, annotated, pool), annotated, pool);
+  // What trains now is what resume reads.
+  return as_in_moving_file(
+      find_moving_objects(training_returns(run, annotated, pool), annotated, pool));
 }
 
 std::filesystem::path mask_folder(const TrainOptions& options, const Scene& scene) {

@@ -9,7 +9,7 @@
 
 #include "redrive/recording/recording_reader.h"
 #include "redrive/recording/trajectory.h"
-#include "redrive/scene/find_moving.h"
+#include "redrive/scene/moving_file.h"
 #include "redrive/view/traffic.h"
 
 namespace redrive::view {
@@ -90,10 +90,12 @@ std::vector<OverlayLine> Overlay::lines(const Placement& placement, const Overla
           draw_box("box", box.type + " " + std::to_string(box.object_id), box.size_m,
                    world_from_global * pose_at(run_.recording.frames, box.t_ns) * box.body_from_box,
                    &pen);
-    for (const MovingObject& object : found_objects(run_.moving))
-      if (const auto world_from_box = object.world_from_box(placement.t_ns))
+    for (const MovingObject& object : run_.moving.objects()) {
+      const auto world_from_box = object.world_from_box(placement.t_ns);
+      if (object.type == kFound && world_from_box)
         draw_box("box", object.type + " " + std::to_string(object.id), object.size_m,
                  *world_from_box, &pen);
+    }
   }
   return lines;
 }
