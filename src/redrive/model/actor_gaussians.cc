@@ -179,7 +179,9 @@ GaussianList actor_gaussians(const TrainingSet& data, const MovingObject& actor,
   std::vector<std::size_t> by_time(points.size());  // so that each image is read about once
   for (std::size_t i = 0; i < points.size(); ++i) by_time[i] = i;
   std::ranges::stable_sort(by_time, {}, [&](std::size_t i) { return points[i].t_ns; });
-  const MovingBox core{actor.id, Rigid3d::Identity(), kCore * actor.size_m / 2};
+  // Returns on the body of what deforms lie all over its box.
+  const MovingBox core{actor.id, Rigid3d::Identity(),
+                       (actor.deforms ? 0 : kCore) * actor.size_m / 2};
   pool.run_ranges(points.size(), kSightedPerRange, [&](std::size_t begin, std::size_t end) {
     for (const std::size_t i : std::span(by_time).subspan(begin, end - begin)) {
       Point& point = points[i].point;
