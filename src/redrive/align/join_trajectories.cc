@@ -17,7 +17,7 @@ constexpr double kArm_m = 30;       // weighs rotations, as register_trajectorie
 constexpr int kOverlapDivisor = 5;  // an overlap is a fifth of a window
 // Neighbours disagree smoothly over an overlap of a few seconds: like this many independent frames.
 constexpr double kIndependent = 3;
-constexpr double kMinSeam_m = 2e-4, kMinSeam_rad = 1e-5;
+constexpr double kMinResidual_m = 2e-4, kMinResidual_rad = 1e-5;
 
 /// Derivative of a pose's error in body axes by a rigid motion of the world about `middle`.
 Matrix6d by_motion(const Rigid3d& world_from_body, const Eigen::Vector3d& middle) {
@@ -103,16 +103,15 @@ std::vector<Rigid3d> in_world(const std::vector<FramePose>& poses,
   return result;
 }
 
-/// What an overlap says: motion of the next window (about its own middle) minus that of this one,
-/// both about the overlap's middle.
-struct Seam {
-  Eigen::Vector3d middle;
-  Vector6d difference;
-  Matrix6d information;
+/// Relative motion of two neighbouring windows, measured on the frames that they share.
+struct RelativeMotion {
+  Eigen::Vector3d middle;  ///< of the shared frames, in the world, in metres
+  Vector6d difference;     ///< motion of the later window minus that of the earlier, about `middle`
+  Matrix6d information;    ///< of `difference`
 };
 
-Seam measure_seam(const WindowTrajectory& a, const WindowTrajectory& b,
-                  const Rigid3d& world_from_global) {
+RelativeMotion measure_relative_motion(const WindowTrajectory& a, const WindowTrajectory& b,
+                                       const Rigid3d& world_from_global) {
   const int shared = a.frames.end - b.frames.begin;
   REDRIVE_CHECK_OP(shared, >, 0);
   const std::vector<FramePose> of_a(a.poses.end() - shared, a.poses.end()),
@@ -120,21 +119,23 @@ Seam measure_seam(const WindowTrajectory& a, const WindowTrajectory& b,
   const TrajectoryRegistration found = register_trajectories(of_a, of_b, "");
   const Rigid3d a_from_b =
       world_from_global * found.run_from_ground_truth * world_from_global.inverse(Eigen::Isometry);
-  Seam seam;
-  seam.middle.setZero();
+  RelativeMotion between;
+  between.middle.setZero();
   for (const Rigid3d& pose : in_world(of_b, world_from_global))
-    seam.middle += pose.translation() / shared;
-  seam.difference << a_from_b * seam.middle - seam.middle, so3_log(a_from_b.linear());
-  const Matrix6d of_end = about(seam.middle - a.middle), of_start = about(seam.middle - b.middle);
+    between.middle += pose.translation() / shared;
+  between.difference << a_from_b * between.middle - between.middle, so3_log(a_from_b.linear());
+  const Matrix6d of_end = about(between.middle - a.middle),
+                 of_start = about(between.middle - b.middle);
   Matrix6d covariance =
       of_end * a.end * of_end.transpose() + of_start * b.start * of_start.transpose();
-  const double residual_m = std::max(found.residual_m / std::sqrt(kIndependent), kMinSeam_m),
-               residual_rad = std::max(
-                   found.residual_deg * kRadiansPerDegree / std::sqrt(kIndependent), kMinSeam_rad);
+  const double residual_m = std::max(found.residual_m / std::sqrt(kIndependent), kMinResidual_m),
+               residual_rad =
+                   std::max(found.residual_deg * kRadiansPerDegree / std::sqrt(kIndependent),
+                            kMinResidual_rad);
   covariance.diagonal().head<3>().array() += residual_m * residual_m;
   covariance.diagonal().tail<3>().array() += residual_rad * residual_rad;
-  seam.information = covariance.inverse();
-  return seam;
+  between.information = covariance.inverse();
+  return between;
 }
 
 }  // namespace
@@ -191,19 +192,21 @@ WindowTrajectory window_trajectory(const FrameWindow& frames, std::vector<FrameP
 JoinedTrajectory join_trajectories(const std::vector<WindowTrajectory>& windows,
                                    const Rigid3d& world_from_global) {
   const std::size_t n = windows.size();
-  // Minimises sum m_k^T whole_k^-1 m_k, and the seams' squares, over the motions m_k of windows.
+  // Minimises sum m_k^T whole_k^-1 m_k, and the squares of relative motions, over the motions m_k
+  // of windows.
   BlockChain chain;
   std::vector<Vector6d> b(n, Vector6d::Zero());
   for (const WindowTrajectory& window : windows) chain.diagonal.push_back(window.whole.inverse());
   for (std::size_t k = 0; k + 1 < n; ++k) {
-    const Seam seam = measure_seam(windows[k], windows[k + 1], world_from_global);
-    const Matrix6d of_a = about(seam.middle - windows[k].middle),
-                   of_b = about(seam.middle - windows[k + 1].middle);
-    chain.diagonal[k] += of_a.transpose() * seam.information * of_a;
-    chain.diagonal[k + 1] += of_b.transpose() * seam.information * of_b;
-    chain.upper.push_back(-of_a.transpose() * seam.information * of_b);
-    b[k] -= of_a.transpose() * seam.information * seam.difference;
-    b[k + 1] += of_b.transpose() * seam.information * seam.difference;
+    const RelativeMotion between =
+        measure_relative_motion(windows[k], windows[k + 1], world_from_global);
+    const Matrix6d of_a = about(between.middle - windows[k].middle),
+                   of_b = about(between.middle - windows[k + 1].middle);
+    chain.diagonal[k] += of_a.transpose() * between.information * of_a;
+    chain.diagonal[k + 1] += of_b.transpose() * between.information * of_b;
+    chain.upper.push_back(-of_a.transpose() * between.information * of_b);
+    b[k] -= of_a.transpose() * between.information * between.difference;
+    b[k + 1] += of_b.transpose() * between.information * between.difference;
   }
   std::vector<Matrix6d> covariance;
   const std::vector<Vector6d> motions = chain.solve<1>(b, &covariance);

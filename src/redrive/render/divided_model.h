@@ -52,11 +52,11 @@ class DividedModel final : public Model {
   bool draws_actors() const override { return like_->draws_actors(); }
   DeviceWork rendering_work() const override { return like_->rendering_work(); }
 
-  /// An object that a block did not train on, as one that an edit moved there, is drawn as the
-  /// block has it in which it has most Gaussians.
-  /// Blends colours and opacity by BlockWay::weights at the camera's middle row, depth also by
-  /// opacity. An exposure at a time that a block did not train on is that of the block that did, at
-  /// the same brightness (train/seam_exposure.h). Throws what loading a block throws.
+  /// Draws an object that a block did not train on, such as one that an edit moved there, as the
+  /// block has it that gave it most Gaussians. Blends colours and opacity by BlockWay::weights at
+  /// the camera's middle row, depth also by opacity. An exposure at a time that a block did not
+  /// train on is that of the block that did, at the same brightness (train/seam_exposure.h). Throws
+  /// what loading a block throws.
   RenderedImage render(kernels::Backend& backend, const RayTable& rays,
                        const ShutterPoses& world_from_camera,
                        const Exposure& exposure) const override;
