@@ -29,6 +29,24 @@ TEST_F(EndToEnd, HelpAndVersionSucceed) {
     EXPECT_THAT(help.out, HasSubstr(field.name == "recording" ? "RECORDING" : "--" + field.name));
 }
 
+// srun without an --mpi that this MPI knows: there, joining the other tasks is an error.
+TEST_F(EndToEnd, HelpAndVersionNeedNoMpi) {
+  ASSERT_EQ(::setenv("SLURM_STEP_NUM_TASKS", "2", 1), 0);
+  ASSERT_EQ(::setenv("SLURM_STEP_ID", "0", 1), 0);
+  for (const char* option : {"--help", "--version"}) {
+    ASSERT_EQ(::setenv("SLURM_PROCID", "0", 1), 0);
+    const ProgramResult first = redrive({option});
+    EXPECT_EQ(first.exit_code, kExitOk) << first.err;
+    EXPECT_THAT(first.out, HasSubstr("redrive"));
+    ASSERT_EQ(::setenv("SLURM_PROCID", "1", 1), 0);
+    const ProgramResult second = redrive({option});
+    EXPECT_EQ(second.exit_code, kExitOk) << second.err;
+    EXPECT_EQ(second.out, "") << "once";
+  }
+  for (const char* name : {"SLURM_STEP_NUM_TASKS", "SLURM_STEP_ID", "SLURM_PROCID"})
+    ASSERT_EQ(::unsetenv(name), 0);
+}
+
 TEST_F(EndToEnd, TrainWritesACompleteRunAndPrintsProgress) {
   const fs::path run = folder_ / "run";
   const ProgramResult ended = redrive(

@@ -69,7 +69,7 @@ class MpiProcessGroup final : public ProcessGroup {
       mean_at_once(numbers.subspan(begin, std::min(kAtOnce, numbers.size() - begin)));
   }
 
-  void abort(int code) override {
+  [[noreturn]] void abort(int code) override {
     MPI_Abort(MPI_COMM_WORLD, code);
     std::_Exit(code);
   }

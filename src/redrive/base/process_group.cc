@@ -47,6 +47,12 @@ void* load_library(const char* launcher) {
 
 }  // namespace
 
+int launched_rank() {
+  for (const char* name : {"OMPI_COMM_WORLD_RANK", "PMI_RANK", "PMIX_RANK", "SLURM_PROCID"})
+    if (const char* const rank = std::getenv(name)) return std::atoi(rank);
+  return 0;
+}
+
 std::unique_ptr<ProcessGroup> join_process_group() {
   const char* launcher = launcher_variable();
   const int tasks = srun_tasks();

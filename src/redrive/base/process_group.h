@@ -41,9 +41,12 @@ class ProcessGroup {
   /// Replaces each number by its mean over the processes. Sums are in the order of ranks, so that
   /// all have the same bits.
   virtual void mean(std::span<float> /*numbers*/) {}
-  /// Ends all processes at once, also those that wait in a collective. Does not return.
-  virtual void abort(int code) { std::_Exit(code); }
+  /// Ends all processes at once, also those that wait in a collective.
+  [[noreturn]] virtual void abort(int code) { std::_Exit(code); }
 };
+
+/// This process's rank by the environment alone, without joining the group; 0 without a launcher.
+int launched_rank();
 
 /// Joins the group of the launcher that the environment names, else returns a group of one.
 /// UsageError where there is a launcher and MPI cannot be used.

@@ -51,9 +51,12 @@ std::string known_commands() {
 /// Prints what is wrong with the arguments, or the help that they ask for, once where a launcher
 /// started several processes. Returns the exit code.
 int end_parsing(const CLI::App& app, const CLI::ParseError& error) {
+  if (error.get_exit_code() == 0) {  // help needs no MPI
+    if (redrive::launched_rank() == 0) app.exit(error);
+    return redrive::kExitOk;
+  }
   const auto processes = redrive::join_process_group();  // they all end here
-  const int code = error.get_exit_code() == 0 ? redrive::kExitOk : redrive::kExitUsage;
-  if (processes->rank() > 0) return code;
+  if (processes->rank() > 0) return redrive::kExitUsage;
   if (const auto words = app.remaining(); app.get_subcommands().empty() && !words.empty())
     std::fprintf(
         stderr, "redrive: %s\n",
@@ -61,8 +64,7 @@ int end_parsing(const CLI::App& app, const CLI::ParseError& error) {
             .what());
   else
     app.exit(error);
-  std::fflush(stdout);
-  return code;
+  return redrive::kExitUsage;
 }
 
 int run(int argc, char** argv) {

@@ -55,14 +55,7 @@ class BlockTrainer {
     create_block(*whole_, block);
     const RunLock lock(whole_->folder(block));
     Run run = open_block(*whole_, block);
-    TrainOptions here = run.options;
-    here.threads = block_resources(group_, run.options).threads;
-    const kernels::BackendGroup backends = make_backends(here);
-    const auto cache = check_run_memory(run, backends, group_.on_machine());
-    const TrainingData training = [&] {
-      ThreadPool pool(here.threads);
-      return load_training_data(run, pool, cache);
-    }();
+    const auto [backends, training] = set_up_training(group_, run);
     print_summary(run, training, backends);
     const TrainEnd end = train_on(&run, training, backends, stop_);
     std::printf("block %s %s: step %lld after %.1f s of training\n", block.name.c_str(),
@@ -107,6 +100,15 @@ BlockResources block_resources(const ProcessGroup& group, const TrainOptions& op
   return {options.threads > 0 ? options.threads
                               : std::max(1, hardware_threads() / group.on_processors()),
           allowed_memory(options, memory_bytes()) / static_cast<std::uint64_t>(group.on_machine())};
+}
+
+TrainingSetup set_up_training(const ProcessGroup& group, Run& run) {
+  TrainOptions here = run.options;
+  here.threads = block_resources(group, run.options).threads;
+  kernels::BackendGroup backends = make_backends(here);
+  const auto cache = check_run_memory(run, backends, group.on_machine());
+  ThreadPool pool(here.threads);
+  return {std::move(backends), load_training_data(run, pool, cache)};
 }
 
 int with_processes(const std::filesystem::path& root,

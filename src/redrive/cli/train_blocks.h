@@ -6,12 +6,21 @@
 #include <functional>
 
 #include "redrive/base/process_group.h"
+#include "redrive/kernels/backend_group.h"
 #include "redrive/train/divided_run.h"
+#include "redrive/train/training_data.h"
 
 namespace redrive {
 
 /// Returns the threads and the memory that a process may use: its part where several share them.
 BlockResources block_resources(const ProcessGroup& group, const TrainOptions& options);
+
+/// Backends and data of a run that a process of the group trains with its part of the machine.
+struct TrainingSetup {
+  kernels::BackendGroup backends;
+  TrainingData training;
+};
+TrainingSetup set_up_training(const ProcessGroup& group, Run& run);
 
 /// Joins the processes that a launcher started and returns the exit code: as process 0 that of
 /// `lead`, as another one that of process 0, after training blocks of `root` as it is told to. An

@@ -40,9 +40,7 @@ int lead_together(ProcessGroup& processes, Run* run, const TrainingData& trainin
   try {
     return train_to_end(run, training, backends, stop_on_signal(), {}, &processes);
   } catch (...) {  // they wait for this process
-    const ExitCode code = print_failure();
-    processes.abort(code);
-    return code;
+    processes.abort(print_failure());
   }
 }
 
@@ -50,14 +48,7 @@ void follow_together(ProcessGroup& processes, const std::filesystem::path& root)
   PrefixedOutput::set_silent(true);
   try {
     Run run = open_run(root, /*to_resume=*/true);
-    TrainOptions here = run.options;
-    here.threads = block_resources(processes, run.options).threads;
-    const kernels::BackendGroup backends = make_backends(here);
-    const auto cache = check_run_memory(run, backends, processes.on_machine());
-    const TrainingData training = [&] {
-      ThreadPool pool(here.threads);
-      return load_training_data(run, pool, cache);
-    }();
+    const auto [backends, training] = set_up_training(processes, run);
     train_on(&run, training, backends, stop_on_signal(), nullptr, &processes);
   } catch (...) {
     PrefixedOutput::set_silent(false);

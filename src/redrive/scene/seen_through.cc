@@ -48,6 +48,7 @@ class Ground {
     constexpr double kLowest = 0.05;  // echoes from below the road are fewer
     const std::size_t step = 1 + returns.n / kMostGroundPoints;
     std::vector<std::pair<std::int64_t, float>> points;
+    points.reserve(returns.n / step + 1);
     for (std::size_t i = 0; i < returns.n; i += step) {
       const Vector3f p = at(returns.origin, returns.n, i) +
                          returns.range_m[i] * at(returns.direction, returns.n, i);
@@ -180,16 +181,17 @@ std::vector<SweepPoint> thinned(const LidarReturns& returns,
     if (p.z() - ground_m < kLeastHeight_m || p.z() - ground_m > kMostHeight_m) continue;
     points.push_back({p, sensor, returns.t_ns[i], ground_m});
   }
+  points.shrink_to_fit();
   return points;
 }
 
 }  // namespace
 
 std::uint64_t search_bytes(std::uint64_t returns, std::uint64_t revolutions) {
-  // Below the ground's 0.3 m and in a thinning's cell with another are four of five returns.
-  constexpr std::uint64_t kPointOf = 5, kGroundPoint = 16;
+  // A vector that grew by doubling; a point of the ground and a cell of its own in a hash table.
+  constexpr std::uint64_t kIndex = 2 * sizeof(std::uint32_t), kGroundPoint = 16 + 40;
   const std::uint64_t indices = std::min<std::uint64_t>(revolutions, kBlock + 2 * kOffsets.back());
-  return returns * sizeof(std::uint32_t) + returns / kPointOf * sizeof(SweepPoint) +
+  return returns * (kIndex + sizeof(SweepPoint)) +
          std::min<std::uint64_t>(returns, kMostGroundPoints) * kGroundPoint +
          indices * (sizeof(std::uint32_t) * (kMostRays + RayIndex::kColumns * RayIndex::kRows) +
                     sizeof(Vector3f) * RayIndex::kColumns);

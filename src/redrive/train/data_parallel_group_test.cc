@@ -4,10 +4,7 @@
 #include "redrive/train/data_parallel_group.h"
 
 #include <algorithm>
-#include <barrier>
 #include <cmath>
-#include <deque>
-#include <thread>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -15,125 +12,12 @@
 #include "redrive/base/error.h"
 #include "redrive/kernels/device/cuda_backend.h"
 #include "redrive/kernels/device/nccl.h"
-#include "redrive/model/tiny_grid_model_testing.h"
-#include "redrive/train/train_testing.h"
-#include "redrive/train/training_data.h"
+#include "redrive/train/data_parallel_testing.h"
 
 namespace redrive {
 namespace {
 
 using ::testing::HasSubstr;
-
-/// Sums in the order of the backends.
-class HostMean final : public kernels::AllReduce {
- public:
-  explicit HostMean(const std::vector<kernels::Backend*>& backends) : backends_(backends) {}
-  void mean(std::span<const std::span<float>> parts) override {
-    ASSERT_EQ(parts.size(), backends_.size());
-    for (std::size_t r = 0; r < parts.size(); ++r) backends_[r]->download(parts[r]);
-    for (std::size_t i = 0; i < parts[0].size(); ++i) {
-      float sum = 0;
-      for (const std::span<float> part : parts) sum += part[i];
-      for (const std::span<float> part : parts) part[i] = sum / static_cast<float>(parts.size());
-    }
-    for (std::size_t r = 0; r < parts.size(); ++r) backends_[r]->upload(parts[r]);
-  }
-
- private:
-  const std::vector<kernels::Backend*>& backends_;
-};
-
-/// Emulated devices, of which `troubled` injects faults.
-struct Loops {
-  std::vector<std::unique_ptr<kernels::Backend>> owned;
-  std::vector<kernels::Backend*> all;
-
-  explicit Loops(int n, int troubled = -1, kernels::InjectedFaults* faults = nullptr) {
-    for (int r = 0; r < n; ++r) {
-      owned.push_back(kernels::make_loop_backend(nullptr, true, r == troubled ? faults : nullptr));
-      all.push_back(owned.back().get());
-    }
-  }
-};
-
-/// A run and its training set.
-struct GroupRun {
-  redrive::Run run;
-  TrainingData data;
-  PixelSampler sampler;
-  LidarReturns returns;
-  std::unique_ptr<LidarSampler> lidar;
-
-  GroupRun(redrive::Run from, double cell_error = -1)
-      : run(std::move(from)),
-        data([this] {
-          ThreadPool pool(1);
-          return load_training_data(run, pool);
-        }()),
-        sampler(run.scene, data.images, 1) {
-    if (cell_error < 0) return;
-    run.state.cell_errors = Buffer<float>(sampler.cells().size());
-    std::ranges::fill(run.state.cell_errors.span(), static_cast<float>(cell_error));
-  }
-  TrainingSet set() const { return {run.scene, data.images, returns, sampler, lidar.get()}; }
-  /// Rays that each rank draws uniformly and by the error map.
-  void draw(int uniform, int error_rays = 0) {
-    auto& model = dynamic_cast<RayModel&>(*run.state.model);
-    model.batch_rays = uniform + error_rays;
-    model.error_rays = (error_rays + 0.5) / model.batch_rays;
-    if (auto* grid = dynamic_cast<GridModel*>(&model)) grid->max_batch_factor = 1;
-  }
-  /// Adds LiDAR rays to each rank's batch, of returns 3 m ahead.
-  void draw_lidar(int rays) {
-    returns.n = 100;
-    returns.origin.assign(300, 0);
-    returns.direction.assign(300, 0);
-    std::fill_n(returns.direction.begin(), 100, 1.0f);
-    returns.range_m.assign(100, 3.0f);
-    returns.t_ns.assign(100, 0);
-    lidar = std::make_unique<LidarSampler>(returns, 1);
-    dynamic_cast<RayModel&>(*run.state.model).lidar_rays = rays;
-  }
-  StepRequest next() const {
-    StepRequest request = next_step(run.state);
-    request.pose_gradients = true;
-    return request;
-  }
-};
-
-class DataParallelTest : public TrainingTest {
- protected:
-  GroupRun group_run(const std::string& name, bool grid = true, double cell_error = -1) {
-    const TrainOptions options = tiny_options(1);
-    const auto folder = folder_.path / name;
-    return {grid ? tiny_grid_run(folder, folder_.path, options)
-                 : tiny_run(folder, folder_.path, options),
-            cell_error};
-  }
-  redrive::Run grid_run(const std::string& name, int max_steps) {
-    TrainOptions options = tiny_options(max_steps);
-    options.checkpoint_every = 4;
-    return tiny_grid_run(folder_.path / name, folder_.path, options);
-  }
-  TrainEnd train_by(redrive::Run* run, const std::vector<kernels::Backend*>& backends,
-                    kernels::AllReduce* all_reduce) {
-    ThreadPool pool(1);
-    return train(run, load_training_data(*run, pool), backends, all_reduce, never_);
-  }
-};
-
-void fetch_state(kernels::Backend& backend, const TrainState& state) {
-  const Buffer<float>& parameters = state.model->parameters;
-  for (const Buffer<float>* numbers :
-       {&parameters, &state.adam.first_moment, &state.adam.second_moment, &state.cell_errors})
-    backend.download(*numbers);
-}
-
-double loss_of(const StepResult& result, std::string_view term) {
-  for (const LossTerm& one : result.loss_terms)
-    if (one.name == term) return one.value;
-  return 0;
-}
 
 TEST_F(DataParallelTest, TwoHalvesOfABatchEqualTheWholeBatch) {
   constexpr int kRays = 64;
@@ -252,140 +136,6 @@ TEST_F(DataParallelTest, RanksStayEqualAndAllUpdateTheErrorMap) {
     }
     EXPECT_GT(changed, 100);
   }
-}
-
-/// Processes as threads; collectives end when the last one has come.
-struct Meeting {
-  explicit Meeting(int n) : arrived(n), doubles(n), floats(n) {}
-  std::barrier<> arrived;
-  std::vector<std::span<const double>> doubles;
-  std::vector<std::span<float>> floats;
-};
-
-class ThreadGroup final : public ProcessGroup {
- public:
-  ThreadGroup(Meeting* meeting, int rank) : meeting_(*meeting), rank_(rank) {}
-  int rank() const override { return rank_; }
-  int size() const override { return static_cast<int>(meeting_.floats.size()); }
-  void all_gather(std::span<const double> own, std::span<double> all) override {
-    meeting_.doubles[rank_] = own;
-    meeting_.arrived.arrive_and_wait();
-    for (std::size_t r = 0; r < meeting_.doubles.size(); ++r)
-      std::ranges::copy(meeting_.doubles[r], all.begin() + std::ssize(own) * std::ptrdiff_t(r));
-    meeting_.arrived.arrive_and_wait();
-  }
-  void mean(std::span<float> numbers) override {
-    meeting_.floats[rank_] = numbers;
-    meeting_.arrived.arrive_and_wait();
-    std::vector<float> means(numbers.size());
-    for (std::size_t i = 0; i < numbers.size(); ++i) {
-      for (const std::span<float> part : meeting_.floats) means[i] += part[i];
-      means[i] /= static_cast<float>(size());
-    }
-    meeting_.arrived.arrive_and_wait();
-    std::ranges::copy(means, numbers.begin());
-    meeting_.arrived.arrive_and_wait();
-  }
-
- private:
-  Meeting& meeting_;
-  int rank_;
-};
-
-TEST_F(DataParallelTest, ProcessesComputeTheStepsOfBackendsOfOneProcess) {
-  constexpr int kRanks = 3, kSteps = 4;
-  GroupRun one = group_run("one", false);
-  one.draw(16);
-  const std::string before = checkpoint_bytes(one.run.state);
-  std::vector<std::unique_ptr<kernels::Backend>> owned;
-  std::vector<kernels::Backend*> backends;
-  for (int rank = 0; rank < kRanks; ++rank)
-    backends.push_back(owned.emplace_back(processor_backend(1)).get());
-  HostMean mean(backends);
-  DataParallelGroup group(backends, &mean, &one.run.state);
-  group.begin();
-  std::vector<StepResult> expected;
-  for (int step = 0; step < kSteps; ++step)
-    expected.push_back(group.step(one.set(), one.next(), 1e-2));
-
-  Meeting meeting(kRanks);
-  std::deque<GroupRun> runs;  // which refer to themselves
-  for (int rank = 0; rank < kRanks; ++rank)
-    runs.emplace_back(tiny_run(folder_.path / ("process " + std::to_string(rank)), folder_.path,
-                               tiny_options(1)));
-  std::vector<std::thread> threads;
-  for (int rank = 0; rank < kRanks; ++rank)
-    threads.emplace_back([&, rank] {
-      GroupRun& of = runs[static_cast<std::size_t>(rank)];
-      of.run.state = parse_checkpoint(before, "");
-      ThreadGroup processes(&meeting, rank);
-      DataParallelGroup own({backends[static_cast<std::size_t>(rank)]}, nullptr, &of.run.state,
-                            &processes);
-      EXPECT_EQ(own.size(), kRanks);
-      own.begin();
-      for (int step = 0; step < kSteps; ++step) {
-        const StepResult result = own.step(of.set(), of.next(), 1e-2);
-        const StepResult& other = expected[static_cast<std::size_t>(step)];
-        EXPECT_EQ(result.pixels, other.pixels);
-        EXPECT_EQ(result.loss, other.loss);
-        EXPECT_EQ(result.rgb_mse, other.rgb_mse);
-        EXPECT_EQ(loss_of(result, "colour"), loss_of(other, "colour"));
-        EXPECT_EQ(result.views.size(), other.views.size());
-        for (std::size_t v = 0; v < std::min(result.views.size(), other.views.size()); ++v)
-          EXPECT_EQ(result.views[v].d_rotation, other.views[v].d_rotation);
-      }
-      EXPECT_TRUE(same_weights(of.run.state, one.run.state)) << rank;
-    });
-  for (std::thread& thread : threads) thread.join();
-}
-
-TEST_F(DataParallelTest, ARunOfProcessesIsWrittenByTheFirst) {
-  constexpr int kRanks = 2;
-  TrainOptions options = tiny_options(60);
-  options.max_steps = 60;
-  Meeting meeting(kRanks);
-  std::vector<redrive::Run> runs;
-  for (const char* name : {"first", "second"})
-    runs.push_back(tiny_run(folder_.path / name, folder_.path, options));
-  std::vector<std::thread> threads;
-  for (int rank = 0; rank < kRanks; ++rank)
-    threads.emplace_back([&, rank] {
-      redrive::Run& run = runs[static_cast<std::size_t>(rank)];
-      ThreadGroup processes(&meeting, rank);
-      ThreadPool pool(1);
-      const auto backend = processor_backend(1);
-      const TrainingData data = load_training_data(run, pool);
-      EXPECT_EQ(train(&run, data, {backend.get()}, nullptr, never_, nullptr, &processes),
-                TrainEnd::kFinished);
-    });
-  for (std::thread& thread : threads) thread.join();
-  EXPECT_TRUE(same_weights(runs[0].state, runs[1].state));
-  EXPECT_EQ(runs[0].state.seconds, runs[1].state.seconds) << "one clock";
-  EXPECT_EQ(load_checkpoint(runs[0].paths.checkpoint()).step, 60);
-  EXPECT_EQ(read_metrics(runs[0].paths).size(), 3u);
-  EXPECT_FALSE(std::filesystem::exists(runs[1].paths.checkpoint()));
-  EXPECT_FALSE(std::filesystem::exists(runs[1].paths.metrics()));
-}
-
-TEST_F(DataParallelTest, ProcessesMustBeginAlike) {
-  Meeting meeting(2);
-  std::vector<redrive::Run> runs;
-  for (const char* name : {"first", "second"})
-    runs.push_back(tiny_run(folder_.path / name, folder_.path, tiny_options(60)));
-  runs[1].state.model->parameters[3] += 1;
-  std::vector<std::thread> threads;
-  for (int rank = 0; rank < 2; ++rank)
-    threads.emplace_back([&, rank] {
-      redrive::Run& run = runs[static_cast<std::size_t>(rank)];
-      run.state.step = 1;  // or nerf would begin anew
-      ThreadGroup processes(&meeting, rank);
-      ThreadPool pool(1);
-      const auto backend = processor_backend(1);
-      const TrainingData data = load_training_data(run, pool);
-      EXPECT_THROW(train(&run, data, {backend.get()}, nullptr, never_, nullptr, &processes),
-                   UsageError);
-    });
-  for (std::thread& thread : threads) thread.join();
 }
 
 TEST_F(DataParallelTest, DrawsEachPixelOnceAnEpoch) {

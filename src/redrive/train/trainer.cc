@@ -6,9 +6,13 @@
 #include <chrono>
 #include <cmath>
 #include <cstdio>
+#include <functional>
 #include <limits>
 #include <span>
+#include <string>
 #include <utility>
+
+#include <nlohmann/json.hpp>
 
 #include "redrive/base/error.h"
 #include "redrive/base/rng.h"
@@ -136,19 +140,26 @@ class Trainer {
     return std::ranges::max(of_processes(stop ? 1 : 0)) > 0;
   }
 
-  /// Checks that all processes begin with the same state, and sets the clock of process 0.
+  /// Checks that all processes begin with the same state and options, and sets the clock of
+  /// process 0.
   void check_same_begin() {
     if (!processes_) return;
-    const std::span<const float> parameters = state_.model->parameters;
-    std::uint64_t hash = mix64(static_cast<std::uint64_t>(state_.step) ^
-                               mix64(static_cast<std::uint64_t>(sampler_.pixels())));
-    for (const float number : parameters) hash = mix64(hash ^ std::bit_cast<std::uint32_t>(number));
+    nlohmann::json options = options_to_json(options_);
+    for (const char* own : {"threads", "memory", "gpu-memory"}) options.erase(own);
+    std::uint64_t hash = std::hash<std::string>()(options.dump());
+    for (const std::uint64_t number : {state_.seed, static_cast<std::uint64_t>(state_.step),
+                                       static_cast<std::uint64_t>(sampler_.pixels())})
+      hash = mix64(hash ^ number);
+    for (const Buffer<float>* numbers :
+         {&state_.model->parameters, &state_.adam.first_moment, &state_.adam.second_moment})
+      for (const float number : numbers->span())
+        hash = mix64(hash ^ std::bit_cast<std::uint32_t>(number));
     const std::vector<double> hashes = of_processes(static_cast<double>(hash >> 12));  // exact
     if (std::ranges::count(hashes, hashes.front()) != std::ssize(hashes))
       throw UsageError(
           "mpirun", std::to_string(hashes.size()) + " processes",
-          "begin with different parameters or pixels: they need the same files, processors with "
-          "the same instruction sets or one --isa, and the same program");
+          "begin with different options, parameters, moments or pixels: they need the same files, "
+          "processors with the same instruction sets or one --isa, and the same program");
     state_.seconds = of_processes(state_.seconds).front();
   }
 
