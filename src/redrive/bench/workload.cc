@@ -183,8 +183,7 @@ TrainState make_splat_state(const SyntheticDrive& drive, int n) {
     put(i, drive.scene.actors[actor].size_m.cwiseProduct(at), 0.05, 10, &lists[1 + actor]);
   }
   model.set_gaussians(lists, drive.scene.actors);
-  state.adam.first_moment = Buffer<float>(model.size());
-  state.adam.second_moment = Buffer<float>(model.size());
+  state.adam = model.zero_moments();
   return state;
 }
 

@@ -69,7 +69,7 @@ int lead_resuming(const ResumeArguments& arguments, ProcessGroup& processes) {
   const std::atomic<bool>& stop = stop_on_signal();
   if (together) check_together(processes, run, group);
   const std::optional<std::uint64_t> cache =
-      check_run_memory(run, group, together ? processes.on_machine() : 1);
+      check_run_memory(run, group, together ? processes.on_machine() : 1, together);
   const TrainingData training = [&] {
     ThreadPool pool(group.backends.front()->threads());
     return load_training_data(run, pool, cache);

@@ -152,7 +152,7 @@ int lead_training(const TrainArguments& arguments, ProcessGroup& processes) {
   const bool together = arguments.data_parallel && processes.size() > 1;
   if (together) check_together(processes, run, group);
   const std::optional<std::uint64_t> cache =
-      check_run_memory(run, group, together ? processes.on_machine() : 1);
+      check_run_memory(run, group, together ? processes.on_machine() : 1, together);
   const TrainingData training = [&] {
     ThreadPool pool(threads);
     return prepare_training_data(&run, pool, cache);

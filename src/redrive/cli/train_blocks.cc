@@ -55,7 +55,7 @@ class BlockTrainer {
     create_block(*whole_, block);
     const RunLock lock(whole_->folder(block));
     Run run = open_block(*whole_, block);
-    const auto [backends, training] = set_up_training(group_, run);
+    const auto [backends, training] = set_up_training(group_, run, false);
     print_summary(run, training, backends);
     const TrainEnd end = train_on(&run, training, backends, stop_);
     std::printf("block %s %s: step %lld after %.1f s of training\n", block.name.c_str(),
@@ -102,11 +102,11 @@ BlockResources block_resources(const ProcessGroup& group, const TrainOptions& op
           allowed_memory(options, memory_bytes()) / static_cast<std::uint64_t>(group.on_machine())};
 }
 
-TrainingSetup set_up_training(const ProcessGroup& group, Run& run) {
+TrainingSetup set_up_training(const ProcessGroup& group, Run& run, bool data_parallel) {
   TrainOptions here = run.options;
   here.threads = block_resources(group, run.options).threads;
   kernels::BackendGroup backends = make_backends(here);
-  const auto cache = check_run_memory(run, backends, group.on_machine());
+  const auto cache = check_run_memory(run, backends, group.on_machine(), data_parallel);
   ThreadPool pool(here.threads);
   return {std::move(backends), load_training_data(run, pool, cache)};
 }

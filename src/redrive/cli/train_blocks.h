@@ -20,7 +20,7 @@ struct TrainingSetup {
   kernels::BackendGroup backends;
   TrainingData training;
 };
-TrainingSetup set_up_training(const ProcessGroup& group, Run& run);
+TrainingSetup set_up_training(const ProcessGroup& group, Run& run, bool data_parallel);
 
 /// Joins the processes that a launcher started and returns the exit code: as process 0 that of
 /// `lead`, as another one that of process 0, after training blocks of `root` as it is told to. An

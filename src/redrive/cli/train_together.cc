@@ -48,7 +48,7 @@ void follow_together(ProcessGroup& processes, const std::filesystem::path& root)
   PrefixedOutput::set_silent(true);
   try {
     Run run = open_run(root, /*to_resume=*/true);
-    const auto [backends, training] = set_up_training(processes, run);
+    const auto [backends, training] = set_up_training(processes, run, true);
     train_on(&run, training, backends, stop_on_signal(), nullptr, &processes);
   } catch (...) {
     PrefixedOutput::set_silent(false);

@@ -47,9 +47,9 @@ kernels::BackendGroup make_backends(const TrainOptions& options) {
 }
 
 std::optional<std::uint64_t> check_run_memory(const Run& run, const kernels::BackendGroup& group,
-                                              int processes) {
+                                              int processes, bool data_parallel) {
   const kernels::Backend& backend = *group.backends.front();
-  const MemoryEstimate need = estimate_memory(run, backend.threads());
+  const MemoryEstimate need = estimate_memory(run, backend.threads(), data_parallel);
   const std::uint64_t allowed =
       allowed_memory(run.options, memory_bytes()) / static_cast<std::uint64_t>(processes);
   check_memory(need, allowed, run.options);

@@ -27,7 +27,7 @@ kernels::BackendGroup make_backends(const TrainOptions& options);
 /// needs more than is allowed with the smallest cache, too. `processes`: that train on this
 /// machine, each with its part of --memory.
 std::optional<std::uint64_t> check_run_memory(const Run& run, const kernels::BackendGroup& group,
-                                              int processes = 1);
+                                              int processes = 1, bool data_parallel = false);
 
 /// Prints backend, cameras with their masks, frames, pixels, training and held-out views.
 void print_summary(const Run& run, const TrainingData& training,

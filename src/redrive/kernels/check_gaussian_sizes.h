@@ -28,7 +28,7 @@ inline void check_rasterise(const GaussianCamera& camera, const Gaussians& gauss
 
 inline void check_rasterise_backward(const GaussianCamera& camera, const Gaussians& gaussians,
                                      const RasterOptions& options, const RasterImage& image,
-                                     const RasterGradient& gradient, std::size_t gradients,
+                                     const RasterGradient& gradient, const GaussianDerivatives& to,
                                      std::size_t d_poses) {
   check_rasterise(camera, gaussians, options);
   const std::size_t plane = image.size.plane();
@@ -36,7 +36,10 @@ inline void check_rasterise_backward(const GaussianCamera& camera, const Gaussia
   REDRIVE_CHECK_OP(gradient.d_transmittance.size(), ==, plane);
   REDRIVE_CHECK_OP(gradient.error.size(), ==, plane);
   REDRIVE_CHECK_OP(gradient.d_range.size(), ==, options.log_range.empty() ? 0 : plane);
-  REDRIVE_CHECK_OP(gradients, ==, gaussians.numbers.size());
+  const std::size_t numbers = gaussians.numbers.size();
+  REDRIVE_CHECK_OP(to.gradients.size(), ==, to.update ? 0 : numbers);
+  if (to.update)
+    REDRIVE_CHECK(to.update->numbers.size() == numbers && to.update->moments.size() == numbers);
   REDRIVE_CHECK(d_poses == 0 || d_poses == 1 + camera.parts.size());
 }
 
@@ -54,11 +57,11 @@ inline void check_image_loss(const ImageLossInput& input, std::size_t d_rgb, std
   REDRIVE_CHECK_OP(error, ==, plane);
 }
 
-inline void check_update_gaussians(std::size_t n, std::size_t gradients, std::size_t numbers,
-                                   std::size_t first_moment, std::size_t second_moment) {
+inline void check_update_gaussians(const GaussianUpdate& update, std::size_t n,
+                                   std::size_t gradients) {
   const std::size_t size = gaussian_blocks(n) * kBlockSize;
-  REDRIVE_CHECK(gradients == size && numbers == size && first_moment == size &&
-                second_moment == size);
+  REDRIVE_CHECK(gradients == size && update.numbers.size() == size &&
+                update.moments.size() == size);
 }
 
 }  // namespace redrive::kernels

@@ -82,8 +82,8 @@ constexpr float kNoRange = -1e3f;
 struct RasterGradient {
   std::span<const float> d_rgb;            ///< 3 planes
   std::span<const float> d_transmittance;  ///< plane
-  std::span<const float> error;    ///< plane: blended into the row kDistanceRow of the gradients
-  std::span<const float> d_range;  ///< plane: by range_error; empty without log_range
+  std::span<const float> error;            ///< plane: blended into the row kDistanceRow
+  std::span<const float> d_range;          ///< plane: by range_error; empty without log_range
 };
 
 struct RasterCounts {
@@ -128,13 +128,26 @@ struct ImageLossOutput {
   std::vector<PatchBrightness> patches;  ///< of kPatchSide squared pixels, row by row
 };
 
-/// Learning rates of an update by row of a Gaussian. kPositionRow is times the Gaussian's distance.
+/// A step of Adam on the Gaussians whose opacity has a derivative, that is, which were drawn,
+/// unless a derivative of theirs is not finite; the others keep their moments.
 struct GaussianUpdate {
   AdamStep step;  ///< learning_rate is not used
+  /// Learning rates by row of a Gaussian; that of kPositionRow is times the Gaussian's distance.
   float rates[kGaussianRows] = {};
   /// Bounds of the log scales, plus the logarithm of the distance: the lower one of the two larger
   /// axes alone.
   float min_log_scale = -20, max_log_scale = 20;
+  std::span<float> numbers;  ///< those of Gaussians::numbers
+  /// Laid out as they are (optim/packed_moments.h). The row kDistanceRow, a float's bits, is the
+  /// sum of that row's derivatives.
+  std::span<std::uint32_t> moments;
+};
+
+/// Where the derivatives by the Gaussians go: one of them.
+struct GaussianDerivatives {
+  std::span<float> gradients;  ///< added to; laid out as the Gaussians
+  const GaussianUpdate* update =
+      nullptr;  ///< applied block by block, so that no gradients are kept
 };
 
 class GaussianStages {
@@ -144,22 +157,21 @@ class GaussianStages {
   /// Draws the Gaussians in the order of the distance of their means. Resizes `image`.
   virtual RasterCounts rasterise(const GaussianCamera& camera, const Gaussians& gaussians,
                                  const RasterOptions& options, RasterImage* image) = 0;
-  /// Adds the derivatives to `gradients`, laid out as the Gaussians. The last rasterise() of these
-  /// stages must have had the same arguments. d_poses: derivatives by the camera's pose, in the
-  /// world by the Gaussians before the parts, then in each part by its own; empty: not wanted.
+  /// The last rasterise() of these stages must have had the same arguments. d_poses: derivatives by
+  /// the camera's pose, in the world by the Gaussians before the parts, then in each part by its
+  /// own; empty: not wanted.
   virtual void rasterise_backward(const GaussianCamera& camera, const Gaussians& gaussians,
                                   const RasterOptions& options, const RasterImage& image,
-                                  const RasterGradient& gradient, std::span<float> gradients,
+                                  const RasterGradient& gradient, const GaussianDerivatives& to,
                                   std::span<GaussianPoseGradient<NumberMath<double>>> d_poses) = 0;
   /// Writes d_rgb, 3 planes, and the mean absolute error of the channels of each pixel, 1 plane.
   virtual ImageLossOutput image_loss(const ImageLossInput& input, std::span<float> d_rgb,
                                      std::span<float> error) = 0;
-  /// Adam on the Gaussians whose opacity has a gradient, that is, which the step drew, unless a
-  /// gradient of theirs is not finite; the others keep their moments. Adds the row kDistanceRow of
-  /// the gradients to that of first_moment. Sets the gradients to 0.
+  /// Applies gradients that were kept, as means over ranks are; laid out as the Gaussians.
   virtual void update_gaussians(const GaussianUpdate& update, std::size_t n,
-                                std::span<float> gradients, std::span<float> numbers,
-                                std::span<float> first_moment, std::span<float> second_moment) = 0;
+                                std::span<const float> gradients) = 0;
+  /// Frees the working memory; the next rasterise() allocates it again.
+  virtual void release() = 0;
 };
 
 }  // namespace redrive::kernels

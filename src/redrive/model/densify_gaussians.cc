@@ -3,12 +3,15 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
+#include <tuple>
 #include <utility>
 #include <vector>
 
 #include "redrive/base/rng.h"
 #include "redrive/field/gaussian_blocks.h"
+#include "redrive/optim/packed_moments.h"
 
 namespace redrive {
 namespace {
@@ -17,7 +20,7 @@ constexpr float kChildOffset = 0.75f;  // of the parent's standard deviation, to
 constexpr float kChildScale = 0.6f, kChildOtherScale = 0.92f;  // along the axis, along the others
 
 /// Position on a Morton curve through space contracted by its logarithm.
-std::uint64_t morton_key(const float* position) {
+std::uint32_t morton_key(const float* position) {
   constexpr int kBits = 10;
   std::uint32_t cell[3];
   for (int k = 0; k < 3; ++k) {
@@ -26,7 +29,7 @@ std::uint64_t morton_key(const float* position) {
     cell[k] = static_cast<std::uint32_t>(
         std::clamp((contracted + 6) / 12 * ((1 << kBits) - 1), 0.0f, float((1 << kBits) - 1)));
   }
-  std::uint64_t key = 0;
+  std::uint32_t key = 0;
   for (int bit = kBits - 1; bit >= 0; --bit)
     for (int k = 0; k < 3; ++k) key = key << 1 | (cell[k] >> bit & 1);
   return key;
@@ -35,9 +38,9 @@ std::uint64_t morton_key(const float* position) {
 /// Where a Gaussian comes from: itself, or one of the halves of a split one.
 struct Source {
   std::uint32_t part;  ///< 0: the world, from 1 on actors
-  std::uint64_t key;
+  std::uint32_t key;   ///< on the Morton curve
   std::uint32_t from;
-  std::int8_t half;  ///< 0: whole; 1, -1: halves along the longest axis
+  std::int32_t half;  ///< 0: whole; 1, -1: halves along the longest axis
 };
 
 int longest_axis(const float* numbers, std::size_t i) {
@@ -88,6 +91,45 @@ bool within_bounds(const DensifyOptions& options, std::size_t part, const float*
   return true;
 }
 
+/// Returns what the Gaussians come from: by part, in Morton order.
+std::vector<Source> choose_sources(const DensifyOptions& options, std::uint64_t key,
+                                   const GaussianLayout& layout, const float* p,
+                                   std::span<const std::uint32_t> moments) {
+  const std::size_t parts = 1 + layout.actor_ends.size();
+  const float least = std::log(options.min_opacity / (1 - options.min_opacity));
+  std::vector<Source> sources;                              // whole ones at first
+  std::vector<std::pair<float, std::uint32_t>> candidates;  // drawn in ascending order
+  for (std::uint32_t part = 0; part < parts; ++part)
+    for (std::size_t i = first_of(layout, part); i < first_of(layout, part + 1); ++i) {
+      // Unused lanes are transparent.
+      if (!(p[gaussian_slot(i, kOpacityRow)] >= least)) continue;
+      if (!within_bounds(options, part, p, i)) continue;
+      const auto from = static_cast<std::uint32_t>(i);
+      float position[3];
+      for (int k = 0; k < 3; ++k) position[k] = p[gaussian_slot(i, kPositionRow + k)];
+      const float error = std::bit_cast<float>(moments[gaussian_slot(i, kDistanceRow)]),
+                  scale = std::exp(p[gaussian_slot(i, kLogScaleRow + longest_axis(p, i))]);
+      if (error > 0 && scale > options.min_scale * p[gaussian_slot(i, kDistanceRow)])
+        candidates.emplace_back(-std::log(std::max(random_unit(key, i), 1e-9f)) / error,
+                                static_cast<std::uint32_t>(sources.size()));
+      sources.push_back({part, morton_key(position), from, 0});
+    }
+  const std::size_t alive = sources.size(),
+                    wanted = options.target > alive ? options.target - alive : 0,
+                    splits = std::min(wanted, candidates.size() / 3);
+  std::nth_element(candidates.begin(), candidates.begin() + static_cast<std::ptrdiff_t>(splits),
+                   candidates.end());
+  candidates.resize(splits);
+  for (const auto& [time, which] : candidates) {
+    sources[which].half = 1;
+    sources.push_back(sources[which]);
+    sources.back().half = -1;
+  }
+  std::ranges::sort(sources, {},
+                    [](const Source& s) { return std::tuple(s.part, s.key, s.from, -s.half); });
+  return sources;
+}
+
 }  // namespace
 
 GaussianLayout layout_of(std::span<const GaussianList> lists) {
@@ -101,7 +143,7 @@ void write_blocks(std::span<const GaussianList> lists, const GaussianLayout& lay
   for (std::size_t part = 0; part < lists.size(); ++part) {
     const GaussianList& list = lists[part];
     const std::size_t first = first_of(layout, part);
-    std::vector<std::pair<std::uint64_t, std::uint32_t>> order(list.size());
+    std::vector<std::pair<std::uint32_t, std::uint32_t>> order(list.size());
     for (std::size_t i = 0; i < order.size(); ++i)
       order[i] = {morton_key(&list.rows[i * std::size_t{kGaussianRows}]),
                   static_cast<std::uint32_t>(i)};
@@ -114,91 +156,53 @@ void write_blocks(std::span<const GaussianList> lists, const GaussianLayout& lay
   }
 }
 
-void densify(const DensifyOptions& options, std::uint64_t key, std::size_t tail,
-             GaussianLayout* layout, Buffer<float>* numbers, AdamState* adam) {
+void densify(const DensifyOptions& options, std::uint64_t key, GaussianLayout* layout,
+             Buffer<float>* numbers, Buffer<std::uint32_t>* moments) {
   const float* const p = numbers->data();
-  const std::size_t parts = 1 + layout->actor_ends.size(),
-                    n = layout->blocks() * kGaussianBlock;  // with unused lanes, transparent ones
-  std::vector<std::uint32_t> part_of(n);
-  for (std::size_t part = 0; part < parts; ++part)
-    std::fill(part_of.begin() + static_cast<std::ptrdiff_t>(first_of(*layout, part)),
-              part_of.begin() + static_cast<std::ptrdiff_t>(first_of(*layout, part + 1)),
-              static_cast<std::uint32_t>(part));
-  const float least = std::log(options.min_opacity / (1 - options.min_opacity));
-  std::vector<std::uint32_t> alive;
-  std::vector<std::pair<float, std::uint32_t>> candidates;  // drawn in ascending order
-  for (std::size_t i = 0; i < n; ++i) {
-    if (!(p[gaussian_slot(i, kOpacityRow)] >= least)) continue;
-    if (!within_bounds(options, part_of[i], p, i)) continue;
-    alive.push_back(static_cast<std::uint32_t>(i));
-    const float error = adam->first_moment[gaussian_slot(i, kDistanceRow)],
-                scale = std::exp(p[gaussian_slot(i, kLogScaleRow + longest_axis(p, i))]);
-    if (error > 0 && scale > options.min_scale * p[gaussian_slot(i, kDistanceRow)])
-      candidates.emplace_back(-std::log(std::max(random_unit(key, i), 1e-9f)) / error,
-                              static_cast<std::uint32_t>(i));
-  }
-  const std::size_t wanted = options.target > alive.size() ? options.target - alive.size() : 0,
-                    splits = std::min(wanted, candidates.size() / 3);
-  std::nth_element(candidates.begin(), candidates.begin() + static_cast<std::ptrdiff_t>(splits),
-                   candidates.end());
-  std::vector<bool> split(n);
-  for (std::size_t k = 0; k < splits; ++k) split[candidates[k].second] = true;
-
-  std::vector<Source> sources;
-  sources.reserve(alive.size() + splits);
-  for (const std::uint32_t i : alive) {
-    float position[3];
-    for (int k = 0; k < 3; ++k) position[k] = p[gaussian_slot(i, kPositionRow + k)];
-    const std::uint64_t at = morton_key(position);
-    if (!split[i]) {
-      sources.push_back({part_of[i], at, i, 0});
-    } else {
-      sources.push_back({part_of[i], at, i, 1});
-      sources.push_back({part_of[i], at, i, -1});
-    }
-  }
-  std::ranges::stable_sort(sources, {}, [](const Source& s) { return std::pair(s.part, s.key); });
-
-  std::vector<std::size_t> sizes(parts);
+  const std::vector<Source> sources = choose_sources(options, key, *layout, p, *moments);
+  std::vector<std::size_t> sizes(1 + layout->actor_ends.size());
   for (const Source& source : sources) ++sizes[source.part];
-  const GaussianLayout before_layout =
-      std::exchange(*layout, layout_of(std::span<const std::size_t>(sizes)));
-  const std::size_t old_size = before_layout.blocks() * kBlockSize,
-                    size = layout->blocks() * kBlockSize;
-  std::vector<std::size_t> slots;  // by source
-  slots.reserve(sources.size());
-  for (std::size_t part = 0; part < parts; ++part)
-    for (std::size_t i = 0; i < sizes[part]; ++i) slots.push_back(first_of(*layout, part) + i);
-  const auto moved = [&](const Buffer<float>& before) {
-    Buffer<float> to(size + tail);
-    for (std::size_t i = 0; i < sources.size(); ++i)
+  const std::size_t old_size = layout->blocks() * kBlockSize;
+  *layout = layout_of(std::span<const std::size_t>(sizes));
+  const std::size_t size = layout->blocks() * kBlockSize;
+  // Calls body(source, slot) for each Gaussian.
+  const auto for_each = [&](const auto& body) {
+    auto source = sources.begin();
+    for (std::size_t part = 0; part < sizes.size(); ++part)
+      for (std::size_t i = 0; i < sizes[part]; ++i) body(*source++, first_of(*layout, part) + i);
+  };
+  const auto moved = [&]<class T>(const Buffer<T>& before) {
+    const std::size_t others = before.size() - old_size;
+    Buffer<T> to(size + others);
+    for_each([&](const Source& source, std::size_t i) {
       for (int row = 0; row < kGaussianRows; ++row)
-        to[gaussian_slot(slots[i], row)] = before[gaussian_slot(sources[i].from, row)];
-    std::copy_n(before.data() + old_size, tail, to.data() + size);
+        to[gaussian_slot(i, row)] = before[gaussian_slot(source.from, row)];
+    });
+    std::copy_n(before.data() + old_size, others, to.data() + size);
     return to;
   };
-  // One by one, so that no more than one of them is there twice.
-  adam->second_moment = moved(adam->second_moment);
-  adam->first_moment = moved(adam->first_moment);
-  Buffer<float>& first = adam->first_moment;
-  Buffer<float> to = moved(*numbers);
-  for (std::size_t i = 0; i < sources.size(); ++i) {
-    const std::size_t slot = slots[i];
-    first[gaussian_slot(slot, kDistanceRow)] = 0;
-    if (sources[i].half != 0) {
-      const int axis = longest_axis(p, sources[i].from);
-      const std::array<float, 3> along = axis_of(p, sources[i].from, axis);
-      for (int k = 0; k < 3; ++k) {
-        to[gaussian_slot(slot, kPositionRow + k)] +=
-            kChildOffset * static_cast<float>(sources[i].half) * along[k];
-        to[gaussian_slot(slot, kLogScaleRow + k)] +=
-            std::log(k == axis ? kChildScale : kChildOtherScale);
-      }
-      if (sources[i].half < 0)
-        for (int row = 0; row < kDistanceRow; ++row) first[gaussian_slot(slot, row)] = 0;
+  // One by one, so that only one of them is there twice.
+  *moments = moved(*moments);
+  for_each([&](const Source& source, std::size_t i) {
+    (*moments)[gaussian_slot(i, kDistanceRow)] = 0;
+    for (int row = 0; source.half < 0 && row < kDistanceRow; ++row) {
+      std::uint32_t& packed = (*moments)[gaussian_slot(i, row)];
+      packed = pack_moments(0, unpacked_second(packed));
     }
-  }
-  for (std::size_t part = 0; part < parts; ++part)
+  });
+  Buffer<float> to = moved(*numbers);
+  for_each([&](const Source& source, std::size_t i) {
+    if (source.half == 0) return;
+    const int axis = longest_axis(p, source.from);
+    const std::array<float, 3> along = axis_of(p, source.from, axis);
+    for (int k = 0; k < 3; ++k) {
+      to[gaussian_slot(i, kPositionRow + k)] +=
+          kChildOffset * static_cast<float>(source.half) * along[k];
+      to[gaussian_slot(i, kLogScaleRow + k)] +=
+          std::log(k == axis ? kChildScale : kChildOtherScale);
+    }
+  });
+  for (std::size_t part = 0; part < sizes.size(); ++part)
     clear_unused(first_of(*layout, part) + sizes[part], first_of(*layout, part + 1), to.data());
   *numbers = std::move(to);
 }

@@ -8,8 +8,8 @@
 #include <span>
 #include <vector>
 
+#include "redrive/base/buffer.h"
 #include "redrive/model/initial_gaussians.h"
-#include "redrive/model/model.h"
 
 namespace redrive {
 
@@ -42,11 +42,12 @@ void write_blocks(std::span<const GaussianList> lists, const GaussianLayout& lay
                   Buffer<float>* numbers);
 
 /// Splits Gaussians along their longest axis into two, drawn without replacement with probabilities
-/// proportional to their summed error (the row kDistanceRow of the first moment), and removes
+/// proportional to their summed error (the row kDistanceRow of the moments), and removes
 /// transparent ones. Sets the summed errors to 0. Parents keep their second moments, children start
-/// without first moments. `tail`: numbers behind the Gaussians' blocks in each buffer, which stay.
-/// Deterministic in key. Gaussians stay in the world or with their actor.
-void densify(const DensifyOptions& options, std::uint64_t key, std::size_t tail,
-             GaussianLayout* layout, Buffer<float>* numbers, AdamState* adam);
+/// without first moments. numbers: after those of the Gaussians others, which stay; moments: of the
+/// Gaussians (GaussianUpdate::moments). Deterministic in key. Gaussians stay in the world or with
+/// their actor.
+void densify(const DensifyOptions& options, std::uint64_t key, GaussianLayout* layout,
+             Buffer<float>* numbers, Buffer<std::uint32_t>* moments);
 
 }  // namespace redrive

@@ -2,7 +2,7 @@
 #include "redrive/model/densify_gaussians.h"
 
 #include <algorithm>
-#include <array>
+#include <bit>
 #include <cmath>
 #include <cstring>
 #include <map>
@@ -12,6 +12,7 @@
 #include <Eigen/Geometry>
 
 #include "redrive/base/rng.h"
+#include "redrive/optim/packed_moments.h"
 
 namespace redrive {
 namespace {
@@ -41,31 +42,31 @@ GaussianList random_list(std::size_t n) {
 struct State {
   std::size_t n;
   Buffer<float> numbers;
-  AdamState adam;
+  Buffer<std::uint32_t> moments;
 
-  /// Errors are 1, first moments the row's number, second moments ten times the Gaussian's.
+  /// Errors are 1, first moments the row's number, second moments the Gaussian's.
   explicit State(const GaussianList& list) : n(list.size()) {
     const std::size_t size = gaussian_blocks(n) * kBlockSize;
-    for (Buffer<float>* buffer : buffers()) {
-      *buffer = Buffer<float>(size + kTail);
-      for (std::size_t i = 0; i < kTail; ++i) (*buffer)[size + i] = static_cast<float>(100 + i);
-    }
+    numbers = Buffer<float>(size + kTail);
+    for (std::size_t i = 0; i < kTail; ++i) numbers[size + i] = static_cast<float>(100 + i);
+    moments = Buffer<std::uint32_t>(size);
     write_blocks({&list, 1}, {.world = n, .actor_ends = {}}, &numbers);
     for (std::size_t i = 0; i < n; ++i)
-      for (int row = 0; row < kGaussianRows; ++row) {
-        adam.first_moment[gaussian_slot(i, row)] = row == kDistanceRow ? 1.0f : 1.0f + row;
-        adam.second_moment[gaussian_slot(i, row)] = 10 * id(i);
-      }
-  }
-  std::array<Buffer<float>*, 3> buffers() {
-    return {&numbers, &adam.first_moment, &adam.second_moment};
+      for (int row = 0; row < kGaussianRows; ++row)
+        moments[gaussian_slot(i, row)] = row == kDistanceRow ? std::bit_cast<std::uint32_t>(1.0f)
+                                                             : pack_moments(1.0f + row, id(i));
   }
   float row(std::size_t i, int row) const { return numbers[gaussian_slot(i, row)]; }
   float id(std::size_t i) const { return row(i, kColourRow); }
-  float& error(std::size_t i) { return adam.first_moment[gaussian_slot(i, kDistanceRow)]; }
+  float error(std::size_t i) const {
+    return std::bit_cast<float>(moments[gaussian_slot(i, kDistanceRow)]);
+  }
+  void set_error(std::size_t i, float error) {
+    moments[gaussian_slot(i, kDistanceRow)] = std::bit_cast<std::uint32_t>(error);
+  }
   void densify(std::size_t target, std::uint64_t key = 7) {
     GaussianLayout layout{.world = n, .actor_ends = {}};
-    redrive::densify({.target = target}, key, kTail, &layout, &numbers, &adam);
+    redrive::densify({.target = target}, key, &layout, &numbers, &moments);
     n = layout.world;
   }
   /// Gaussians by their number.
@@ -76,20 +77,16 @@ struct State {
   }
   void expect_whole() {
     const std::size_t size = gaussian_blocks(n) * kBlockSize;
-    for (Buffer<float>* buffer : buffers()) {
-      ASSERT_EQ(buffer->size(), size + kTail);
-      for (std::size_t i = 0; i < kTail; ++i)
-        EXPECT_EQ((*buffer)[size + i], static_cast<float>(100 + i));
-    }
+    ASSERT_EQ(numbers.size(), size + kTail);
+    ASSERT_EQ(moments.size(), size);
+    for (std::size_t i = 0; i < kTail; ++i) EXPECT_EQ(numbers[size + i], 100 + i);
     for (std::size_t i = 0; i < n; ++i) EXPECT_EQ(error(i), 0);
     for (std::size_t i = n; i < gaussian_blocks(n) * kGaussianBlock; ++i) {
       EXPECT_LT(row(i, kOpacityRow), -10);
       EXPECT_GT(row(i, kDistanceRow), 0) << "its logarithm is taken";
       EXPECT_EQ(row(i, kQuaternionRow), 1) << "it is normalised";
-      for (int row_ = 0; row_ < kGaussianRows; ++row_) {
-        EXPECT_EQ(adam.first_moment[gaussian_slot(i, row_)], 0);
-        EXPECT_EQ(adam.second_moment[gaussian_slot(i, row_)], 0);
-      }
+      for (int row_ = 0; row_ < kGaussianRows; ++row_)
+        EXPECT_EQ(moments[gaussian_slot(i, row_)], 0u);
     }
   }
 };
@@ -118,7 +115,7 @@ TEST(WriteBlocks, KeepsEveryGaussianOnceAndNeighboursTogether) {
     ids.insert(state.id(i));
     const float* const rows = &list.rows[static_cast<std::size_t>(state.id(i)) * kGaussianRows];
     for (int row = 0; row < kGaussianRows; ++row) ASSERT_EQ(state.row(i, row), rows[row]);
-    state.error(i) = 0;
+    state.set_error(i, 0);
   }
   EXPECT_EQ(ids.size(), 1003u);
   state.expect_whole();
@@ -204,12 +201,10 @@ TEST(Densify, ParentsKeepTheirMomentsAndErrorsStartAgain) {
   for (const auto& [id, now] : state.by_id()) {
     int with_first_moments = 0;
     for (const std::size_t i : now) {
-      for (int row = 0; row < kGaussianRows; ++row) {
-        EXPECT_EQ(state.adam.second_moment[gaussian_slot(i, row)], 10 * id);
-      }
-      const float first = state.adam.first_moment[gaussian_slot(i, 0)];
+      const float first = unpacked_first(state.moments[gaussian_slot(i, 0)]);
       for (int row = 0; row < kDistanceRow; ++row)
-        EXPECT_EQ(state.adam.first_moment[gaussian_slot(i, row)], first > 0 ? 1.0f + row : 0);
+        EXPECT_EQ(state.moments[gaussian_slot(i, row)],
+                  pack_moments(first > 0 ? 1.0f + row : 0, id));
       with_first_moments += first > 0;
     }
     EXPECT_EQ(with_first_moments, 1);
@@ -220,8 +215,8 @@ TEST(Densify, SplitsWhereTheErrorIs) {
   State state(random_list(400));
   const State before(random_list(400));
   for (std::size_t i = 0; i < 400; ++i)
-    state.error(i) = std::fmod(state.id(i), 2.0f) == 0 ? 0 : 1e-3f;
-  state.error(17) = state.error(200) = 100;
+    state.set_error(i, std::fmod(state.id(i), 2.0f) == 0 ? 0 : 1e-3f);
+  for (const std::size_t i : {17, 200}) state.set_error(i, 100);
   const float first = before.id(17), second = before.id(200);
   state.densify(430);
   EXPECT_EQ(state.n, 430u);
@@ -258,11 +253,9 @@ TEST(Densify, IsAFunctionOfTheKey) {
   a.densify(330, 1);
   b.densify(330, 1);
   other.densify(330, 2);
-  for (int k = 0; k < 3; ++k) {
-    const Buffer<float>&of_a = *a.buffers()[k], &of_b = *b.buffers()[k];
-    ASSERT_EQ(of_a.size(), of_b.size());
-    EXPECT_EQ(std::memcmp(of_a.data(), of_b.data(), of_a.size() * sizeof(float)), 0);
-  }
+  ASSERT_EQ(a.numbers.size(), b.numbers.size());
+  EXPECT_EQ(std::memcmp(a.numbers.data(), b.numbers.data(), a.numbers.size() * sizeof(float)), 0);
+  EXPECT_TRUE(std::ranges::equal(a.moments.span(), b.moments.span()));
   EXPECT_NE(std::memcmp(a.numbers.data(), other.numbers.data(), a.numbers.size() * sizeof(float)),
             0);
   EXPECT_LT(mean_step(a), 12) << "in Morton order";

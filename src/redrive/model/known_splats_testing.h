@@ -72,9 +72,7 @@ struct Training {
   void begin(const GaussianList& list) {
     set_gaussians(list, &model);
     model.max_gaussians = model.gaussians;
-    adam.first_moment = Buffer<float>(model.size());
-    adam.second_moment = Buffer<float>(model.size());
-    buffers.gradients = Buffer<float>(model.size());
+    adam = model.zero_moments();
   }
   StepRequest request() const {
     StepRequest request;
@@ -83,10 +81,11 @@ struct Training {
     request.progress = static_cast<double>(step) / static_cast<double>(steps);
     return request;
   }
-  /// Computes a step's gradients without applying them.
+  /// Computes a step's gradients; unless the request has an update, without applying them.
   StepOutput gradients(kernels::Backend& backend, const TrainingSet& data,
                        const StepRequest& request) {
-    if (buffers.gradients.size() != model.size()) buffers.gradients = Buffer<float>(model.size());
+    const std::size_t size = model.size() - (request.update ? model.updated_in_step() : 0);
+    if (buffers.gradients.size() != size) buffers.gradients = Buffer<float>(size);
     std::ranges::fill(buffers.gradients.span(), 0.0f);
     return model.step(backend, data, request, buffers.gradients, &buffers);
   }
@@ -97,10 +96,12 @@ struct Training {
   }
   void run(kernels::Backend& backend, const TrainingSet& data) {
     for (; step < steps; ++step) {
-      const StepRequest request = this->request();
+      StepRequest request = this->request();
+      const double rate = model.learning_rate({step, steps, request.progress});
+      const StepUpdate update{rate, step + 1, model.parameters, &adam};
+      request.update = &update;
       const StepOutput out = gradients(backend, data, request);
-      model.update(backend, model.learning_rate({step, steps, request.progress}), step + 1,
-                   buffers.gradients, &adam);
+      model.update(backend, rate, step + 1, buffers.gradients, &adam);
       model.finish_step(backend, request, out, step + 1, &adam);
     }
   }

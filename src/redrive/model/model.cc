@@ -3,6 +3,11 @@
 
 namespace redrive {
 
+AdamState Model::zero_moments() const {
+  const std::size_t packed = updated_in_step(), others = size() - packed;
+  return {Buffer<float>(others), Buffer<float>(others), Buffer<std::uint32_t>(packed)};
+}
+
 void Model::update(kernels::Backend& backend, double learning_rate, std::int64_t step,
                    std::span<float> gradients, AdamState* adam) {
   for (const AdamGroup& group : adam_groups(learning_rate, step)) {

@@ -39,6 +39,23 @@ struct TrainingSet {
   const Scene* initial = nullptr;  ///< with the poses that training began with; null: `scene`
 };
 
+/// Adam's moments. Of the first Model::updated_in_step() parameters both are in one word
+/// (optim/packed_moments.h), of the others in floats.
+struct AdamState {
+  Buffer<float> first_moment, second_moment;
+  Buffer<std::uint32_t> packed;
+
+  std::size_t size() const { return first_moment.size() + packed.size(); }
+};
+
+/// What a step changes itself: see Model::updated_in_step().
+struct StepUpdate {
+  double learning_rate = 0;
+  std::int64_t step = 0;        ///< from 1
+  std::span<float> parameters;  ///< the model's
+  AdamState* adam = nullptr;
+};
+
 /// One rank's part of a training step.
 struct StepRequest {
   std::uint64_t seed = 0;          ///< of the start in use
@@ -49,9 +66,10 @@ struct StepRequest {
       nullptr;  ///< of the cells of TrainingSet::pixels; where the model uses it
   /// Number of pixels to draw uniformly, without other samples; 0: the method's training batch.
   int pixels = 0;
-  bool pose_gradients = false;   ///< requests StepOutput::views
-  bool colour_variance = false;  ///< requests StepOutput::colour_variance
-  int rank = 0, world_size = 1;  ///< all ranks draw equally many pixels
+  bool pose_gradients = false;         ///< requests StepOutput::views
+  bool colour_variance = false;        ///< requests StepOutput::colour_variance
+  int rank = 0, world_size = 1;        ///< all ranks draw equally many pixels
+  const StepUpdate* update = nullptr;  ///< null: the step computes all gradients
 };
 
 /// Outputs of a step beside its StepSums and gradients.
@@ -86,11 +104,6 @@ struct Schedule {
 struct AdamGroup {
   std::size_t offset = 0, size = 0;  ///< in the flat buffer
   AdamStep step;
-};
-
-/// Adam's moments, in the layout of the parameters.
-struct AdamState {
-  Buffer<float> first_moment, second_moment;
 };
 
 /// A tensor of a checkpoint in the flat buffer of parameters.
@@ -158,6 +171,15 @@ class Model : public Configurable {
   /// step 0 of every start. Must be deterministic; may change the shapes of tensors.
   virtual void initialize_from(const TrainingSet&, std::uint64_t /*seed*/, ThreadPool&) {}
 
+  /// Number of the first parameters that step() updates itself, so that no gradients of theirs are
+  /// kept, if StepRequest::update asks for it. update() is then of the others.
+  virtual std::size_t updated_in_step() const { return 0; }
+  /// Returns the first of `packed` whose moments are not finite.
+  virtual std::optional<std::size_t> bad_moment(std::span<const std::uint32_t> /*packed*/) const {
+    return std::nullopt;
+  }
+  AdamState zero_moments() const;
+
   // ---- Training
   virtual bool uses_lidar() const { return false; }
   virtual bool uses_error_map() const { return false; }
@@ -177,7 +199,8 @@ class Model : public Configurable {
   virtual void correct_actors(std::vector<MovingObject>*) const {}
   virtual std::string describe_batch() const = 0;  ///< the largest batch: "2048 rays"
   virtual std::int64_t steps_per_epoch(const TrainingSet& data, int world_size) const = 0;
-  /// Writes losses to buffers->workspace.sums() and adds their derivatives to gradients [size()].
+  /// Writes losses to buffers->workspace.sums() and adds their derivatives to gradients [size()];
+  /// with an update [size() - updated_in_step()], and a step that is not finite changes nothing.
   /// Must be deterministic in the request.
   virtual StepOutput step(kernels::Backend& backend, const TrainingSet& data,
                           const StepRequest& request, std::span<float> gradients,
@@ -186,7 +209,7 @@ class Model : public Configurable {
   virtual std::int64_t independent_pixels(std::int64_t pixels) const { return pixels; }
   /// Returns the loss terms, always the same names in the same order.
   virtual std::vector<LossTerm> loss_terms(const StepSums& sums) const = 0;
-  /// Returns a part of gradients [size()] to check for overflow: it is not finite whenever the loss
+  /// Returns a part of step()'s gradients to check for overflow: it is not finite whenever the loss
   /// is finite and any gradient is not.
   virtual std::span<const float> sentinels(std::span<const float> gradients) const {
     return gradients;
@@ -198,7 +221,7 @@ class Model : public Configurable {
                                              std::int64_t /*step*/) const {
     return {};
   }
-  /// Applies the gradients [size()] and sets them to 0. The default is Adam on every group.
+  /// Applies step()'s gradients and sets them to 0. The default is Adam on every group.
   virtual void update(kernels::Backend& backend, double learning_rate, std::int64_t step,
                       std::span<float> gradients, AdamState* adam);
   /// Called after each applied step with the outputs of all ranks. May change the shapes of

@@ -166,9 +166,8 @@ void SplatModel::trace_actors(kernels::Backend& backend, const kernels::Rays& ra
 
 std::pair<std::size_t, std::size_t> SplatModel::motions_of(std::size_t actor) const {
   const std::int64_t first = actor == 0 ? 0 : actor_keys[actor - 1];
-  return {
-      blocks_size() + gains.size() + bounds_size() + kMotionSize * static_cast<std::size_t>(first),
-      kMotionSize * static_cast<std::size_t>(actor_keys[actor] - first)};
+  return {gains.size() + bounds_size() + kMotionSize * static_cast<std::size_t>(first),
+          kMotionSize * static_cast<std::size_t>(actor_keys[actor] - first)};
 }
 
 void SplatModel::correct_poses(const Scene& scene, std::int64_t t_ns, ShutterPoses* poses) const {
@@ -177,11 +176,9 @@ void SplatModel::correct_poses(const Scene& scene, std::int64_t t_ns, ShutterPos
     const auto a = actor_index(seen.body);
     const auto object = std::ranges::find(scene.actors, seen.body, &MovingObject::id);
     if (!a || object == scene.actors.end() || object->is_refined) continue;
-    const auto [first, n] = motions_of(*a);
     const auto at = object->key_time(t_ns);
     if (!at) continue;
-    const Rigid3d own =
-        moved(Rigid3d::Identity(), motion_at(parameters.span().subspan(first, n), *at));
+    const Rigid3d own = moved(Rigid3d::Identity(), motion_at(motion_parameters(*a), *at));
     for (PlainPose& pose : seen.actor_from_camera)
       pose = plain(own.inverse(Eigen::Isometry) * rigid(pose));
   }
@@ -200,8 +197,8 @@ void SplatModel::add_motion_gradients(
     const auto at = object->key_time(t_ns);
     if (!at) continue;
     const PlainPose& middle = seen.actor_from_camera[seen.actor_from_camera.size() / 2];
-    add_motion_gradient(d_poses[1 + *a], rigid(middle).translation(),
-                        parameters.span().subspan(first, n), *at, gradients.subspan(first, n));
+    add_motion_gradient(d_poses[1 + *a], rigid(middle).translation(), motion_parameters(*a), *at,
+                        gradients.subspan(first, n));
   }
 }
 
@@ -228,8 +225,7 @@ void SplatModel::correct_actors(std::vector<MovingObject>* objects) const {
   for (MovingObject& object : *objects) {
     const auto a = actor_index(object.id);
     if (!a || object.is_refined) continue;
-    const auto [first, n] = motions_of(*a);
-    correct_track(parameters.span().subspan(first, n), &object);
+    correct_track(motion_parameters(*a), &object);
   }
 }
 

@@ -63,9 +63,7 @@ void begin(Training* training, const TrafficScene& traffic, float off) {
   training->begin(lists[0]);
   training->model.set_gaussians(lists, traffic.scene.actors);
   training->model.max_gaussians = 120;
-  for (Buffer<float>* buffer :
-       {&training->adam.first_moment, &training->adam.second_moment, &training->buffers.gradients})
-    *buffer = Buffer<float>(training->model.size());
+  training->adam = training->model.zero_moments();
   training->model.opacity_weight = 0;
 }
 
@@ -297,7 +295,7 @@ TEST(SplatActors, GaussiansStayWithTheirObjectAndInItsBox) {
     EXPECT_LT(std::fabs(training.model.parameters[gaussian_slot(i, kPositionRow)]), 1.1f);
   }
   EXPECT_GT(of_actor, 40u);
-  EXPECT_EQ(training.adam.first_moment.size(), training.model.size());
+  EXPECT_EQ(training.adam.size(), training.model.size());
 }
 
 TEST(SplatActors, ColoursOfObjectsStayBetween0And1) {
@@ -312,7 +310,8 @@ TEST(SplatActors, ColoursOfObjectsStayBetween0And1) {
     model.parameters[gaussian_slot(i, kColourRow + 2)] = 0.25f;
     model.parameters[gaussian_slot(i, kHarmonicsRow)] = -0.5f;
   }
-  model.update(*fast_backend(), 1e-3, 1, training.buffers.gradients.span(), &training.adam);
+  Buffer<float> gradients(model.size() - model.updated_in_step());
+  model.update(*fast_backend(), 1e-3, 1, gradients, &training.adam);
   const auto at = [&](std::size_t i, int row) { return model.parameters[gaussian_slot(i, row)]; };
   EXPECT_EQ(at(of_object, kColourRow), 1);
   EXPECT_EQ(at(of_object, kColourRow + 1), 0);

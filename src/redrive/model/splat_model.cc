@@ -230,6 +230,7 @@ StepOutput SplatModel::step(kernels::Backend& backend, const TrainingSet& data,
   SplatBuffers& own = splat_buffers(data, window_pixels, buffers);
   // Other batches than training's are of all views at once, at half size.
   const bool all = request.pixels > 0;
+  REDRIVE_CHECK(!all || !request.update);
   const bool coarse = all || (request.progress < double(coarse_progress) &&
                               own.full.windows.size() > own.half.windows.size());
   const ImageLevel& level = coarse ? own.half : own.full;
@@ -346,19 +347,30 @@ void SplatModel::step_window(kernels::Backend& backend, const TrainingSet& data,
   double range_loss = 0;
   for (std::size_t i = 0; returns > 0 && i < size.plane(); ++i)
     if (own.d_range[i] > 0) range_loss += double(own.d_range[i]) * double(own.image.range_error[i]);
-  stages.rasterise_backward(
-      camera, all(), options, own.image,
-      {own.d_rgb, own.d_transmittance, own.error,
-       returns > 0 ? std::span<const float>(own.d_range) : std::span<const float>()},
-      gradients.first(blocks_size()), d_poses);
+  const std::span<float> others = gradients.last(this->size() - blocks_size());
   if (request.progress > double(kGainsFrom))
     gains.add_changes(gain_parameters(), exposure, exposure_gaps(data.scene, view), size, part,
                       loss.patches,
                       static_cast<float>(std::pow(last_rate, std::min(request.progress, 1.0))),
-                      gradients.subspan(blocks_size(), gains.size()));
-
+                      others.first(gains.size()));
+  const bool finite = std::isfinite(loss.l1 + loss.dssim + loss.mse + range_loss + transmittance) &&
+                      std::ranges::all_of(others, [](float x) { return std::isfinite(x); });
+  kernels::GaussianDerivatives to;
+  kernels::GaussianUpdate update;
+  if (request.update) {
+    update = gaussian_update(*request.update);
+    to.update = &update;
+  } else {
+    to.gradients = gradients.first(blocks_size());
+  }
+  if (finite || !request.update)
+    stages.rasterise_backward(
+        camera, all(), options, own.image,
+        {own.d_rgb, own.d_transmittance, own.error,
+         returns > 0 ? std::span<const float>(own.d_range) : std::span<const float>()},
+        to, d_poses);
   if (motion_rate > 0 && request.progress > double(kMotionsFrom))
-    add_motion_gradients(data.scene, t_ns, poses, d_poses, gradients);
+    add_motion_gradients(data.scene, t_ns, poses, d_poses, others);
 
   sums->opacity += weight * (1 - transmittance);
   sums->rgb_mse += weight * loss.mse;
@@ -374,61 +386,6 @@ void SplatModel::step_window(kernels::Backend& backend, const TrainingSet& data,
     out->views[window.view].d_translation[k] += d_poses[0].translation[k];
     out->views[window.view].d_rotation[k] += d_poses[0].rotation[k];
   }
-}
-
-void SplatModel::update(kernels::Backend& backend, double learning_rate, std::int64_t step,
-                        std::span<float> gradients, AdamState* adam) {
-  const std::size_t blocks = blocks_size();
-  kernels::GaussianUpdate update;
-  update.step = adam_step(learning_rate, step);
-  update.step.beta2 = beta2;
-  update.step.bias2 =
-      static_cast<float>(1 / (1 - std::pow(double(beta2), static_cast<double>(step))));
-  update.step.epsilon = epsilon;
-  const auto set = [&](int first, int end, float factor) {
-    std::fill(update.rates + first, update.rates + end, static_cast<float>(learning_rate) * factor);
-  };
-  set(kPositionRow, kLogScaleRow, position_rate);
-  set(kLogScaleRow, kQuaternionRow, scale_rate);
-  set(kQuaternionRow, kOpacityRow, rotation_rate);
-  set(kOpacityRow, kColourRow, 1);
-  set(kColourRow, kHarmonicsRow, colour_rate);
-  set(kHarmonicsRow, kDistanceRow, harmonics_rate);
-  update.min_log_scale = std::log(min_scale);
-  update.max_log_scale = std::log(max_scale);
-  backend.gaussians().update_gaussians(
-      update, all().n, gradients.first(blocks), parameters.span().first(blocks),
-      adam->first_moment.span().first(blocks), adam->second_moment.span().first(blocks));
-  bound_actor_colours();
-  const std::size_t motions = blocks + gains.size() + bounds_size();
-  for (std::size_t i = blocks; i < motions; ++i) parameters[i] += gradients[i];
-  for (std::size_t a = 0; motion_rate > 0 && a < actor_ids.size(); ++a) {
-    const auto [first, n] = motions_of(a);
-    update_motions(update.step, static_cast<float>(learning_rate) * motion_rate,
-                   gradients.subspan(first, n), parameters.span().subspan(first, n),
-                   adam->first_moment.span().subspan(first, n),
-                   adam->second_moment.span().subspan(first, n));
-  }
-  std::ranges::fill(gradients.subspan(blocks), 0.0f);
-}
-
-void SplatModel::finish_step(kernels::Backend&, const StepRequest& request, const StepOutput&,
-                             std::int64_t step, AdamState* adam) {
-  if (step % densify_every != 0 || request.progress >= double(densified_until)) return;
-  const double grown = std::min(1.0, request.progress / double(grown_by));
-  DensifyOptions options;
-  options.target = static_cast<std::size_t>(
-      first_gaussians + grown * std::max(0, most_gaussians() - first_gaussians));
-  options.min_opacity = min_opacity;
-  std::vector<Eigen::Vector3f> bounds;
-  for (std::size_t a = 0, i = blocks_size() + gains.size(); a < actor_ids.size(); ++a, i += 3)
-    bounds.emplace_back(parameters[i], parameters[i + 1], parameters[i + 2]);
-  options.actor_bounds = bounds;
-  GaussianLayout layout = this->layout();
-  densify(options, random_key(request.seed, kStreamDensify, static_cast<std::uint64_t>(step)),
-          gains.size() + actors_size(), &layout, &parameters, adam);
-  gaussians = static_cast<int>(layout.world);
-  actor_ends = std::move(layout.actor_ends);
 }
 
 RenderedImage SplatModel::render(kernels::Backend& backend, const RayTable& rays,

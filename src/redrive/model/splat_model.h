@@ -82,8 +82,10 @@ struct SplatModel final : Model {
   std::int64_t independent_pixels(std::int64_t pixels) const override { return pixels / 8192; }
   std::vector<LossTerm> loss_terms(const StepSums& sums) const override;
   std::span<const float> sentinels(std::span<const float> gradients) const override {
-    return gradients.subspan(blocks_size());
+    return gradients.last(size() - blocks_size());
   }
+  std::size_t updated_in_step() const override { return blocks_size(); }
+  std::optional<std::size_t> bad_moment(std::span<const std::uint32_t> packed) const override;
   double learning_rate(const Schedule& at) const override;
   std::string describe_schedule(std::int64_t total_steps) const override;
   void update(kernels::Backend& backend, double learning_rate, std::int64_t step,
@@ -140,9 +142,11 @@ struct SplatModel final : Model {
   /// Sets the background to the mean colour of the images.
   void set_background(const TrainingSet& data);
   struct WindowStep;
+  AdamStep adam_step_of(double learning_rate, std::int64_t step) const;
+  kernels::GaussianUpdate gaussian_update(const StepUpdate& at) const;
   /// Sets the planes of ranges of a window; returns their number.
   int set_ranges(const TrainingSet& data, const WindowStep& step, MethodBuffers* buffers) const;
-  /// Adds a window's losses, times `weight`, and gradients.
+  /// Adds a window's losses, times `weight`, and gradients, or updates the Gaussians.
   void step_window(kernels::Backend& backend, const TrainingSet& data, const StepRequest& request,
                    const WindowStep& step, std::span<float> gradients, MethodBuffers* buffers,
                    double weight, StepSums* sums, StepOutput* out) const;
@@ -163,8 +167,12 @@ struct SplatModel final : Model {
   /// Returns the blocks that an object shows: `imported`, or of the actor of this id; empty where
   /// there are none.
   std::span<const float> blocks_of(std::int64_t id, const ActorBody* imported) const;
-  /// Offset and size of an actor's corrections in `parameters`.
+  /// Offset, behind the blocks of Gaussians in `parameters`, and size of an actor's corrections.
   std::pair<std::size_t, std::size_t> motions_of(std::size_t actor) const;
+  std::span<const float> motion_parameters(std::size_t actor) const {
+    const auto [first, n] = motions_of(actor);
+    return parameters.span().subspan(blocks_size() + first, n);
+  }
   /// Corrects where the camera sees the actors at t_ns; tracks of the scene that are corrected
   /// already stay.
   void correct_poses(const Scene& scene, std::int64_t t_ns, ShutterPoses* poses) const;

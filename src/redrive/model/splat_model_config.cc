@@ -245,7 +245,8 @@ std::string SplatModel::describe_schedule(std::int64_t) const {
 }
 
 std::uint64_t SplatModel::step_bytes() const {
-  constexpr std::uint64_t kBytesPerGaussian = 64 + 16 + 2 * 128;  // records, keys, pairs and sums
+  // Records, keys and, with a sixteenth to spare, two pairs and their sums.
+  constexpr std::uint64_t kBytesPerGaussian = 64 + 8 + 2 * (16 + 64) * 17 / 16;
   constexpr std::uint64_t kBytesPerPixel = 48 * sizeof(float);
   return kBytesPerGaussian * static_cast<std::uint64_t>(most_gaussians()) +
          kBytesPerPixel * static_cast<std::uint64_t>(window_pixels);

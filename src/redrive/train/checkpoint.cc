@@ -14,8 +14,10 @@ namespace redrive {
 namespace {
 
 constexpr const char* kCellErrors = "cell_errors";
+constexpr const char* kMoments[] = {"adam.first_moment", "adam.second_moment"};
 constexpr const char* kPoses[] = {"poses", "poses.first_moment", "poses.second_moment"};
-constexpr const char* kFormat = "redrive-14";
+constexpr const char* kPacked = "adam.packed";
+constexpr const char* kFormat = "redrive-15";
 
 /// Visits the scalars of a state, without its model's, once each by name; writing and reading share
 /// this list.
@@ -102,9 +104,9 @@ std::size_t product(const std::vector<std::int64_t>& shape) {
   return size;
 }
 
-Safetensors::Tensor& take(Safetensors& parsed, const std::string& name,
-                          const std::vector<std::int64_t>& shape,
-                          const std::filesystem::path& file) {
+const Safetensors::Tensor& take(const Safetensors& parsed, const std::string& name,
+                                const std::vector<std::int64_t>& shape,
+                                const std::filesystem::path& file, bool is_float = true) {
   const auto found = parsed.tensors.find(name);
   if (found == parsed.tensors.end()) throw InputError(file, name, "", "missing");
   if (found->second.shape != shape) {
@@ -113,7 +115,21 @@ Safetensors::Tensor& take(Safetensors& parsed, const std::string& name,
       text += (text.empty() ? "" : " x ") + std::to_string(size);
     throw InputError(file, name + ".shape", text, "does not match the model's numbers");
   }
+  if (found->second.is_float != is_float)
+    throw InputError(file, name + ".dtype", found->second.is_float ? "F32" : "U32",
+                     is_float ? "must be F32" : "must be U32");
   return found->second;
+}
+
+/// Returns the numbers of a tensor.
+template <class T = float>
+Buffer<T> read(const Safetensors& parsed, const std::string& name, std::size_t size,
+               const std::filesystem::path& file) {
+  const Safetensors::Tensor& tensor =
+      take(parsed, name, {static_cast<std::int64_t>(size)}, file, std::is_same_v<T, float>);
+  Buffer<T> out(size);
+  if (size > 0) tensor.copy_to(out.data());
+  return out;
 }
 
 SafetensorsFile checkpoint_file(const TrainState& state) {
@@ -132,19 +148,23 @@ SafetensorsFile checkpoint_file(const TrainState& state) {
   visit_model(state, note);
   std::vector<SafetensorsEntry> entries;
   for (const ModelTensor& tensor : model.tensors())
-    entries.push_back({tensor.name, tensor.shape,
-                       model.parameters.span().subspan(tensor.offset, product(tensor.shape))});
-  const std::vector<std::int64_t> all = {static_cast<std::int64_t>(model.parameters.size())};
-  entries.push_back({"adam.first_moment", all, state.adam.first_moment.span()});
-  entries.push_back({"adam.second_moment", all, state.adam.second_moment.span()});
+    entries.push_back({tensor.name,
+                       tensor.shape,
+                       model.parameters.span().subspan(tensor.offset, product(tensor.shape)),
+                       {}});
+  const std::vector<std::int64_t> all = {static_cast<std::int64_t>(state.adam.first_moment.size())};
+  entries.push_back({kMoments[0], all, state.adam.first_moment.span(), {}});
+  entries.push_back({kMoments[1], all, state.adam.second_moment.span(), {}});
+  if (const std::span<const std::uint32_t> packed = state.adam.packed; !packed.empty())
+    entries.push_back({kPacked, {static_cast<std::int64_t>(packed.size())}, {}, packed});
   if (const std::span<const float> errors = state.cell_errors; !errors.empty())
-    entries.push_back({kCellErrors, {static_cast<std::int64_t>(errors.size())}, errors});
+    entries.push_back({kCellErrors, {static_cast<std::int64_t>(errors.size())}, errors, {}});
   if (state.poses.refines()) {
     const std::vector<std::int64_t> of_poses = {
         static_cast<std::int64_t>(state.poses.corrections.size())};
-    entries.push_back({kPoses[0], of_poses, state.poses.corrections.values});
-    entries.push_back({kPoses[1], of_poses, state.poses.moments.first});
-    entries.push_back({kPoses[2], of_poses, state.poses.moments.second});
+    entries.push_back({kPoses[0], of_poses, state.poses.corrections.values, {}});
+    entries.push_back({kPoses[1], of_poses, state.poses.moments.first, {}});
+    entries.push_back({kPoses[2], of_poses, state.poses.moments.second, {}});
   }
   return make_safetensors(metadata, std::move(entries));
 }
@@ -159,7 +179,7 @@ std::string checkpoint_bytes(const TrainState& state) {
 }
 
 TrainState parse_checkpoint(std::string_view bytes, const std::filesystem::path& file) {
-  Safetensors parsed = parse_safetensors(bytes, file);
+  const Safetensors parsed = parse_safetensors(bytes, file);
   const auto text_of = [&](const std::string& name) {
     const auto found = parsed.metadata.find(name);
     if (found == parsed.metadata.end())
@@ -173,7 +193,7 @@ TrainState parse_checkpoint(std::string_view bytes, const std::filesystem::path&
   state.model = make_model(text_of("method"));
   if (!state.model) throw InputError(file, "__metadata__.method", text_of("method"), "unknown");
   Model& model = *state.model;
-  const auto read = [&]<class T>(const std::string& name, T& value) {
+  const auto read_number = [&]<class T>(const std::string& name, T& value) {
     const std::string text = text_of(name);
     bool valid = false;
     if constexpr (std::is_arithmetic_v<T>) {
@@ -187,8 +207,8 @@ TrainState parse_checkpoint(std::string_view bytes, const std::filesystem::path&
       throw InputError(file, "__metadata__." + name, text.substr(0, 80),
                        "must be a finite number in range");
   };
-  visit_numbers(state, read);
-  visit_model(state, read);
+  visit_numbers(state, read_number);
+  visit_model(state, read_number);
   check_state(state, file);
   const auto fail = [&](const Hyperparameter& what, const std::string& value,
                         const std::string& rule) {
@@ -198,51 +218,44 @@ TrainState parse_checkpoint(std::string_view bytes, const std::filesystem::path&
   check_ranges([&](HyperparameterVisitor& visit) { model.visit_state(visit); }, fail);
   model.check(fail);
 
-  const std::size_t total = model.size();
-  const std::vector<std::int64_t> all = {static_cast<std::int64_t>(total)};
-  const auto hand_over = [](Safetensors::Tensor& from, float* to) {
-    std::copy(from.values.begin(), from.values.end(), to);
-    std::vector<float>().swap(
-        from.values);  // frees it, to hold at most two copies of large tensors
-  };
-  // Checks the largest tensor first, so that no more is allocated than the file contains.
-  Safetensors::Tensor& first = take(parsed, "adam.first_moment", all, file);
-  Safetensors::Tensor& second = take(parsed, "adam.second_moment", all, file);
-  state.adam.first_moment = Buffer<float>(total);
-  hand_over(first, state.adam.first_moment.data());
-  state.adam.second_moment = Buffer<float>(total);
-  hand_over(second, state.adam.second_moment.data());
-  model.parameters = Buffer<float>(total);
-  for (std::size_t i = 0; i < total; ++i)
-    if (state.adam.second_moment[i] < 0)
-      throw InputError(file, "adam.second_moment[" + std::to_string(i) + "]",
-                       std::to_string(state.adam.second_moment[i]), "must not be negative");
+  // Checks the largest tensors first, so that no more is allocated than the file contains.
+  const std::size_t packed = model.updated_in_step(), others = model.size() - packed;
+  AdamState& adam = state.adam;
+  if (packed > 0) adam.packed = read<std::uint32_t>(parsed, kPacked, packed, file);
+  if (const auto i = model.bad_moment(adam.packed))
+    throw InputError(file, kPacked + ("[" + std::to_string(*i) + "]"),
+                     std::to_string(adam.packed[*i]), "must be of finite moments");
+  adam.first_moment = read(parsed, kMoments[0], others, file);
+  adam.second_moment = read(parsed, kMoments[1], others, file);
+  for (std::size_t i = 0; i < others; ++i)
+    if (adam.second_moment[i] < 0)
+      throw InputError(file, kMoments[1] + ("[" + std::to_string(i) + "]"),
+                       std::to_string(adam.second_moment[i]), "must not be negative");
   const std::vector<ModelTensor> tensors = model.tensors();
+  model.parameters = Buffer<float>(model.size());
   for (const ModelTensor& tensor : tensors)
-    hand_over(take(parsed, tensor.name, tensor.shape, file),
-              model.parameters.data() + tensor.offset);
+    take(parsed, tensor.name, tensor.shape, file).copy_to(model.parameters.data() + tensor.offset);
   const auto cells = parsed.tensors.find(kCellErrors);
   const bool with_errors = cells != parsed.tensors.end();
-  if (with_errors) {
-    const auto count = static_cast<std::int64_t>(cells->second.values.size());
-    state.cell_errors = Buffer<float>(cells->second.values.size());
-    std::ranges::copy(take(parsed, kCellErrors, {count}, file).values, state.cell_errors.data());
-  }
+  if (with_errors) state.cell_errors = read(parsed, kCellErrors, cells->second.size(), file);
   for (std::size_t i = 0; i < state.cell_errors.size(); ++i)
     if (state.cell_errors[i] < 0 || state.cell_errors[i] > kInitialError)
       throw InputError(file, kCellErrors + ("[" + std::to_string(i) + "]"),
                        std::to_string(state.cell_errors[i]), "must be in 0..1");
-  const bool with_poses = state.poses.corrections.size() > 0;
+  const std::size_t of_poses = state.poses.corrections.size();
+  const bool with_poses = of_poses > 0;
   if (with_poses) {
-    const std::vector<std::int64_t> of_poses = {
-        static_cast<std::int64_t>(state.poses.corrections.size())};
-    state.poses.corrections.values = std::move(take(parsed, kPoses[0], of_poses, file).values);
-    state.poses.moments.first = std::move(take(parsed, kPoses[1], of_poses, file).values);
-    state.poses.moments.second = std::move(take(parsed, kPoses[2], of_poses, file).values);
+    const auto values = [&](int i) {
+      const Buffer<float> numbers = read(parsed, kPoses[i], of_poses, file);
+      return std::vector<float>(numbers.data(), numbers.data() + of_poses);
+    };
+    state.poses.corrections.values = values(0);
+    state.poses.moments.first = values(1);
+    state.poses.moments.second = values(2);
     for (const float v : state.poses.moments.second)
       if (v < 0) throw InputError(file, kPoses[2], std::to_string(v), "must not be negative");
   }
-  const std::size_t expected = tensors.size() + 2 + with_errors + 3 * with_poses;
+  const std::size_t expected = tensors.size() + 2 + (packed > 0) + with_errors + 3 * with_poses;
   if (parsed.tensors.size() != expected)
     throw InputError(file, "", std::to_string(parsed.tensors.size()) + " tensors",
                      "must be " + std::to_string(expected));

@@ -13,6 +13,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/rng.h"
+#include "redrive/optim/packed_moments.h"
 #include "redrive/train/safetensors.h"
 #include "redrive/train/train_testing.h"
 
@@ -24,6 +25,8 @@ inline TrainState midway(TrainState state) {
     state.adam.first_moment[i] = random_unit(1, i) - 0.5f;
     state.adam.second_moment[i] = random_unit(2, i) * 1e-30f;
   }
+  for (std::size_t i = 0; i < state.adam.packed.size(); ++i)
+    state.adam.packed[i] = pack_moments(random_unit(3, i) - 0.5f, random_unit(4, i));
   state.step = 123456789012;
   state.pixels_drawn = 9876543210987;
   state.seconds = 0.1 + 0.2;

@@ -111,11 +111,14 @@ StepResult DataParallelGroup::reduce_over_processes() {
 StepResult DataParallelGroup::step(const TrainingSet& data, const StepRequest& request,
                                    double learning_rate) {
   const bool several = ranks_.size() > 1;
+  const StepUpdate update =
+      size() > 1 ? StepUpdate() : update_in_step(learning_rate, first().state);
   each([&](Rank& rank) {
     StepRequest own = request;
     own.rank = rank.rank;
     own.world_size = size();
     own.error_map = &rank.state->cell_errors;
+    if (!update.parameters.empty()) own.update = &update;
     rank.result = step_gradients(rank.backend, data, own, *rank.state, &rank.buffers);
     if (!several || rank.result.cells.empty()) return;
     rank.backend.download(kernels::as_floats(rank.result.cells));

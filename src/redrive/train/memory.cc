@@ -39,16 +39,20 @@ std::string what_to_lower(std::vector<std::pair<std::uint64_t, std::string>> par
 
 }  // namespace
 
-MemoryEstimate estimate_memory(const Run& run, int threads) {
+MemoryEstimate estimate_memory(const Run& run, int threads, bool data_parallel) {
   const Scene& scene = run.scene;
   const Model& model = *run.state.model;
-  const std::uint64_t parameters = sizeof(float) * model.max_size();
+  // Of those that a step updates itself, which may become more, moments are packed, and there are
+  // gradients in data-parallel training alone.
+  const std::uint64_t others = model.size() - model.updated_in_step(),
+                      in_step = model.max_size() - others,
+                      state = sizeof(float) * (2 * in_step + 3 * others);
   MemoryEstimate need;
   need.program = kProgram + std::uint64_t(threads) * kThread;
   const auto gpus =
       static_cast<std::uint64_t>(run.options.gpus);  // each with its own state and step
-  need.state = gpus * 3 * parameters;
-  need.saving = (gpus > 1 ? 2 : 1) * 3 * parameters;  // or while copied to the other ranks
+  need.state = gpus * state;
+  need.saving = (gpus > 1 ? 2 : 1) * state;  // or while copied to the other ranks
 
   // Image8 and the lists of unmasked, or of opaque and transparent pixels (UsedPixels): a bit per
   // pixel and a count every 64.
@@ -115,7 +119,8 @@ MemoryEstimate estimate_memory(const Run& run, int threads) {
     need.lidar = used * kReturn;
     need.sorting = bytes + points * sizeof(Eigen::Vector3d) + used * kCloudPoint;
   }
-  need.step = gpus * (parameters + model.step_bytes());
+  need.step =
+      gpus * (sizeof(float) * (others + (data_parallel ? in_step : 0)) + model.step_bytes());
   need.step_option = step_option(model);
   return need;
 }

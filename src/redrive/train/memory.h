@@ -29,7 +29,7 @@ struct MemoryEstimate {
   std::uint64_t rays = 0;     ///< directions of all pixels of all cameras
   std::uint64_t step = 0;     ///< gradients and a batch's working memory
   std::string step_option;    ///< that lowers it: "--batch (2048 rays: "
-  std::uint64_t saving = 0;   ///< a checkpoint before it is written
+  std::uint64_t saving = 0;   ///< a checkpoint that a run goes back to
 
   std::uint64_t total() const { return total_with(images); }  ///< at the peak
   /// With a cache of the smallest size, where images may be in one.
@@ -42,7 +42,7 @@ struct MemoryEstimate {
     return sum + sum / 20;  // small buffers, and gaps between blocks
   }
 };
-MemoryEstimate estimate_memory(const Run& run, int threads);
+MemoryEstimate estimate_memory(const Run& run, int threads, bool data_parallel = false);
 
 /// Returns the bytes of the cache of images (ImageCacheOptions) that --memory leaves, where not all
 /// images fit; nothing where they do. `need` must have passed check_memory.

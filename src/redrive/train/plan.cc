@@ -54,8 +54,7 @@ TrainingRates measure_rates(Run* run, kernels::Backend& backend, int steps) {
   TrainState& state = run->state;
   rates.start_s =
       cores / images * seconds_of([&] { model.initialize_from(set, state.seed, pool); });
-  state.adam.first_moment = Buffer<float>(model.size());
-  state.adam.second_moment = Buffer<float>(model.size());
+  state.adam = model.zero_moments();
   if (model.uses_error_map()) {
     state.cell_errors = Buffer<float>(sampler.cells().size());
     std::ranges::fill(state.cell_errors.span(), kInitialError);

@@ -33,8 +33,12 @@ struct Extent {
 std::vector<std::string_view> SafetensorsFile::parts() const {
   std::vector<std::string_view> parts{header};
   for (const SafetensorsEntry& entry : entries)
-    parts.emplace_back(reinterpret_cast<const char*>(entry.values.data()),
-                       entry.values.size_bytes());
+    if (entry.words.empty())
+      parts.emplace_back(reinterpret_cast<const char*>(entry.values.data()),
+                         entry.values.size_bytes());
+    else
+      parts.emplace_back(reinterpret_cast<const char*>(entry.words.data()),
+                         entry.words.size_bytes());
   return parts;
 }
 
@@ -44,9 +48,10 @@ SafetensorsFile make_safetensors(const std::map<std::string, std::string>& metad
   header["__metadata__"] = metadata;
   std::size_t offset = 0;
   for (const SafetensorsEntry& entry : entries) {
-    const std::size_t end = offset + entry.values.size_bytes();
-    header[entry.name] = {
-        {"dtype", "F32"}, {"shape", entry.shape}, {"data_offsets", {offset, end}}};
+    const std::size_t end = offset + entry.values.size_bytes() + entry.words.size_bytes();
+    header[entry.name] = {{"dtype", entry.words.empty() ? "F32" : "U32"},
+                          {"shape", entry.shape},
+                          {"data_offsets", {offset, end}}};
     offset = end;
   }
   std::string text = header.dump();
@@ -84,8 +89,8 @@ Safetensors parse_safetensors(std::string_view bytes, const std::filesystem::pat
     if (!entry.is_object() || !entry.contains("dtype") || !entry.contains("shape") ||
         !entry.contains("data_offsets"))
       throw InputError(file, name, shown(entry), "must have dtype, shape and data_offsets");
-    if (entry["dtype"] != "F32")
-      throw InputError(file, name + ".dtype", shown(entry["dtype"]), "must be F32");
+    if (entry["dtype"] != "F32" && entry["dtype"] != "U32")
+      throw InputError(file, name + ".dtype", shown(entry["dtype"]), "must be F32 or U32");
     const auto whole = [&, &name = name](const nlohmann::json& list, const char* field) {
       std::vector<std::int64_t> numbers;
       if (!list.is_array() || list.size() > 8)
@@ -115,12 +120,15 @@ Safetensors parse_safetensors(std::string_view bytes, const std::filesystem::pat
     if (count > data.size() || count * sizeof(float) != end - begin)
       throw InputError(file, name + ".shape", shown(entry["shape"]),
                        "does not match its data of " + std::to_string(end - begin) + " bytes");
-    tensor.values.resize(count);
-    if (count > 0) std::memcpy(tensor.values.data(), data.data() + begin, count * sizeof(float));
-    for (std::size_t i = 0; i < count; ++i)
-      if (!std::isfinite(tensor.values[i]))
-        throw InputError(file, name + "[" + std::to_string(i) + "]",
-                         std::to_string(tensor.values[i]), "must be finite");
+    tensor.is_float = entry["dtype"] == "F32";
+    tensor.data = data.substr(begin, end - begin);
+    for (std::size_t i = 0; tensor.is_float && i < count; ++i) {
+      float value = 0;
+      std::memcpy(&value, tensor.data.data() + i * sizeof value, sizeof value);
+      if (!std::isfinite(value))
+        throw InputError(file, name + "[" + std::to_string(i) + "]", std::to_string(value),
+                         "must be finite");
+    }
     extents.push_back({begin, end, name});
     result.tensors.emplace(name, std::move(tensor));
   }

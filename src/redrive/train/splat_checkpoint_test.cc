@@ -27,8 +27,7 @@ TrainState example_splat_state(bool with_actors = false) {
   model->parameters = Buffer<float>(model->size());
   for (std::size_t i = 0; i < model->size(); ++i) model->parameters[i] = random_unit(3, i) - 0.5f;
   TrainState state;
-  state.adam.first_moment = Buffer<float>(model->size());
-  state.adam.second_moment = Buffer<float>(model->size());
+  state.adam = model->zero_moments();
   state.model = std::move(model);
   return midway(std::move(state));
 }
@@ -40,6 +39,7 @@ TEST(SplatCheckpoint, RoundTripIsBitExact) {
   expect_equal(back.model->parameters, state.model->parameters);
   expect_equal(back.adam.first_moment, state.adam.first_moment);
   expect_equal(back.adam.second_moment, state.adam.second_moment);
+  EXPECT_TRUE(std::ranges::equal(back.adam.packed.span(), state.adam.packed.span()));
   const auto& model = dynamic_cast<const SplatModel&>(*back.model);
   EXPECT_EQ(model.gaussians, 17);
   EXPECT_EQ(model.first_gaussians, 5);
@@ -60,7 +60,7 @@ TEST(SplatCheckpoint, RejectsDamageToActorsByName) {
            {"actor_ends", "5", "__metadata__.actor_ends"},
            {"actor_ends", "3,4000000000", "__metadata__.actor_ends"},
            {"actor_ends", "3,x", "__metadata__.actor_ends"},
-           {"actor_ends", "3,6", "adam.first_moment.shape"},
+           {"actor_ends", "3,6", "adam.packed.shape"},
            {"actor_ids", "-4", "__metadata__.actor_keys"},
            {"actor_keys", "2", "__metadata__.actor_keys"},
            {"actor_keys", "2,7", "adam.first_moment.shape"},
@@ -75,7 +75,7 @@ TEST(SplatCheckpoint, RejectsDamageToActorsByName) {
 TEST(SplatCheckpoint, RejectsDamageByName) {
   const std::string good = checkpoint_bytes(example_splat_state());
   ASSERT_EQ(checkpoint_error(good), "");
-  const auto number = [](const char* tensor, int index, float value) {
+  const auto number = [](const char* tensor, int index, auto value) {
     return [=](CheckpointParts& p) {
       const auto begin = p.header[tensor]["data_offsets"][0].get<std::size_t>();
       std::memcpy(p.data.data() + begin + 4 * index, &value, 4);
@@ -83,17 +83,16 @@ TEST(SplatCheckpoint, RejectsDamageByName) {
   };
   const float nan = std::numeric_limits<float>::quiet_NaN();
   const CheckpointDamage table[] = {
-      {"fewer Gaussians", with_metadata("gaussians", "16"), "adam.first_moment.shape"},
-      {"more Gaussians", with_metadata("gaussians", "33"), "adam.first_moment.shape"},
-      {"no Gaussians", with_metadata("gaussians", "0"), "adam.first_moment.shape"},
+      {"fewer Gaussians", with_metadata("gaussians", "16"), "adam.packed.shape"},
+      {"more Gaussians", with_metadata("gaussians", "33"), "adam.packed.shape"},
+      {"no Gaussians", with_metadata("gaussians", "0"), "6 tensors"},
       {"a negative number", with_metadata("gaussians", "-1"), "__metadata__.gaussians"},
       {"a negative first number", with_metadata("first_gaussians", "-17"),
        "__metadata__.first_gaussians"},
       {"beyond all memory", with_metadata("gaussians", "1000000000"), "__metadata__.gaussians"},
       {"beyond int", with_metadata("gaussians", "4294967313"), "__metadata__.gaussians"},
       {"half a Gaussian", with_metadata("gaussians", "17.5"), "__metadata__.gaussians"},
-      {"the most that is allowed", with_metadata("gaussians", "20000000"),
-       "adam.first_moment.shape"},
+      {"the most that is allowed", with_metadata("gaussians", "20000000"), "adam.packed.shape"},
       {"number missing", [](CheckpointParts& p) { p.header["__metadata__"].erase("gaussians"); },
        "__metadata__.gaussians"},
       {"knots", with_metadata("appearance.knots", "4"), "adam.first_moment.shape"},
@@ -105,7 +104,12 @@ TEST(SplatCheckpoint, RejectsDamageByName) {
        "gaussians.shape"},
       {"a NaN", number("gaussians", 100, nan), "gaussians[100]"},
       {"a NaN among the exposures", number("appearance", 4, nan), "appearance[4]"},
-      {"a negative square", number("adam.second_moment", 700, -1), "adam.second_moment[700]"},
+      {"a negative square", number("adam.second_moment", 7, -1.0f), "adam.second_moment[7]"},
+      {"an infinite moment", number("adam.packed", 600, 0x7f800000u), "adam.packed[600]"},
+      {"an infinite square", number("adam.packed", 601, 0xff00u), "adam.packed[601]"},
+      {"an infinite error", number("adam.packed", 23 * 16 + 5, 0xff800000u), "adam.packed[373]"},
+      {"moments that are not words",
+       [](CheckpointParts& p) { p.header["adam.packed"]["dtype"] = "F32"; }, "adam.packed.dtype"},
       {"scales", with_metadata("max_scale", "0.0001"), "__metadata__.max_scale"},
       {"another method's numbers", with_metadata("method", "grid"), "__metadata__"},
   };

@@ -31,9 +31,10 @@ class InterferingRasteriser final : public InterferingBackend, public kernels::G
   void rasterise_backward(const kernels::GaussianCamera& camera,
                           const kernels::Gaussians& gaussians,
                           const kernels::RasterOptions& options, const kernels::RasterImage& image,
-                          const kernels::RasterGradient& gradient, std::span<float> gradients,
+                          const kernels::RasterGradient& gradient,
+                          const kernels::GaussianDerivatives& to,
                           std::span<GaussianPoseGradient<NumberMath<double>>> d_poses) override {
-    inner_.rasterise_backward(camera, gaussians, options, image, gradient, gradients, d_poses);
+    inner_.rasterise_backward(camera, gaussians, options, image, gradient, to, d_poses);
     if (step_ == what_.kill_at) throw Killed();
   }
   kernels::ImageLossOutput image_loss(const kernels::ImageLossInput& input, std::span<float> d_rgb,
@@ -41,10 +42,10 @@ class InterferingRasteriser final : public InterferingBackend, public kernels::G
     return inner_.image_loss(input, d_rgb, error);
   }
   void update_gaussians(const kernels::GaussianUpdate& update, std::size_t n,
-                        std::span<float> gradients, std::span<float> numbers,
-                        std::span<float> first_moment, std::span<float> second_moment) override {
-    inner_.update_gaussians(update, n, gradients, numbers, first_moment, second_moment);
+                        std::span<const float> gradients) override {
+    inner_.update_gaussians(update, n, gradients);
   }
+  void release() override { inner_.release(); }
 
  private:
   kernels::GaussianStages& inner_;

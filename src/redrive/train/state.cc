@@ -7,8 +7,7 @@ TrainState initial_state(std::unique_ptr<Model> model, std::uint64_t seed) {
   TrainState state;
   state.model = std::move(model);
   state.model->initialize(seed);
-  state.adam.first_moment = Buffer<float>(state.model->size());
-  state.adam.second_moment = Buffer<float>(state.model->size());
+  state.adam = state.model->zero_moments();
   state.seed = seed;
   return state;
 }

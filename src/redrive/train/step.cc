@@ -14,12 +14,17 @@ StepRequest next_step(const TrainState& state) {
   return request;
 }
 
-StepResult step_gradients(kernels::Backend& backend, const TrainState& state, StepBuffers* buffers,
-                          const DrawStep& draw) {
+StepUpdate update_in_step(double learning_rate, TrainState* state) {
+  if (state->model->updated_in_step() == 0) return {};
+  return {learning_rate, state->step + 1, state->model->parameters, &state->adam};
+}
+
+StepResult step_gradients(kernels::Backend& backend, const TrainState& state, std::size_t size,
+                          StepBuffers* buffers, const DrawStep& draw) {
   const Model& model = *state.model;
-  if (buffers->gradients.size() != model.size()) {
-    buffers->gradients = {};                           // not both at once
-    buffers->gradients = Buffer<float>(model.size());  // zeros
+  if (buffers->gradients.size() != size) {
+    buffers->gradients = {};                   // not both at once
+    buffers->gradients = Buffer<float>(size);  // zeros
   }
   const std::span<float> gradients = buffers->gradients;
   kernels::make_resident(backend, buffers->gradients);
@@ -45,7 +50,9 @@ StepResult step_gradients(kernels::Backend& backend, const TrainState& state, St
 StepResult step_gradients(kernels::Backend& backend, const TrainingSet& data,
                           const StepRequest& request, const TrainState& state,
                           StepBuffers* buffers) {
-  return step_gradients(backend, state, buffers, [&](std::span<float> gradients) {
+  const std::size_t updated = request.update ? state.model->updated_in_step() : 0,
+                    size = state.model->size() - updated;
+  return step_gradients(backend, state, size, buffers, [&](std::span<float> gradients) {
     return state.model->step(backend, data, request, gradients, buffers);
   });
 }
@@ -65,7 +72,10 @@ void apply_step(kernels::Backend& backend, const StepRequest& request, const Ste
 StepResult train_step(kernels::Backend& backend, const TrainingSet& data,
                       const StepRequest& request, double learning_rate, TrainState* state,
                       StepBuffers* buffers) {
-  const StepResult result = step_gradients(backend, data, request, *state, buffers);
+  StepRequest updating = request;
+  const StepUpdate update = update_in_step(learning_rate, state);
+  if (!update.parameters.empty()) updating.update = &update;
+  const StepResult result = step_gradients(backend, data, updating, *state, buffers);
   apply_step(backend, request, result, learning_rate, state, buffers);
   return result;
 }

@@ -155,7 +155,7 @@ inline BatchResult train_step(kernels::Backend& backend, const RayBatch& batch,
   const auto& model = dynamic_cast<const RayModel&>(*state->model);
   BatchResult result;
   static_cast<StepResult&>(result) =
-      step_gradients(backend, *state, buffers, [&](std::span<float> gradients) {
+      step_gradients(backend, *state, model.size(), buffers, [&](std::span<float> gradients) {
         const RayGradientsOutput rays = model.gradients(backend, batch, state->seed, state->step,
                                                         gradients, &buffers->workspace);
         if (lidar && lidar->n > 0)
@@ -224,6 +224,7 @@ inline bool same_weights(const TrainState& a, const TrainState& b) {
   return bit_equal(a.model->parameters, b.model->parameters) &&
          bit_equal(a.adam.first_moment, b.adam.first_moment) &&
          bit_equal(a.adam.second_moment, b.adam.second_moment) &&
+         std::ranges::equal(a.adam.packed.span(), b.adam.packed.span()) &&
          bit_equal(a.cell_errors, b.cell_errors);
 }
 

@@ -123,9 +123,7 @@ class Trainer {
     ThreadPool pool(group_.first().backend.threads());
     model.initialize_from(data_, state_.seed, pool);
     state_.seconds += seconds_since(begin);
-    if (state_.adam.first_moment.size() == model.size()) return;
-    state_.adam.first_moment = Buffer<float>(model.size());
-    state_.adam.second_moment = Buffer<float>(model.size());
+    if (state_.adam.size() != model.size()) state_.adam = model.zero_moments();
   }
 
   /// Returns a number of each process.
@@ -154,6 +152,7 @@ class Trainer {
          {&state_.model->parameters, &state_.adam.first_moment, &state_.adam.second_moment})
       for (const float number : numbers->span())
         hash = mix64(hash ^ std::bit_cast<std::uint32_t>(number));
+    for (const std::uint32_t packed : state_.adam.packed.span()) hash = mix64(hash ^ packed);
     const std::vector<double> hashes = of_processes(static_cast<double>(hash >> 12));  // exact
     if (std::ranges::count(hashes, hashes.front()) != std::ssize(hashes))
       throw UsageError(

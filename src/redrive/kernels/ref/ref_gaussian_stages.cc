@@ -4,12 +4,14 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <vector>
 
 #include "redrive/kernels/check_gaussian_sizes.h"
 #include "redrive/kernels/target_window.h"
 #include "redrive/math/shutter_row.h"
+#include "redrive/optim/packed_moments.h"
 #include "redrive/optim/ssim.h"
 #include "redrive/optim/ssim_gradient.h"
 #include "redrive/volume/blend_gaussians.h"
@@ -115,10 +117,11 @@ class RefGaussianStages final : public GaussianStages {
 
   void rasterise_backward(const GaussianCamera& camera, const Gaussians& gaussians,
                           const RasterOptions& options, const RasterImage& image,
-                          const RasterGradient& gradient, std::span<float> gradients,
+                          const RasterGradient& gradient, const GaussianDerivatives& to,
                           std::span<GaussianPoseGradient<Math>> d_poses) override {
-    check_rasterise_backward(camera, gaussians, options, image, gradient, gradients.size(),
-                             d_poses.size());
+    check_rasterise_backward(camera, gaussians, options, image, gradient, to, d_poses.size());
+    std::vector<float> to_apply(to.update ? gaussians.numbers.size() : 0);
+    const std::span<float> gradients = to.update ? to_apply : to.gradients;
     RasterMemory& w = memory_;
     std::vector<Splat2dGradient> sums(w.splats.size());
     const std::size_t plane = image.size.plane();
@@ -152,7 +155,9 @@ class RefGaussianStages final : public GaussianStages {
         d_poses[d.part].rotation[k] += of_pose.rotation[k];
       }
     }
+    if (to.update) update_gaussians(*to.update, gaussians.n, gradients);
   }
+  void release() override { memory_ = {}; }
 
   ImageLossOutput image_loss(const ImageLossInput& input, std::span<float> d_rgb,
                              std::span<float> error) override {
@@ -220,31 +225,29 @@ class RefGaussianStages final : public GaussianStages {
     return out;
   }
 
-  void update_gaussians(const GaussianUpdate& update, std::size_t n, std::span<float> gradients,
-                        std::span<float> numbers, std::span<float> first_moment,
-                        std::span<float> second_moment) override {
-    check_update_gaussians(n, gradients.size(), numbers.size(), first_moment.size(),
-                           second_moment.size());
+  void update_gaussians(const GaussianUpdate& update, std::size_t n,
+                        std::span<const float> gradients) override {
+    check_update_gaussians(update, n, gradients.size());
+    const std::span<float> numbers = update.numbers;
     for (std::size_t i = 0; i < n; ++i) {
       if (gradients[gaussian_slot(i, kOpacityRow)] == 0) continue;
       const float distance = numbers[gaussian_slot(i, kDistanceRow)];
       bool finite = true;
       for (int row = 0; row < kDistanceRow; ++row)
         finite &= std::isfinite(gradients[gaussian_slot(i, row)]);
-      if (!finite) {
-        for (int row = 0; row < kGaussianRows; ++row) gradients[gaussian_slot(i, row)] = 0;
-        continue;
-      }
+      if (!finite) continue;
       for (int row = 0; row < kDistanceRow; ++row) {
         const std::size_t slot = gaussian_slot(i, row);
         AdamStep step = update.step;
         step.learning_rate = update.rates[row] * (row < kLogScaleRow ? distance : 1);
-        adam_update(step, gradients[slot], numbers[slot], first_moment[slot], second_moment[slot]);
-        gradients[slot] = 0;
+        std::uint32_t& packed = update.moments[slot];
+        float m = unpacked_first(packed), v = unpacked_second(packed);
+        adam_update(step, gradients[slot], numbers[slot], m, v);
+        packed = pack_moments(m, v);
       }
-      const std::size_t error = gaussian_slot(i, kDistanceRow);
-      first_moment[error] += gradients[error];
-      gradients[error] = 0;
+      const std::size_t slot = gaussian_slot(i, kDistanceRow);
+      std::uint32_t& error = update.moments[slot];
+      error = std::bit_cast<std::uint32_t>(std::bit_cast<float>(error) + gradients[slot]);
       const float log_distance = std::log(std::max(distance, 1e-6f)),
                   least = update.min_log_scale + log_distance,
                   most = update.max_log_scale + log_distance;

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstddef>
 #include <utility>
 #include <vector>
 
@@ -23,17 +24,20 @@ constexpr std::size_t kTilesPerRange = 4;
 constexpr int kKeyBits = 11;  // a pass of the radix sort handles so many
 constexpr std::size_t kBuckets = std::size_t{1} << kKeyBits;
 
-/// Returns `buffer` with at least n numbers of any value.
+/// Returns `buffer` with at least n numbers of any value. spare: what is allocated beyond.
 template <class T>
-T* grown(Buffer<T>* buffer, std::size_t n) {
-  if (buffer->size() < n) *buffer = Buffer<T>(n + n / 2);
+T* grown(Buffer<T>* buffer, std::size_t n, std::size_t spare = 0) {
+  if (buffer->size() < n) {
+    *buffer = {};  // not both at once
+    *buffer = Buffer<T>(n + spare);
+  }
   return buffer->data();
 }
 
 /// Working memory of a tile, one for each thread.
 float* tile_memory(std::size_t floats) {
   thread_local Buffer<float> memory;
-  return grown(&memory, floats);
+  return grown(&memory, floats, floats / 2);
 }
 
 /// Blocks of Gaussians that are seen from the same poses.
@@ -45,29 +49,34 @@ struct Segment {
 
 /// Results of a forward pass that its backward pass reads.
 struct RasterMemory {
-  Buffer<RasterRecord> records;        ///< by Gaussian
-  Buffer<std::uint16_t> visible;       ///< by block
-  Buffer<std::uint64_t> keys, sorted;  ///< by Gaussian, of the visible ones
-  Buffer<TilePair> unordered, pairs;
-  Buffer<float> sums;                ///< [pairs, kRecordFloats]
+  Buffer<RasterRecord> records;   ///< by Gaussian
+  Buffer<std::uint16_t> visible;  ///< by block
+  Buffer<std::uint64_t> keys;     ///< of the visible Gaussians
+  Buffer<TilePair> pairs;
+  /// In turn: keys between two passes of their sort, pairs in the order of their making, sums
+  /// [pairs, kRecordFloats] of floats.
+  Buffer<std::byte> scratch;
   std::vector<std::uint32_t> first;  ///< [tiles + 1]: first pair of each tile
   std::size_t n_visible = 0;
   std::vector<Segment> segments;
+
+  template <class T>
+  T* scratch_of(std::size_t n) {
+    const std::size_t bytes = n * sizeof(T);
+    return reinterpret_cast<T*>(grown(&scratch, bytes, bytes / 16));
+  }
 };
 
 /// Sorts keys by their upper half, ascending and stable, by the bits that positive floats up to
 /// 2^-14 of their value differ in.
-void sort_by_distance(Buffer<std::uint64_t>* keys, Buffer<std::uint64_t>* memory, std::size_t n) {
-  grown(memory, n);
+void sort_by_distance(std::uint64_t* keys, std::uint64_t* memory, std::size_t n) {
   for (const int shift : {32 + 9, 32 + 9 + kKeyBits}) {
     std::array<std::uint32_t, kBuckets> next{};
-    const std::uint64_t* const from = keys->data();
-    std::uint64_t* const to = memory->data();
-    for (std::size_t i = 0; i < n; ++i) ++next[from[i] >> shift & (kBuckets - 1)];
+    for (std::size_t i = 0; i < n; ++i) ++next[keys[i] >> shift & (kBuckets - 1)];
     std::uint32_t before = 0;
     for (std::uint32_t& count : next) before += std::exchange(count, before);
-    for (std::size_t i = 0; i < n; ++i) to[next[from[i] >> shift & (kBuckets - 1)]++] = from[i];
-    std::swap(*keys, *memory);
+    for (std::size_t i = 0; i < n; ++i) memory[next[keys[i] >> shift & (kBuckets - 1)]++] = keys[i];
+    std::swap(keys, memory);  // after both passes they are where they were
   }
 }
 
@@ -86,7 +95,7 @@ class CpuGaussianStages final : public GaussianStages {
     RasterMemory& w = memory_;
     const RasterSize size = raster_size(camera.camera.width, camera.camera.height);
     project(camera, gaussians, &w);
-    sort_by_distance(&w.keys, &w.sorted, w.n_visible);
+    sort_by_distance(w.keys.data(), w.scratch_of<std::uint64_t>(w.n_visible), w.n_visible);
     bin(size, options, &w);
     image->size = size;
     grown(&image->rgb, 3 * size.plane());
@@ -105,12 +114,11 @@ class CpuGaussianStages final : public GaussianStages {
 
   void rasterise_backward(const GaussianCamera& camera, const Gaussians& gaussians,
                           const RasterOptions& options, const RasterImage& image,
-                          const RasterGradient& gradient, std::span<float> gradients,
+                          const RasterGradient& gradient, const GaussianDerivatives& to,
                           std::span<GaussianPoseGradient<NumberMath<double>>> d_poses) override {
-    check_rasterise_backward(camera, gaussians, options, image, gradient, gradients.size(),
-                             d_poses.size());
+    check_rasterise_backward(camera, gaussians, options, image, gradient, to, d_poses.size());
     RasterMemory& w = memory_;
-    float* const sums = grown(&w.sums, w.first.back() * std::size_t{kRecordFloats});
+    float* const sums = w.scratch_of<float>(w.first.back() * std::size_t{kRecordFloats});
     for_tiles(image.size, options, w, [&](TileJob* job) {
       job->rgb = const_cast<float*>(image.rgb.data());  // only read
       job->transmittance = const_cast<float*>(image.transmittance.data());
@@ -128,7 +136,9 @@ class CpuGaussianStages final : public GaussianStages {
     job.records = w.records.data();
     job.visible = w.visible.data();
     job.sums = sums;
-    job.gradients = gradients.data();
+    job.gradients = to.gradients.data();
+    const UpdateJob update = to.update ? update_job(*to.update) : UpdateJob();
+    if (to.update) job.update = &update;
     const std::size_t blocks = gaussian_blocks(gaussians.n);
     using PoseSums = std::array<double, 6>;
     std::vector<std::vector<PoseSums>> sums_of_range(blocks / kBlocksPerRange + 1);
@@ -207,28 +217,30 @@ class CpuGaussianStages final : public GaussianStages {
     return out;
   }
 
-  void update_gaussians(const GaussianUpdate& update, std::size_t n, std::span<float> gradients,
-                        std::span<float> numbers, std::span<float> first_moment,
-                        std::span<float> second_moment) override {
-    check_update_gaussians(n, gradients.size(), numbers.size(), first_moment.size(),
-                           second_moment.size());
-    const UpdateJob job{.rates = update.rates,
-                        .beta1 = update.step.beta1,
-                        .beta2 = update.step.beta2,
-                        .bias1 = update.step.bias1,
-                        .bias2 = update.step.bias2,
-                        .epsilon = update.step.epsilon,
-                        .min_log_scale = update.min_log_scale,
-                        .max_log_scale = update.max_log_scale,
-                        .gradients = gradients.data(),
-                        .numbers = numbers.data(),
-                        .first_moment = first_moment.data(),
-                        .second_moment = second_moment.data()};
-    pool_.run_ranges(gaussian_blocks(n), kBlocksPerRange,
-                     [&](std::size_t begin, std::size_t end) { kernels_.update(job, begin, end); });
+  void update_gaussians(const GaussianUpdate& update, std::size_t n,
+                        std::span<const float> gradients) override {
+    check_update_gaussians(update, n, gradients.size());
+    const UpdateJob job = update_job(update);
+    pool_.run_ranges(gaussian_blocks(n), kBlocksPerRange, [&](std::size_t begin, std::size_t end) {
+      kernels_.update(job, gradients.data(), begin, end);
+    });
   }
+  void release() override { memory_ = {}; }
 
  private:
+  static UpdateJob update_job(const GaussianUpdate& update) {
+    return {.rates = update.rates,
+            .beta1 = update.step.beta1,
+            .beta2 = update.step.beta2,
+            .bias1 = update.step.bias1,
+            .bias2 = update.step.bias2,
+            .epsilon = update.step.epsilon,
+            .min_log_scale = update.min_log_scale,
+            .max_log_scale = update.max_log_scale,
+            .numbers = update.numbers.data(),
+            .moments = update.moments.data()};
+  }
+
   static Segment make_segment(const GaussianCamera& camera, std::span<const PlainPose> poses,
                               std::size_t begin, std::size_t end) {
     Segment segment{.begin = begin, .end = end, .shutter = {}, .keys = {}};
@@ -335,10 +347,10 @@ class CpuGaussianStages final : public GaussianStages {
     });
     std::size_t most = 0;
     for (Range& range : ranges) most += std::exchange(range.place, most);
-    grown(&w->unordered, most);
+    TilePair* const unordered = w->scratch_of<TilePair>(most);
     pool_.run(static_cast<int>(kPairRanges), [&](int r) {
       Range& range = ranges[r];
-      TilePair* const pairs = w->unordered.data() + range.place;
+      TilePair* const pairs = unordered + range.place;
       range.made = kernels_.bin(w->records.data(), w->keys.data() + range.begin,
                                 range.end - range.begin, tiles_x, tiles_y,
                                 options.tiles.empty() ? nullptr : options.tiles.data(), pairs);
@@ -357,7 +369,7 @@ class CpuGaussianStages final : public GaussianStages {
       range.slot = slot;
       slot += static_cast<std::uint32_t>(range.made);
     }
-    grown(&w->pairs, before);
+    grown(&w->pairs, before, before / 16);
     pool_.run(static_cast<int>(kPairRanges), [&](int r) {
       Range& range = ranges[r];
       std::uint32_t next_slot = range.slot;
@@ -366,7 +378,7 @@ class CpuGaussianStages final : public GaussianStages {
         record.first_pair = next_slot;
         next_slot += record.pairs;
       }
-      const TilePair* const made = w->unordered.data() + range.place;
+      const TilePair* const made = unordered + range.place;
       for (std::size_t i = 0; i < range.made; ++i) {
         TilePair pair = made[i];
         pair.slot = range.slot + static_cast<std::uint32_t>(i);

@@ -120,9 +120,80 @@ std::size_t project(const ProjectionJob& job, std::size_t begin, std::size_t end
   return drawn;
 }
 
+/// The bits of vectors of optim/packed_moments.h.
+REDRIVE_INLINE Vi load_words(const std::uint32_t* p) {
+  return reinterpret_cast<Vi>(load(reinterpret_cast<const float*>(p)));
+}
+REDRIVE_INLINE void store_words(std::uint32_t* p, Vi words) {
+  store(reinterpret_cast<float*>(p), reinterpret_cast<Vf>(words));
+}
+REDRIVE_INLINE Vf unpacked_first(Vi packed) {
+  return reinterpret_cast<Vf>(packed & splat_int(-0x10000));
+}
+REDRIVE_INLINE Vf unpacked_second(Vi packed) {
+  return reinterpret_cast<Vf>((packed & splat_int(0xffff)) << 15);
+}
+REDRIVE_INLINE Vi pack_moments(Vf first, Vf second) {
+  return ((reinterpret_cast<Vi>(first) + splat_int(0x8000)) & splat_int(-0x10000)) |
+         ((reinterpret_cast<Vi>(second) + splat_int(0x4000)) >> 15);
+}
+
+/// Updates a block by its gradients.
+REDRIVE_INLINE void update_block(const UpdateJob& job, const float* gradients, std::size_t block) {
+  const Vf beta1 = splat(job.beta1), beta2 = splat(job.beta2), rest1 = splat(1 - job.beta1),
+           rest2 = splat(1 - job.beta2), bias1 = splat(job.bias1), bias2 = splat(job.bias2),
+           epsilon = splat(job.epsilon);
+  for (int vector = 0; vector < kVectors; ++vector) {
+    const std::size_t at = block * kBlockSize + static_cast<std::size_t>(vector) * kLanes;
+    const float* const g = gradients + vector * kLanes;
+    float* const p = job.numbers + at;
+    std::uint32_t* const moments = job.moments + at;
+    Vi drawn = load(g + kOpacityRow * kGaussianBlock) != Vf{};
+    if (lane_bits(drawn) == 0) continue;
+    for (int row = 0; row < kDistanceRow; ++row) {
+      const Vf gradient = load(g + row * kGaussianBlock);
+      drawn &= gradient - gradient == Vf{};  // false for NaN and infinity
+    }
+    const Vf distance = load(p + kDistanceRow * kGaussianBlock);
+    for (int row = 0; row < kDistanceRow; ++row) {
+      const std::size_t o = static_cast<std::size_t>(row) * kGaussianBlock;
+      const Vi packed = load_words(moments + o);
+      const Vf gradient = load(g + o), m = beta1 * unpacked_first(packed) + rest1 * gradient,
+               v = beta2 * unpacked_second(packed) + rest2 * gradient * gradient;
+      Vf rate = splat(job.rates[row]);
+      if (row < kLogScaleRow) rate *= distance;
+      const Vf old = load(p + o),
+               updated = old - rate * (m * bias1) / (square_root(v * bias2) + epsilon);
+      store_words(moments + o, drawn ? pack_moments(m, v) : packed);
+      store(p + o, drawn ? updated : old);
+    }
+    const std::size_t o = static_cast<std::size_t>(kDistanceRow) * kGaussianBlock;
+    const Vf error = reinterpret_cast<Vf>(load_words(moments + o));
+    store_words(moments + o, reinterpret_cast<Vi>(error + (drawn ? load(g + o) : Vf{})));
+    // The two larger axes stay above the least scale, all below the largest.
+    Vf s[3];
+    for (int k = 0; k < 3; ++k) s[k] = load(p + (kLogScaleRow + k) * kGaussianBlock);
+    const Vf log_distance = splat(0.69314718f) * logarithm_of_two(maximum(distance, splat(1e-6f)));
+    const Vf least = splat(job.min_log_scale) + log_distance,
+             most = splat(job.max_log_scale) + log_distance,
+             smallest = minimum(s[0], minimum(s[1], s[2]));
+    for (int k = 0; k < 3; ++k) {
+      const Vf bounded = minimum((s[k] > smallest) & (s[k] < least) ? least : s[k], most);
+      store(p + (kLogScaleRow + k) * kGaussianBlock, drawn ? bounded : s[k]);
+    }
+  }
+}
+
 void project_backward(const ProjectionBackwardJob& job, std::size_t begin, std::size_t end) {
   Vf pose_sums[6] = {};
+  alignas(64) float of_block[kBlockSize];
   for (std::size_t block = begin; block < end; ++block) {
+    if (job.visible[block] == 0) continue;
+    float* gradients = of_block;
+    if (job.update)
+      for (std::size_t i = 0; i < kBlockSize; i += kLanes) store(of_block + i, Vf{});
+    else
+      gradients = job.gradients + block * kBlockSize;
     for (int vector = 0; vector < kVectors; ++vector) {
       const unsigned bits = job.visible[block] >> (vector * kLanes) & ((1u << kLanes) - 1);
       if (bits == 0) continue;
@@ -164,7 +235,7 @@ void project_backward(const ProjectionBackwardJob& job, std::size_t begin, std::
       d_rows[kDistanceRow] = sum[kSumError];
       Vi drawn{};
       for (int lane = 0; lane < kLanes; ++lane) drawn[lane] = bits >> lane & 1 ? -1 : 0;
-      float* const out = job.gradients + block * kBlockSize + vector * kLanes;
+      float* const out = gradients + vector * kLanes;
       for (int row = 0; row < kGaussianRows; ++row)
         store(out + row * kGaussianBlock,
               load(out + row * kGaussianBlock) + (drawn ? d_rows[row] : Vf{}));
@@ -174,6 +245,7 @@ void project_backward(const ProjectionBackwardJob& job, std::size_t begin, std::
           pose_sums[3 + k] += drawn ? d_pose.rotation[k] : Vf{};
         }
     }
+    if (job.update) update_block(*job.update, gradients, block);
   }
   if (job.d_pose)
     for (int k = 0; k < 6; ++k)
@@ -181,54 +253,9 @@ void project_backward(const ProjectionBackwardJob& job, std::size_t begin, std::
         job.d_pose[k] += static_cast<double>(pose_sums[k][lane]);
 }
 
-void update(const UpdateJob& job, std::size_t begin, std::size_t end) {
-  const Vf beta1 = splat(job.beta1), beta2 = splat(job.beta2), rest1 = splat(1 - job.beta1),
-           rest2 = splat(1 - job.beta2), bias1 = splat(job.bias1), bias2 = splat(job.bias2),
-           epsilon = splat(job.epsilon);
-  for (std::size_t block = begin; block < end; ++block) {
-    for (int vector = 0; vector < kVectors; ++vector) {
-      const std::size_t at = block * kBlockSize + static_cast<std::size_t>(vector) * kLanes;
-      float *const g = job.gradients + at, *const p = job.numbers + at,
-                   *const m = job.first_moment + at, *const v = job.second_moment + at;
-      const Vi changed = load(g + kOpacityRow * kGaussianBlock) != Vf{};
-      if (lane_bits(changed) == 0) continue;
-      Vi drawn = changed;
-      for (int row = 0; row < kDistanceRow; ++row) {
-        const Vf gradient = load(g + row * kGaussianBlock);
-        drawn &= gradient - gradient == Vf{};  // false for NaN and infinity
-      }
-      const Vf distance = load(p + kDistanceRow * kGaussianBlock);
-      for (int row = 0; row < kDistanceRow; ++row) {
-        const std::size_t o = static_cast<std::size_t>(row) * kGaussianBlock;
-        const Vf gradient = load(g + o), old_m = load(m + o), old_v = load(v + o);
-        const Vf new_m = beta1 * old_m + rest1 * gradient,
-                 new_v = beta2 * old_v + rest2 * gradient * gradient;
-        Vf rate = splat(job.rates[row]);
-        if (row < kLogScaleRow) rate *= distance;
-        const Vf old = load(p + o),
-                 updated = old - rate * (new_m * bias1) / (square_root(new_v * bias2) + epsilon);
-        store(m + o, drawn ? new_m : old_m);
-        store(v + o, drawn ? new_v : old_v);
-        store(p + o, drawn ? updated : old);
-        store(g + o, Vf{});
-      }
-      const std::size_t error = static_cast<std::size_t>(kDistanceRow) * kGaussianBlock;
-      store(m + error, load(m + error) + (drawn ? load(g + error) : Vf{}));
-      store(g + error, Vf{});
-      // The two larger axes stay above the least scale, all below the largest.
-      Vf s[3];
-      for (int k = 0; k < 3; ++k) s[k] = load(p + (kLogScaleRow + k) * kGaussianBlock);
-      const Vf log_distance =
-          splat(0.69314718f) * logarithm_of_two(maximum(distance, splat(1e-6f)));
-      const Vf least = splat(job.min_log_scale) + log_distance,
-               most = splat(job.max_log_scale) + log_distance,
-               smallest = minimum(s[0], minimum(s[1], s[2]));
-      for (int k = 0; k < 3; ++k) {
-        const Vf bounded = minimum((s[k] > smallest) & (s[k] < least) ? least : s[k], most);
-        store(p + (kLogScaleRow + k) * kGaussianBlock, drawn ? bounded : s[k]);
-      }
-    }
-  }
+void update(const UpdateJob& job, const float* gradients, std::size_t begin, std::size_t end) {
+  for (std::size_t block = begin; block < end; ++block)
+    update_block(job, gradients + block * kBlockSize, block);
 }
 
 }  // namespace
