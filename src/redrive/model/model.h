@@ -200,7 +200,7 @@ class Model : public Configurable {
   virtual std::string describe_batch() const = 0;  ///< the largest batch: "2048 rays"
   virtual std::int64_t steps_per_epoch(const TrainingSet& data, int world_size) const = 0;
   /// Writes losses to buffers->workspace.sums() and adds their derivatives to gradients [size()];
-  /// with an update [size() - updated_in_step()], and a step that is not finite changes nothing.
+  /// with an update [size() - updated_in_step()], and a loss that is not finite changes nothing.
   /// Must be deterministic in the request.
   virtual StepOutput step(kernels::Backend& backend, const TrainingSet& data,
                           const StepRequest& request, std::span<float> gradients,

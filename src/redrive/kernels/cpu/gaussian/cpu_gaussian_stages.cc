@@ -22,6 +22,11 @@ constexpr std::size_t kBlocksPerRange = 256;  // 4096 Gaussians
 constexpr std::size_t kPairRanges = 16;       // visible Gaussians are cut into so many
 constexpr std::size_t kTilesPerRange = 4;
 constexpr int kKeyBits = 11;  // a pass of the radix sort handles so many
+// The lowest bits of a key's distance, which do not sort, hold the number of tiles that the
+// Gaussian may meet, kManyTiles for as many and more.
+constexpr int kTileBits = 9, kTileShift = 32;
+constexpr std::uint64_t kManyTiles = (1 << kTileBits) - 1;
+constexpr std::size_t kPrefetched = 12;  // records ahead
 constexpr std::size_t kBuckets = std::size_t{1} << kKeyBits;
 
 /// Returns `buffer` with at least n numbers of any value. spare: what is allocated beyond.
@@ -51,7 +56,7 @@ struct Segment {
 struct RasterMemory {
   Buffer<RasterRecord> records;   ///< by Gaussian
   Buffer<std::uint16_t> visible;  ///< by block
-  Buffer<std::uint64_t> keys;     ///< of the visible Gaussians
+  Buffer<std::uint64_t> keys;     ///< of the visible Gaussians: distance, tiles (kTileBits), index
   Buffer<TilePair> pairs;
   /// In turn: keys between two passes of their sort, pairs in the order of their making, sums
   /// [pairs, kRecordFloats] of floats.
@@ -70,7 +75,7 @@ struct RasterMemory {
 /// Sorts keys by their upper half, ascending and stable, by the bits that positive floats up to
 /// 2^-14 of their value differ in.
 void sort_by_distance(std::uint64_t* keys, std::uint64_t* memory, std::size_t n) {
-  for (const int shift : {32 + 9, 32 + 9 + kKeyBits}) {
+  for (const int shift : {kTileShift + kTileBits, kTileShift + kTileBits + kKeyBits}) {
     std::array<std::uint32_t, kBuckets> next{};
     for (std::size_t i = 0; i < n; ++i) ++next[keys[i] >> shift & (kBuckets - 1)];
     std::uint32_t before = 0;
@@ -94,7 +99,7 @@ class CpuGaussianStages final : public GaussianStages {
     check_rasterise(camera, gaussians, options);
     RasterMemory& w = memory_;
     const RasterSize size = raster_size(camera.camera.width, camera.camera.height);
-    project(camera, gaussians, &w);
+    project(camera, gaussians, size, &w);
     sort_by_distance(w.keys.data(), w.scratch_of<std::uint64_t>(w.n_visible), w.n_visible);
     bin(size, options, &w);
     image->size = size;
@@ -293,8 +298,15 @@ class CpuGaussianStages final : public GaussianStages {
                                          begin_of(part), begin_of(part + 1)));
   }
 
+  static std::uint64_t count_tiles(const RasterRecord& record, const RasterSize& size) {
+    const TileRange t = tiles_of(record, size.stride / kTileSide, size.rows / kTileSide);
+    return static_cast<std::uint64_t>(t.x1 - t.x0 + 1) *
+           static_cast<std::uint64_t>(t.y1 - t.y0 + 1);
+  }
+
   /// Sets records, visible, keys and n_visible.
-  void project(const GaussianCamera& camera, const Gaussians& gaussians, RasterMemory* w) {
+  void project(const GaussianCamera& camera, const Gaussians& gaussians, const RasterSize& size,
+               RasterMemory* w) {
     const std::size_t blocks = gaussian_blocks(gaussians.n);
     grown(&w->records, blocks * kGaussianBlock);
     grown(&w->visible, blocks);
@@ -315,6 +327,11 @@ class CpuGaussianStages final : public GaussianStages {
           n += kernels_.project(part, first, last, w->records.data(), w->visible.data(),
                                 w->keys.data() + begin * kGaussianBlock + n);
       });
+      // While the records are in the cache.
+      for (std::uint64_t& key : std::span(w->keys.data() + begin * kGaussianBlock, n)) {
+        const std::uint64_t tiles = count_tiles(w->records[static_cast<std::uint32_t>(key)], size);
+        key = (key & ~(kManyTiles << kTileShift)) | std::min(tiles, kManyTiles) << kTileShift;
+      }
     });
     w->n_visible = 0;
     for (std::size_t range = 0; range < drawn.size(); ++range) {
@@ -340,9 +357,10 @@ class CpuGaussianStages final : public GaussianStages {
       range.end = n * (r + 1) / kPairRanges;
       range.place = 0;
       for (std::size_t i = range.begin; i < range.end; ++i) {
-        const TileRange t =
-            tiles_of(w->records[static_cast<std::uint32_t>(w->keys[i])], tiles_x, tiles_y);
-        range.place += static_cast<std::size_t>(t.x1 - t.x0 + 1) * (t.y1 - t.y0 + 1);
+        const std::uint64_t tiles = w->keys[i] >> kTileShift & kManyTiles;
+        range.place += tiles < kManyTiles
+                           ? tiles
+                           : count_tiles(w->records[static_cast<std::uint32_t>(w->keys[i])], size);
       }
     });
     std::size_t most = 0;
@@ -374,6 +392,8 @@ class CpuGaussianStages final : public GaussianStages {
       Range& range = ranges[r];
       std::uint32_t next_slot = range.slot;
       for (std::size_t i = range.begin; i < range.end; ++i) {
+        if (i + kPrefetched < range.end)
+          __builtin_prefetch(&w->records[static_cast<std::uint32_t>(w->keys[i + kPrefetched])], 1);
         RasterRecord& record = w->records[static_cast<std::uint32_t>(w->keys[i])];
         record.first_pair = next_slot;
         next_slot += record.pairs;
