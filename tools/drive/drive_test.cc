@@ -91,6 +91,16 @@ TEST(Road, IsOneMetreLongEveryMetreAndTheSameForAnyLength) {
             0.05);
 }
 
+TEST(Road, ALoopMeetsItself) {
+  const Road road(7, -50, 700, 300);
+  for (double s = -49; s < 399; s += 3.7) {
+    EXPECT_LT((road.position(s, 2) - road.position(s + 300, 2)).norm(), 1e-6) << s;
+    const Vector3d step = road.position(s + 1e-3) - road.position(s - 1e-3);
+    EXPECT_NEAR(step.z() / 2e-3, road.slope(s), 1e-6) << s;
+  }
+  EXPECT_GT((road.position(0) - road.position(150)).norm(), 60);
+}
+
 TEST(Motion, ErrorsOfPosesHaveTheirSizeAndCorrelation) {
   Vector6d squares = Vector6d::Zero();
   double correlation = 0;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // make_drive OUT: makes a drive of any length (README.md).
+#include <cmath>
 #include <cstdio>
 #include <exception>
 #include <string>
@@ -9,6 +10,7 @@
 #include <CLI/Formatter.hpp>
 
 #include "redrive/base/cpu_features.h"
+#include "redrive/base/error.h"
 #include "redrive/base/output_folder.h"
 #include "tools/drive/write_drive.h"
 
@@ -25,6 +27,14 @@ int main(int argc, char** argv) {
       ->capture_default_str();
   app.add_option("--spacing", options.spacing_m, "metres between frames, 0.1 s apart")
       ->check(CLI::Range(0.2, 5.0))
+      ->capture_default_str();
+  app.add_option("--loop", options.loop_m,
+                 "metres, a multiple of 3, after which the road meets itself; 0: never")
+      ->check(CLI::Range(0.0, 100'000.0))
+      ->capture_default_str();
+  app.add_option("--drift", options.drift,
+                 "of the egomotion, in its lengths and, as much after 400 m, by its turns")
+      ->check(CLI::Range(0.0, 0.1))
       ->capture_default_str();
   app.add_option("--cameras", options.cameras, "2: front pinholes; 4: and fisheyes to both sides")
       ->check(CLI::IsMember({2, 4}))
@@ -45,6 +55,9 @@ int main(int argc, char** argv) {
   app.add_option("--threads", threads, "0: all")->check(CLI::Range(0, 1024));
   CLI11_PARSE(app, argc, argv);
   try {
+    if (options.loop_m > 0 && (options.loop_m < 240 || std::fmod(options.loop_m, 3) != 0))
+      throw redrive::UsageError("--loop", std::to_string(options.loop_m),
+                                "must be a multiple of 3 and at least 240");
     redrive::check_output_folder("OUT", out, false);
     redrive::ThreadPool pool(threads > 0 ? threads : redrive::hardware_threads());
     redrive::write_output_folder(out, [&](const std::filesystem::path& folder) {

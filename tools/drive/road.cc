@@ -16,11 +16,17 @@ constexpr double kTwoPi = 2 * std::numbers::pi;
 
 }  // namespace
 
-Road::Road(unsigned seed, double first_m, double last_m)
+Road::Road(unsigned seed, double first_m, double last_m, double loop_m)
     : first_(std::lround(std::floor(first_m))),
       last_(std::lround(std::ceil(last_m))),
+      loop_m_(loop_m),
       turns_{{0.6, 523.7, 0}, {0.25, 227.3, 0}, {0.05, 89.1, 0}},
       hills_{{1.2, 311.9, 0}, {0.4, 137.7, 0}} {
+  // Headings that are the opposite half a loop later: waves of even parts of it.
+  if (loop_m > 0) {
+    turns_ = {{0.25, loop_m / 2, 0}, {0.1, loop_m / 4, 0}};
+    hills_ = {{0.8, loop_m, 0}, {0.3, loop_m / 3, 0}};
+  }
   REDRIVE_CHECK(first_ <= 0 && last_ >= 0);
   const std::uint64_t key = random_key(seed, kStreamRoad);
   std::uint64_t drawn = 0;
@@ -42,7 +48,7 @@ Road::Road(unsigned seed, double first_m, double last_m)
 }
 
 double Road::heading_rad(double s) const {
-  double sum = 0;
+  double sum = loop_m_ > 0 ? kTwoPi * s / loop_m_ : 0;
   for (const Wave& wave : turns_)
     sum += wave.amplitude * std::sin(kTwoPi * s / wave.period_m + wave.phase);
   return sum;

@@ -22,11 +22,12 @@ constexpr double kKerbHeight_m = 0.12;
 class Road {
  public:
   /// Covers first_m <= s <= last_m, with first_m <= 0 <= last_m. The part that two roads of a seed
-  /// have in common is the same.
-  Road(unsigned seed, double first_m, double last_m);
+  /// have in common is the same. loop_m: 0, or a multiple of 3 after which the road meets itself.
+  Road(unsigned seed, double first_m, double last_m, double loop_m = 0);
 
   double first_m() const { return static_cast<double>(first_); }
   double last_m() const { return static_cast<double>(last_); }
+  double loop_m() const { return loop_m_; }
   double heading_rad(double s) const;  ///< from x towards y
   double height_m(double s) const;
   double slope(double s) const;  ///< derivative of the height by s
@@ -46,6 +47,7 @@ class Road {
   Eigen::Vector2d step(double from, double to) const;
 
   long first_, last_;
+  double loop_m_;
   std::vector<Wave> turns_, hills_;
   std::vector<Knot> knots_;
 };

@@ -52,7 +52,11 @@ const Vector3f kThings[] = {{0.30f, 0.31f, 0.32f},
 
 class Furnisher {
  public:
-  Furnisher(const Road& road, unsigned seed) : road_(road), seed_(seed) {}
+  Furnisher(const Road& road, unsigned seed)
+      : road_(road),
+        seed_(seed),
+        first_m_(road.loop_m() > 0 ? 0 : road.first_m()),
+        last_m_(road.loop_m() > 0 ? road.loop_m() : road.last_m()) {}
 
   std::vector<Primitive> all() {
     ground();
@@ -69,8 +73,8 @@ class Furnisher {
  private:
   template <class Use>
   void lots(double size_m, const Use& use) {
-    for (long lot = std::lround(std::ceil(road_.first_m() / size_m)) + 1;
-         (static_cast<double>(lot) + 2) * size_m < road_.last_m(); ++lot)
+    for (long lot = std::lround(std::ceil(first_m_ / size_m)) + 1;
+         (static_cast<double>(lot) + 2) * size_m < last_m_; ++lot)
       use(lot);
   }
 
@@ -100,8 +104,8 @@ class Furnisher {
                                {kKerb_m, kKerbHeight_m},
                                {kPavementEdge_m, kKerbHeight_m},
                                {kVergeEdge_m, kKerbHeight_m}};
-    for (long piece = std::lround(std::ceil(road_.first_m() / kGroundPiece_m));
-         (static_cast<double>(piece) + 1) * kGroundPiece_m <= road_.last_m(); ++piece) {
+    for (long piece = std::lround(std::ceil(first_m_ / kGroundPiece_m));
+         (static_cast<double>(piece) + 1) * kGroundPiece_m <= last_m_; ++piece) {
       const double s = static_cast<double>(piece) * kGroundPiece_m, end = s + kGroundPiece_m;
       for (std::size_t e = 0; e + 1 < std::size(edges); ++e) {
         const auto corner = [&](double at, std::size_t edge) {
@@ -278,6 +282,7 @@ class Furnisher {
 
   const Road& road_;
   unsigned seed_;
+  double first_m_, last_m_;  ///< of what is furnished: a loop once
   std::vector<Primitive> made_;
 };
 

@@ -46,8 +46,8 @@ std::uint8_t displayed(float radiance) {
 
 }  // namespace
 
-World::World(unsigned seed, double first_m, double last_m)
-    : road_(seed, first_m, last_m), caster_(furnish(road_, seed)) {}
+World::World(unsigned seed, double first_m, double last_m, double loop_m)
+    : road_(seed, first_m, last_m, loop_m), caster_(furnish(road_, seed)) {}
 
 Hit World::nearest(const Vector3d& origin, const Vector3d& direction) const {
   Hit hit = caster_.cast(origin, direction);

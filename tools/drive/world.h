@@ -15,7 +15,7 @@ namespace redrive::drive {
 class World {
  public:
   /// The street along first_m <= s <= last_m of the road, with fields around it.
-  World(unsigned seed, double first_m, double last_m);
+  World(unsigned seed, double first_m, double last_m, double loop_m = 0);
 
   const Road& road() const { return road_; }
   const Caster& caster() const { return caster_; }

@@ -120,7 +120,7 @@ std::int64_t frame_id(int frame) { return kFirstId + frame; }
 Rigid3d body_from_lidar() { return Rigid3d(Eigen::Translation3d(1.1574, 0.0013, 1.6823)); }
 
 World make_world(const DriveOptions& options) {
-  return World(options.seed, -kBehind_m, options.length_m + kAhead_m);
+  return World(options.seed, -kBehind_m, options.length_m + kAhead_m, options.loop_m);
 }
 
 std::vector<CameraCalibration> true_rig(const DriveOptions& options) {
@@ -192,6 +192,7 @@ void write_drive(const fs::path& folder, const DriveOptions& options, ThreadPool
   const bool lidar = options.lidar_beams > 0;
 
   std::vector<FramePose> exact, recorded;
+  Rigid3d odometry = Rigid3d::Identity();
   for (int f = 0; f < options.frames(); ++f) {
     const Rigid3d pose = global_from_world * motion.world_from_body(time_s(f));
     exact.push_back({frame_id(f), time_ns(f), pose});
@@ -200,7 +201,16 @@ void write_drive(const fs::path& folder, const DriveOptions& options, ThreadPool
     moved.translation() = error.head<3>();
     moved.linear() =
         Eigen::AngleAxisd(error.tail<3>().norm(), error.tail<3>().normalized()).toRotationMatrix();
-    recorded.push_back({frame_id(f), time_ns(f), pose * moved});
+    // The odometry's lengths and, as much after 400 m, its turns are off.
+    if (f == 0) {
+      odometry = pose;
+    } else {
+      Rigid3d step = exact[f - 1].global_from_body.inverse(Eigen::Isometry) * pose;
+      const double turn_rad = options.drift / 200 * step.translation().norm();
+      step.translation() *= 1 + options.drift;
+      odometry = odometry * step * Eigen::AngleAxisd(turn_rad, Eigen::Vector3d::UnitZ());
+    }
+    recorded.push_back({frame_id(f), time_ns(f), (options.drift != 0 ? odometry : pose) * moved});
   }
   const fs::path calibration = folder / "sensor/calibration", poses = folder / "sensor/gnssins",
                  images = folder / "sensor/camera", scans = folder / "dynamic/raw-revolutions";

@@ -20,6 +20,8 @@ struct DriveOptions {
   double spacing_m = 1;  ///< between frames, which are 0.1 s apart
   int cameras = 2;       ///< 2: front pinholes; 4: and Mei fisheyes to both sides
   double size = 1;       ///< factor on the images' sides, which are 640 x 352
+  double loop_m = 0;     ///< length of a road that meets itself, a multiple of 3; 0: it never does
+  double drift = 0;      ///< of the egomotion: part of the way that it errs by after 400 m
   double exposure = 0;   ///< RMS of the images' exposure about its mean, stops
   int lidar_beams = 16;  ///< 0: no LiDAR
   double lidar_noise_m = 0.02;

@@ -12,6 +12,7 @@
 
 #include "redrive/align/bundle/unobservable_extrinsics.h"
 #include "redrive/align/bundle/unobservable_time_offsets.h"
+#include "redrive/align/close_loops.h"
 #include "redrive/align/windows.h"
 #include "redrive/base/error.h"
 #include "redrive/math/angles.h"
@@ -393,8 +394,13 @@ AlignResult align(const Recording& recording, const AlignOptions& options, Threa
         recording.format);
   const bool is_long =
       options.window > 0 && recording.frames.size() > static_cast<std::size_t>(options.window);
-  return is_long ? align_in_windows(recording, options, pool)
-                 : align_whole(recording, options, pool);
+  const auto start = std::chrono::steady_clock::now();
+  AlignResult result =
+      is_long ? align_in_windows(recording, options, pool) : align_whole(recording, options, pool);
+  close_loops(recording, options, pool, &result);
+  register_with_ground_truth(recording, &result);
+  result.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  return result;
 }
 
 AlignResult align_whole(const Recording& recording, const AlignOptions& options, ThreadPool& pool,

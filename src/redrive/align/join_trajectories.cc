@@ -13,27 +13,10 @@
 namespace redrive {
 namespace {
 
-constexpr double kArm_m = 30;       // weighs rotations, as register_trajectories
 constexpr int kOverlapDivisor = 5;  // an overlap is a fifth of a window
 // Neighbours disagree smoothly over an overlap of a few seconds: like this many independent frames.
 constexpr double kIndependent = 3;
 constexpr double kMinResidual_m = 2e-4, kMinResidual_rad = 1e-5;
-
-/// Derivative of a pose's error in body axes by a rigid motion of the world about `middle`.
-Matrix6d by_motion(const Rigid3d& world_from_body, const Eigen::Vector3d& middle) {
-  const Eigen::Matrix3d body_from_world = world_from_body.linear().transpose();
-  Matrix6d g = Matrix6d::Zero();
-  g.topLeftCorner<3, 3>() = body_from_world;
-  g.topRightCorner<3, 3>() = -body_from_world * skew(world_from_body.translation() - middle);
-  g.bottomRightCorner<3, 3>() = body_from_world;
-  return g;
-}
-
-Vector6d weights() {
-  Vector6d w;
-  w << 1, 1, 1, kArm_m * kArm_m, kArm_m * kArm_m, kArm_m * kArm_m;
-  return w;
-}
 
 /// The motion about `from` as one about a point that lies at `offset` from there.
 Matrix6d about(const Eigen::Vector3d& offset) {
@@ -49,7 +32,7 @@ Eigen::MatrixXd mean_motion(const std::vector<Rigid3d>& poses, int begin, int en
   Eigen::MatrixXd sums = Eigen::MatrixXd::Zero(6, 6 * static_cast<Eigen::Index>(poses.size()));
   for (int f = begin; f < end; ++f) {
     const Matrix6d g = by_motion(poses[f], middle),
-                   weighted = g.transpose() * weights().asDiagonal();
+                   weighted = g.transpose() * motion_weights().asDiagonal();
     normal += weighted * g;
     sums.middleCols<6>(6 * f) = weighted;
   }
@@ -211,32 +194,20 @@ JoinedTrajectory join_trajectories(const std::vector<WindowTrajectory>& windows,
   std::vector<Matrix6d> covariance;
   const std::vector<Vector6d> motions = chain.solve<1>(b, &covariance);
 
-  // Takes a rigid motion of the whole drive out of the covariance C of all motions: P C P^T with
-  // P = 1 - B S^-1 B^T W, where B is its effect on each window and W weighs a window's frames.
   std::vector<std::vector<Rigid3d>> poses;
-  std::vector<Matrix6d> effect, weighted;  // B, W B
-  Matrix6d sum = Matrix6d::Zero();         // S = B^T W B
+  std::vector<Matrix6d> effect, weighted;  // of a rigid motion of the whole, by window
   for (const WindowTrajectory& window : windows) {
     poses.push_back(in_world(window.poses, world_from_global));
     effect.push_back(about(window.middle - windows.front().middle));
     Matrix6d w = Matrix6d::Zero();
     for (const Rigid3d& pose : poses.back()) {
       const Matrix6d g = by_motion(pose, window.middle);
-      w += g.transpose() * weights().asDiagonal() * g;
+      w += g.transpose() * motion_weights().asDiagonal() * g;
     }
     weighted.push_back(w * effect.back());
-    sum += effect.back().transpose() * weighted.back();
   }
   std::vector<Matrix6d> unused;
-  const std::vector<Matrix6d> shared = chain.solve<6>(weighted, &unused);  // C W B
-  const Matrix6d inverse_sum = sum.inverse();
-  Matrix6d common = Matrix6d::Zero();
-  for (std::size_t k = 0; k < n; ++k) common += weighted[k].transpose() * shared[k];
-  common = inverse_sum * common * inverse_sum;
-  for (std::size_t k = 0; k < n; ++k) {
-    const Matrix6d mixed = shared[k] * inverse_sum * effect[k].transpose();
-    covariance[k] += effect[k] * common * effect[k].transpose() - mixed - mixed.transpose();
-  }
+  remove_common_motion(effect, weighted, chain.solve<6>(weighted, &unused), &covariance);
 
   JoinedTrajectory joined;
   const Rigid3d global_from_world = world_from_global.inverse(Eigen::Isometry);

@@ -10,11 +10,10 @@
 
 #include <Eigen/Core>
 
+#include "redrive/align/rigid_motions.h"
 #include "redrive/recording/recording.h"
 
 namespace redrive {
-
-using Matrix6d = Eigen::Matrix<double, 6, 6>;
 
 /// Frames `begin` to `end` - 1 of a drive, by index.
 struct FrameWindow {

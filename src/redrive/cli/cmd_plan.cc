@@ -15,7 +15,7 @@
 #include "redrive/cli/command.h"
 #include "redrive/cli/training.h"
 #include "redrive/recording/frame_range.h"
-#include "redrive/train/blocks.h"
+#include "redrive/train/divided_run.h"
 #include "redrive/train/memory.h"
 #include "redrive/train/plan.h"
 
@@ -33,7 +33,7 @@ constexpr std::int64_t kCalibrationImages = 48;
 struct PlanArguments {
   std::string recording;
   std::map<std::string, std::vector<std::string>> given;
-  double blocks_m = 0;  ///< 0: the drive is not divided
+  std::string blocks;  ///< metres or auto; empty: the drive is not divided
   int machines = 1, cores = 0, gpus = 0;
   bool json = false;
 };
@@ -104,18 +104,19 @@ TrainingRates measured(const TrainOptions& whole, const Recording& recording, co
   TrainOptions options = block_options(whole, block);
   const Run all = run_of(options, recording);
   const auto images = static_cast<std::int64_t>(all.scene.views.size());
-  const std::int64_t step = (images + kCalibrationImages - 1) / kCalibrationImages;
+  const std::int64_t thinning = std::min<std::int64_t>(
+      (images + kCalibrationImages - 1) / kCalibrationImages, std::ssize(all.scene.frames));
   FrameRange range = parse_frame_range(options.frames);
-  range.step *= static_cast<int>(std::min<std::int64_t>(step, std::ssize(all.scene.frames)));
+  range.step *= static_cast<int>(thinning);
   options.frames = std::to_string(all.scene.frames.front().id) + ":" +
                    std::to_string(all.scene.frames.back().id) + ":" + std::to_string(range.step);
   options.holdout_every = 0;
   if (options.method == "splat" && !options.hyperparameters.contains("densify_every"))
     options.set("densify_every", kCalibrationSteps / 20);
   Run run = run_of(options, recording);
-  // As much LiDAR an image as in the block, not that of the frames between.
+  // As much LiDAR an image as in the block, which has that of frames that --frames leaves out.
   std::vector<FrameFile> lidar;
-  for (std::size_t i = 0; i < run.recording.lidar_files.size(); i += std::size_t(range.step))
+  for (std::size_t i = 0; i < run.recording.lidar_files.size(); i += std::size_t(thinning))
     lidar.push_back(run.recording.lidar_files[i]);
   run.recording.lidar_files = std::move(lidar);
   run.state = make_initial_state(options, run.scene);
@@ -161,8 +162,9 @@ void print(const Scene& scene, const TrainingPlan& plan, const TrainingRates& ra
               time_text(longest_s).c_str(), streamed);
   std::printf(
       "rates      one core here: %.1f ms to decode an image, %.1f ms to prepare and %.1f ms to "
-      "begin with it, %.1f ms a step\n",
-      1e3 * rates.decode_s, 1e3 * rates.prepare_s, 1e3 * rates.start_s, 1e3 * rates.step_s);
+      "begin with it, %.1f ms a step; its speed changed by %.0f %% meanwhile, corrected\n",
+      1e3 * rates.decode_s, 1e3 * rates.prepare_s, 1e3 * rates.start_s, 1e3 * rates.step_s,
+      100 * (rates.spread - 1));
   std::printf("machines   %d with %d cores and %s each: %d blocks at once with %d cores each\n",
               machines.machines, machines.cores, gib_text(machines.memory).c_str(),
               plan.ranks_per_machine, plan.cores_per_rank);
@@ -189,16 +191,14 @@ int run_plan(const PlanArguments& arguments) {
   const Recording recording = open_recording(options);
   resolve_cameras(&options, recording);
   const Scene scene = make_scene(recording, scene_options(options));
-  if (arguments.blocks_m > 0 && !recording.metric)
-    throw UsageError("--blocks", "", "is for drives: " + options.recording + " has no metres");
+  if (!arguments.blocks.empty()) check_divisible(arguments.blocks, options, recording);
   Machines machines{arguments.machines, arguments.cores > 0 ? arguments.cores : backend.threads(),
                     allowed_memory(options, memory_bytes())};
 
-  Division division;
-  division.length_m = arguments.blocks_m > 0 ? arguments.blocks_m : 1e9;
-  division.overlap_m = default_overlap_m(division.length_m);
-  division.frame_multiple = std::max(1, options.holdout_every);
-  const std::vector<Block> blocks = divide(scene.frames, division);
+  const std::vector<Block> blocks =
+      divide_as_told(arguments.blocks.empty() ? "1e9" : arguments.blocks,
+                     {.options = options, .recording = recording, .scene = scene},
+                     {machines.cores, machines.memory});
   const TrainingRates rates = measured(options, recording, blocks[blocks.size() / 2], backend);
   const auto planned_with = [&](int threads) {
     std::vector<PlannedBlock> facts;
@@ -230,7 +230,8 @@ int run_plan(const PlanArguments& arguments) {
   json["core_rates"] = {{"decode_s", rates.decode_s},
                         {"prepare_s", rates.prepare_s},
                         {"start_s", rates.start_s},
-                        {"step_s", rates.step_s}};
+                        {"step_s", rates.step_s},
+                        {"spread", rates.spread}};
   std::printf("%s\n", json.dump(2).c_str());
   return kExitOk;
 }
@@ -254,10 +255,8 @@ Action configure_plan(CLI::App& command) {
           ->multi_option_policy(field.repeats ? CLI::MultiOptionPolicy::TakeAll
                                               : CLI::MultiOptionPolicy::Throw);
   }
-  command
-      .add_option("--blocks", arguments->blocks_m,
-                  "metres of a block, as for train (default: one block)")
-      ->check(CLI::PositiveNumber);
+  command.add_option("--blocks", arguments->blocks,
+                     "metres of a block, or auto, as for train (default: one block)");
   command
       .add_option("--machines", arguments->machines, "number of machines, 1..100000 (default: 1)")
       ->check(CLI::Range(1, 100'000));

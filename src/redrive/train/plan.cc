@@ -2,13 +2,14 @@
 #include "redrive/train/plan.h"
 
 #include <algorithm>
-#include <chrono>
 #include <functional>
+#include <limits>
 #include <optional>
 #include <queue>
 
 #include <nlohmann/json.hpp>
 
+#include "redrive/base/core_time.h"
 #include "redrive/base/error.h"
 #include "redrive/rays/lidar_sampler.h"
 #include "redrive/scene/load_views.h"
@@ -19,41 +20,83 @@
 namespace redrive {
 namespace {
 
-double seconds_of(const std::function<void()>& work) {
-  const auto begin = std::chrono::steady_clock::now();
-  work();
-  return std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
-}
+/// Measures work on a machine whose speed changes: the same work is done before and after each
+/// part, and what a part took is divided by how slow that was.
+class PacedClock {
+ public:
+  explicit PacedClock(std::function<void()> pace) : pace_(std::move(pace)) {
+    pace_();  // allocates, and reads files
+    measure_pace();
+  }
+
+  /// Returns the index of the work's core seconds in seconds().
+  std::size_t measure(int cores, const std::function<void()>& work) {
+    const CoreTimer timer;
+    work();
+    parts_.push_back({timer.core_seconds(cores), paces_.size()});
+    measure_pace();
+    return parts_.size() - 1;
+  }
+
+  /// Core seconds of a part at the machine's fastest pace.
+  double seconds(std::size_t part) const {
+    const auto [seconds, after] = parts_[part];
+    return seconds * 2 * fastest() / (paces_[after - 1] + paces_[after]);
+  }
+  double fastest() const { return *std::ranges::min_element(paces_); }
+  double spread() const { return *std::ranges::max_element(paces_) / fastest(); }
+
+ private:
+  struct Part {
+    double seconds = 0;
+    std::size_t after = 0;  ///< index of the pace
+  };
+
+  /// The least of three counts: one that is interrupted says nothing.
+  void measure_pace() {
+    double least = std::numeric_limits<double>::infinity();
+    for (int i = 0; i < 3; ++i) {
+      const CoreTimer timer;
+      pace_();
+      least = std::min(least, timer.core_seconds(1));
+    }
+    paces_.push_back(least);
+  }
+
+  std::function<void()> pace_;
+  std::vector<double> paces_;
+  std::vector<Part> parts_;
+};
 
 }  // namespace
 
 TrainingRates measure_rates(Run* run, kernels::Backend& backend, int steps) {
-  constexpr int kDecoded = 8;  // images
+  constexpr int kDecoded = 8, kStepsOfPart = 10;
   TrainingRates rates;
   ThreadPool pool(backend.threads());
   Model& model = *run->state.model;
   std::vector<const View*> views;
   for (const View& view : run->scene.views)
     if (!view.held_out) views.push_back(&view);
-  const double images = static_cast<double>(views.size()), cores = pool.threads();
+  const double images = static_cast<double>(views.size());
+  const int cores = pool.threads();
 
   const ViewLoader load(run->scene, pool);
+  PacedClock clock([&] { load(*views.front()); });
   const std::size_t decoded = std::min<std::size_t>(views.size(), kDecoded);
-  rates.decode_s = seconds_of([&] {
-                     for (std::size_t i = 0; i < decoded; ++i)
-                       load(*views[i * views.size() / decoded]);
-                   }) /
-                   static_cast<double>(decoded);
+  const std::size_t decode = clock.measure(1, [&] {
+    for (std::size_t i = 0; i < decoded; ++i) load(*views[i * views.size() / decoded]);
+  });
   std::optional<TrainingData> data;
-  rates.prepare_s =
-      cores / images * seconds_of([&] { data.emplace(prepare_training_data(run, pool)); });
+  const std::size_t prepare =
+      clock.measure(cores, [&] { data.emplace(prepare_training_data(run, pool)); });
   const PixelSampler sampler(run->scene, data->images, run->options.seed);
   const LidarSampler lidar(data->lidar, run->options.seed);
   const TrainingSet set{run->scene, data->view_images(), data->lidar, sampler,
                         data->lidar.n > 0 && model.uses_lidar() ? &lidar : nullptr};
   TrainState& state = run->state;
-  rates.start_s =
-      cores / images * seconds_of([&] { model.initialize_from(set, state.seed, pool); });
+  const std::size_t start =
+      clock.measure(cores, [&] { model.initialize_from(set, state.seed, pool); });
   state.adam = model.zero_moments();
   if (model.uses_error_map()) {
     state.cell_errors = Buffer<float>(sampler.cells().size());
@@ -67,9 +110,16 @@ TrainingRates measure_rates(Run* run, kernels::Backend& backend, int steps) {
     train_step(backend, set, request, rate, &state, &buffers);
   };
   step(0);  // allocates
-  rates.step_s = cores / steps * seconds_of([&] {
-                   for (int i = 0; i < steps; ++i) step(i);
-                 });
+  std::vector<std::size_t> parts;
+  for (int i = 0; i < steps; i += kStepsOfPart)
+    parts.push_back(clock.measure(cores, [&] {
+      for (int k = i; k < std::min(i + kStepsOfPart, steps); ++k) step(k);
+    }));
+  for (const std::size_t part : parts) rates.step_s += clock.seconds(part) / steps;
+  rates.decode_s = clock.seconds(decode) / static_cast<double>(decoded);
+  rates.prepare_s = clock.seconds(prepare) / images;
+  rates.start_s = clock.seconds(start) / images;
+  rates.spread = clock.spread();
   return rates;
 }
 

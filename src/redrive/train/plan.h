@@ -20,10 +20,16 @@ struct TrainingRates {
   double decode_s = 0;   ///< part of it: an image alone
   double start_s = 0;    ///< of an image, for the first parameters (Model::initialize_from)
   double step_s = 0;     ///< a step, mean of a run
+  /// The longest over the shortest time of the same work, one image decoded again and again while
+  /// the others were measured: how much the machine's speed changed. The rates are those of its
+  /// fastest moment.
+  double spread = 1;
 };
 
 /// Measures the rates with `run`, of which options, recording and scene are set: prepares its data,
-/// then trains for `steps` steps that pass through a whole run's schedule. Writes nothing.
+/// then trains for `steps` steps that pass through a whole run's schedule. Writes nothing. What
+/// other programs take of the cores does not count (CoreTimer), and times are divided by the speed
+/// of the machine meanwhile.
 TrainingRates measure_rates(Run* run, kernels::Backend& backend, int steps);
 
 /// A part of the drive that is a run of its own; the whole drive where it is not divided.
