@@ -49,6 +49,8 @@ class Photographs : public EndToEnd {
     std::vector<std::string> arguments = {
         "train", set_.string(), "--out", (folder_ / "run").string(), "--width", "32", "--samples",
         "12",    "--batch",     "128"};
+    if (std::ranges::find(more, "--method") == more.end())
+      arguments.insert(arguments.end(), {"--method", "grid"});
     if (std::ranges::find(more, "--max-steps") == more.end())
       arguments.insert(arguments.end(), {"--max-steps", "20"});
     arguments.insert(arguments.end(), more.begin(), more.end());
@@ -114,6 +116,15 @@ TEST_F(Photographs, TrainsTheGridOnAConstantBackground) {
   const ProgramResult other = redrive({"eval", run});
   EXPECT_EQ(other.exit_code, kExitBadInput);
   EXPECT_THAT(other.err, HasSubstr("background"));
+}
+
+TEST_F(Photographs, TrainsSplatsUnlessToldOtherwise) {
+  const std::string run = (folder_ / "run").string();
+  const ProgramResult trained =
+      redrive({"train", set_.string(), "--out", run, "--background", "white", "--max-steps", "20"});
+  ASSERT_EQ(trained.exit_code, kExitOk) << trained.err;
+  EXPECT_EQ(read_json(folder_ / "run/config.json").at("method"), "splat");
+  EXPECT_EQ(redrive({"eval", run}).exit_code, kExitOk);
 }
 
 TEST_F(Photographs, TransparencyNeedsABackground) {

@@ -48,8 +48,7 @@ TrainOptions options_of(const PlanArguments& arguments) {
       for (const std::string& value : found->second) field.parse(options, value);
     }
   validate_fields(options);
-  if (!arguments.given.contains("method"))
-    options.method = open_recording(options).metric ? "splat" : "grid";
+  if (!arguments.given.contains("method")) options.method = kDefaultMethod;
   apply_preset(&options, names);
   validate(options);
   if (options.max_steps == 0 && options.max_seconds == 0)

@@ -37,20 +37,13 @@ std::vector<std::string> given_names(const TrainArguments& arguments) {
   return names;
 }
 
-/// Returns the method where none is given: splats for drives, a grid for photographs, by
-/// measurement (docs/benchmarks.md).
-std::string default_method(const TrainOptions& options) {
-  return open_recording(options).metric ? "splat" : "grid";
-}
-
 TrainOptions parse_options(const TrainArguments& arguments) {
   TrainOptions options;
   for (const TrainField& field : train_fields())
     if (const auto found = arguments.given.find(field.name); found != arguments.given.end())
       for (const std::string& value : found->second) field.parse(options, value);
   validate_fields(options);
-  if (!arguments.given.contains("method") && !options.recording.empty())
-    options.method = default_method(options);
+  if (!arguments.given.contains("method")) options.method = kDefaultMethod;
   apply_preset(&options, given_names(arguments));
   if (options.recording.empty()) throw UsageError("RECORDING", "", "must name a folder");
   std::error_code error;

@@ -12,6 +12,9 @@
 
 namespace redrive {
 
+/// Trains where no method is given: the best after equal time (docs/benchmarks.md).
+constexpr const char* kDefaultMethod = "splat";
+
 /// Returns a flag that Ctrl-C, SIGTERM, SIGHUP or SIGUSR1 sets; a second Ctrl-C or SIGTERM ends the
 /// program at once. A closed pipe (SIGPIPE) does not end training.
 const std::atomic<bool>& stop_on_signal();

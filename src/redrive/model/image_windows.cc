@@ -8,13 +8,19 @@
 #include "redrive/kernels/gaussian_stages.h"
 
 namespace redrive {
+namespace {
+
+constexpr double kQuarterShare = 2.0 / 3;  // of the steps at less than full size
+
+}  // namespace
 
 void cut_into_windows(const TrainingSet& data, int pixels, ImageLevel* level) {
   for (std::size_t v = 0; v < data.scene.views.size(); ++v) {
     const View& view = data.scene.views[v];
     if (view.held_out) continue;
     const Camera& camera = level->cameras[view.camera];
-    const double parts = std::ceil(static_cast<double>(camera.width) * camera.height / pixels);
+    const double parts =
+        std::max(1.0, std::ceil(static_cast<double>(camera.width) * camera.height / pixels));
     const int down = std::max(1, static_cast<int>(
                                      std::lround(std::sqrt(parts * camera.height / camera.width)))),
               across = static_cast<int>(std::ceil(parts / down));
@@ -27,6 +33,24 @@ void cut_into_windows(const TrainingSet& data, int pixels, ImageLevel* level) {
         level->windows.push_back({static_cast<int>(v), x, y, std::min(width, camera.width - x),
                                   std::min(height, camera.height - y)});
   }
+}
+
+std::vector<ImageLevel> image_levels(const TrainingSet& data, int pixels) {
+  std::vector<ImageLevel> levels(kImageLevels);
+  for (int k = 0; k < kImageLevels; ++k) {
+    for (const RigCamera& rig : data.scene.rig)
+      levels[k].cameras.push_back(rig.camera.downscaled(1 << k));
+    cut_into_windows(data, pixels, &levels[k]);
+  }
+  return levels;
+}
+
+int level_at(const std::vector<ImageLevel>& levels, double progress, double coarse_progress) {
+  int level = progress < kQuarterShare * coarse_progress ? 2 : progress < coarse_progress ? 1 : 0;
+  while (level > 0 && (levels[level].windows.empty() ||  // images of fewer pixels than 4 a side
+                       levels[level].windows.size() == levels[level - 1].windows.size()))
+    --level;
+  return level;
 }
 
 std::size_t drawn_window(std::uint64_t seed, std::uint64_t n, std::uint64_t windows) {

@@ -27,14 +27,15 @@ constexpr double kShareOfActors = 0.5;  // of all Gaussians, at first, at most
 
 /// Working memory of a run's steps.
 struct SplatBuffers final : MethodBuffers {
-  ImageLevel full, half;
-  std::vector<ImagePointer> half_images;  ///< by view, made when first needed; if all are in memory
-  std::optional<ReturnTimes> times;       ///< made when first needed
+  std::vector<ImageLevel> levels;
+  /// Smaller images by level and view, made when first needed; if all are in memory.
+  std::vector<std::vector<ImagePointer>> reduced;
+  std::optional<ReturnTimes> times;                            ///< made when first needed
   std::vector<std::optional<std::vector<RangePixel>>> ranges;  ///< by view, likewise
   /// The steps that the images' plan is of.
   struct Plan {
     std::uint64_t seed = 0;
-    const ImageLevel* level = nullptr;
+    int level = -1;
     int rank = 0, world_size = 0;
     std::int64_t first = 0, end = 0;
   } plan;
@@ -46,13 +47,8 @@ struct SplatBuffers final : MethodBuffers {
 SplatBuffers& splat_buffers(const TrainingSet& data, int window_pixels, StepBuffers* buffers) {
   if (!buffers->method) {
     auto made = std::make_unique<SplatBuffers>();
-    for (const RigCamera& rig : data.scene.rig) {
-      made->full.cameras.push_back(rig.camera);
-      made->half.cameras.push_back(rig.camera.downscaled(2));
-    }
-    cut_into_windows(data, window_pixels, &made->full);
-    cut_into_windows(data, window_pixels, &made->half);
-    made->half_images.resize(data.images.size());
+    made->levels = image_levels(data, window_pixels);
+    made->reduced.assign(kImageLevels, std::vector<ImagePointer>(data.images.size()));
     made->ranges.resize(data.images.size());
     buffers->method = std::move(made);
   }
@@ -65,37 +61,37 @@ std::uint64_t draw_of(const StepRequest& request, std::int64_t step) {
 
 /// Tells which images the next steps draw, where not all are in memory. The order is known for as
 /// long as the level stays.
-void plan_images(const TrainingSet& data, const StepRequest& request, const ImageLevel& level,
+void plan_images(const TrainingSet& data, const StepRequest& request, int level,
                  SplatBuffers* own) {
   constexpr std::size_t kMostPlanned = 1 << 16;
   if (data.images.all_in_memory()) return;
   const SplatBuffers::Plan& last = own->plan;
-  if (last.seed == request.seed && last.level == &level && last.rank == request.rank &&
+  if (last.seed == request.seed && last.level == level && last.rank == request.rank &&
       last.world_size == request.world_size && request.step >= last.first &&
       request.step < (last.first + last.end) / 2)
     return;
+  const std::vector<ImageWindow>& windows = own->levels[level].windows;
   // Two epochs, so that each image's next use is known.
-  const auto n = static_cast<std::int64_t>(std::min(2 * level.windows.size(), kMostPlanned));
-  own->plan = {request.seed,       &level,       request.rank,
+  const auto n = static_cast<std::int64_t>(std::min(2 * windows.size(), kMostPlanned));
+  own->plan = {request.seed,       level,        request.rank,
                request.world_size, request.step, request.step + n};
   std::vector<ImageKey> coming;
   for (std::int64_t step = request.step; step < request.step + n; ++step)
     coming.push_back(
-        {level.windows[drawn_window(request.seed, draw_of(request, step), level.windows.size())]
-             .view,
-         &level == &own->half});
+        {windows[drawn_window(request.seed, draw_of(request, step), windows.size())].view,
+         level > 0});
   data.images.plan(std::move(coming));
 }
 
-/// Returns a view's image at the size of `level`.
-ImagePointer image_of(const TrainingSet& data, int view, const ImageLevel& level,
-                      SplatBuffers* own) {
-  if (&level == &own->full) return data.images[view];
-  ImagePointer& kept = own->half_images[view];
+/// Returns a view's image at the size of a level.
+ImagePointer image_of(const TrainingSet& data, int view, int level, SplatBuffers* own) {
+  if (level == 0) return data.images[view];
+  ImagePointer& kept = own->reduced[level][view];
   if (kept) return kept;
-  ImagePointer half = data.images.half(view);
-  if (data.images.all_in_memory()) kept = half;
-  return half;
+  ImagePointer image = data.images.half(view);
+  for (int k = 1; k < level; ++k) image = std::make_shared<const Image8>(halved(*image));
+  if (data.images.all_in_memory()) kept = image;
+  return image;
 }
 
 /// Returns the mean transmittance of the pixels that are not masked; the others' tiles are not
@@ -231,13 +227,12 @@ StepOutput SplatModel::step(kernels::Backend& backend, const TrainingSet& data,
   // Other batches than training's are of all views at once, at half size.
   const bool all = request.pixels > 0;
   REDRIVE_CHECK(!all || !request.update);
-  const bool coarse = all || (request.progress < double(coarse_progress) &&
-                              own.full.windows.size() > own.half.windows.size());
-  const ImageLevel& level = coarse ? own.half : own.full;
+  const int at_level = all ? 1 : level_at(own.levels, request.progress, double(coarse_progress));
+  const ImageLevel& level = own.levels[at_level];
   const std::uint64_t drawn = draw_of(request, request.step), n = level.windows.size();
   const std::size_t first = all ? 0 : drawn_window(request.seed, drawn, n),
                     end = all ? n : first + 1;
-  if (!all) plan_images(data, request, level, &own);
+  if (!all) plan_images(data, request, at_level, &own);
 
   buffers->workspace.begin(backend);
   StepSums& sums = buffers->workspace.sums();
@@ -247,10 +242,10 @@ StepOutput SplatModel::step(kernels::Backend& backend, const TrainingSet& data,
   for (std::size_t w = first; w < end; ++w) {
     const ImageWindow& window = level.windows[w];
     const View& view = data.scene.views[window.view];
-    const ImagePointer image = image_of(data, window.view, level, &own);
+    const ImagePointer image = image_of(data, window.view, at_level, &own);
     const PlainCamera whole = make_plain_camera(level.cameras[view.camera]);
     WindowStep step{
-        coarse ? 2 : 1, whole, *image, window, {background[0], background[1], background[2]}};
+        1 << at_level, whole, *image, window, {background[0], background[1], background[2]}};
     const std::uint64_t colour = random_key(request.seed, kStreamBackground, drawn);
     for (int c = 0; data.scene.random_background && c < 3; ++c)
       step.colour[c] = random_unit(colour, static_cast<std::uint64_t>(c));

@@ -13,6 +13,8 @@ namespace {
 
 constexpr int kMostGaussians = 20'000'000;
 constexpr std::int64_t kPixelsPerGaussian = 64;  // fewer pixels for each are fitted too closely
+/// Each has an exposure for every photograph, its own or not.
+constexpr std::size_t kMostPhotoCameras = 16;
 constexpr std::int64_t kLeastPixelLimit = 20'000;
 
 /// More Gaussians cost time a step: a short run converges better with fewer.
@@ -171,13 +173,19 @@ void SplatModel::configure(const Scene& scene) {
   }
   pixel_limit = static_cast<int>(
       std::clamp<std::int64_t>(pixels / kPixelsPerGaussian, kLeastPixelLimit, kMostGaussians));
-  if (scene.metric && scene.frames.size() > 1) {
+  // Colours of an object before a given background are exact.
+  const bool photographs = !scene.metric && scene.background == Background::kNone &&
+                           scene.rig.size() <= kMostPhotoCameras;
+  if ((scene.metric || photographs) && scene.frames.size() > 1) {
     // A knot for each frame: exposures change from image to image.
     const double seconds = scene.exposure(0, scene.frames.back().t_ns).t_s;
     gains.appearance.knot_spacing_s =
         static_cast<float>(seconds / static_cast<double>(scene.frames.size() - 1));
-    gains.shading.cameras = gains.appearance.cameras = static_cast<int>(scene.rig.size());
+    gains.appearance.cameras = static_cast<int>(scene.rig.size());
     gains.appearance.knots = static_cast<int>(scene.frames.size());
+  }
+  if (scene.metric && scene.frames.size() > 1) {
+    gains.shading.cameras = static_cast<int>(scene.rig.size());
     // Cells of two patches and more, also in images that are halved: smaller ones are not told
     // apart and run away.
     for (const RigCamera& rig : scene.rig) {

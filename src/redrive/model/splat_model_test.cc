@@ -8,6 +8,7 @@
 
 #include <gtest/gtest.h>
 
+#include "redrive/model/image_windows.h"
 #include "redrive/model/known_splats_testing.h"
 
 namespace redrive::known_splats {
@@ -242,6 +243,26 @@ TEST(SplatModel, LargeImagesAreCutIntoWindowsThatCoverThem) {
   EXPECT_GT(known.psnr_db(*backend, training.model), 30);
 }
 
+TEST(SplatModel, ImagesAreHalvedWhileTheyAreCut) {
+  const KnownScene known(120, 2);  // 128 x 96
+  const auto level = [&](int pixels, double progress) {
+    return level_at(image_levels(known.data(), pixels), progress, 0.6);
+  };
+  EXPECT_EQ(level(2048, 0), 2) << "64 x 48 would be cut, too";
+  EXPECT_EQ(level(2048, 0.39), 2);
+  EXPECT_EQ(level(2048, 0.41), 1);
+  EXPECT_EQ(level(2048, 0.59), 1);
+  EXPECT_EQ(level(2048, 0.61), 0);
+  EXPECT_EQ(level(4096, 0), 1);
+  EXPECT_EQ(level(4096, 0.61), 0);
+  EXPECT_EQ(level(20000, 0), 0);
+  SplatScene tiny;
+  tiny.add_camera("TINY", "opencv_pinhole", {9, 9, 1, 1, 0, 0, 0, 0, 0}, 3, 3);
+  tiny.add_view(0, Rigid3d::Identity(), false);
+  tiny.finish();
+  EXPECT_EQ(level_at(image_levels(tiny.data(), 20000), 0, 0.6), 0);
+}
+
 TEST(SplatModel, SizesThatTilesDoNotDivideAreCovered) {
   KnownScene known(60, 2.03);  // 129 x 97
   const int width = 129, height = 97;
@@ -395,6 +416,25 @@ TEST(SplatModel, PoseGradientsAreThoseOfTheLoss) {
     }
   }
   EXPECT_EQ(std::ranges::count(tested, true), 4) << "cameras";
+}
+
+TEST(SplatModel, PhotographsHaveExposures) {
+  KnownScene known;
+  known.scene.metric = false;
+  SplatModel model;
+  model.configure(known.scene);
+  EXPECT_EQ(model.gains.appearance.cameras, 4);
+  EXPECT_EQ(model.gains.appearance.knots, 12);
+  EXPECT_EQ(model.gains.shading.size(), 0u);
+  SplatModel object;
+  known.scene.background = Background::kWhite;
+  object.configure(known.scene);
+  EXPECT_EQ(object.gains.size(), 0u);
+  SplatModel each_its_camera;
+  known.scene.background = Background::kNone;
+  known.scene.rig.resize(17, known.scene.rig[0]);
+  each_its_camera.configure(known.scene);
+  EXPECT_EQ(each_its_camera.gains.size(), 0u);
 }
 
 TEST(SplatModel, RenderingScalesColoursByTheExposureAndGivesRanges) {

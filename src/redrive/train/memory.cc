@@ -68,7 +68,7 @@ MemoryEstimate estimate_memory(const Run& run, int threads, bool data_parallel) 
     const std::uint64_t bytes = 3 + alpha + used, lists = alpha ? 2 : used;
     need.images += pixels(rig.camera) * bytes + lists * pixels(rig.camera) * 3 / 16;
   }
-  if (model.keeps_half_images(scene)) need.images += need.images / 4;
+  if (model.keeps_half_images(scene)) need.images += need.images / 3;  // and smaller ones
   if (model.streams_images()) {
     // The images that a stage before training needs at once, and one of each thread.
     const auto at_once =

@@ -282,8 +282,7 @@ std::vector<TrainField> make_fields() {
   return {
       text("recording", &O::recording, {}, "folder of the recording"),
       text("method", &O::method, names_of(methods()),
-           "kind of radiance field to train; redrive train without it: splat for drives, grid for "
-           "photographs"),
+           "kind of radiance field to train (default: splat)"),
       text("preset", &O::preset, preset_names(),
            "defaults for options that are not given" + preset_help()),
       list("cameras", &O::cameras, "A,B: the cameras to train on (default: all that have images)"),
