@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "redrive/base/rng.h"
+#include "redrive/model/densify_gaussians.h"
 #include "redrive/model/gaussian_points.h"
 #include "redrive/scene/moving_objects.h"
 #include "redrive/scene/point_cloud.h"
@@ -150,6 +151,28 @@ void append_core(const MovingBox& core, const Eigen::Vector3f& rgb, const Neares
   }
 }
 
+/// Appends black, nearly transparent Gaussians on the road around the box. They become the shadow
+/// that drives along: without them it would darken the road.
+void append_shadow(const Eigen::Vector3f& size_m, const NearestCamera& cameras,
+                   GaussianList* list) {
+  constexpr float kSpacing_m = 0.4f, kFlat_m = 0.02f, kAboveRoad_m = 0.05f;
+  constexpr float kShadowOpacity = 0.1f;
+  const Eigen::Vector2f half = size_m.head<2>() / 2 + Eigen::Vector2f::Constant(kShadow_m);
+  const Eigen::Vector2i n = (2 * half / kSpacing_m).array().ceil().cast<int>();
+  const Eigen::Vector2f side = 2 * half.cwiseQuotient(n.cast<float>());
+  for (int i = 0; i < n.prod(); ++i) {
+    const Eigen::Vector2f at =
+        Eigen::Vector2f(float(i % n.x()) + 0.5f, float(i / n.x()) + 0.5f).cwiseProduct(side) - half;
+    const Point point{{at.x(), at.y(), kAboveRoad_m - size_m.z() / 2},
+                      Eigen::Vector3f::Zero(),
+                      Eigen::Vector3f::Zero()};
+    list->rows.resize(list->rows.size() + kGaussianRows);
+    put_gaussian(point, {0.5f * side.x(), 0.5f * side.y(), kFlat_m}, Eigen::Quaternionf::Identity(),
+                 kShadowOpacity, cameras.distance(point.position.data()),
+                 &*(list->rows.end() - kGaussianRows));
+  }
+}
+
 }  // namespace
 
 GaussianList actor_gaussians(const TrainingSet& data, const MovingObject& actor, float voxel,
@@ -207,6 +230,7 @@ GaussianList actor_gaussians(const TrainingSet& data, const MovingObject& actor,
     for (const TimedPoint& p : points) mean += p.point.rgb / static_cast<float>(points.size());
     append_core(core, mean, cameras, &list);
   }
+  append_shadow(actor.size_m.cast<float>(), cameras, &list);
   return list;
 }
 

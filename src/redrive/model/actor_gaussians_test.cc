@@ -47,14 +47,15 @@ struct Road : SplatScene {
   }
 };
 
-constexpr std::size_t kInCore = 54;  // they come last
+constexpr std::size_t kInCore = 54, kInShadow = 150;  // they come last, in this order
+constexpr std::size_t kAdded = kInCore + kInShadow;
 
 TEST(ActorGaussians, LieOnReturnsAndTheirMirrorImagesInTheColoursOfTheImages) {
   Road road;
   road.add_returns(900);
   const GaussianList list = road.gaussians();
   int left = 0, right = 0;
-  for (std::size_t i = 0; i < list.size() - kInCore; ++i) {
+  for (std::size_t i = 0; i < list.size() - kAdded; ++i) {
     const float* const rows = &list.rows[i * kGaussianRows];
     EXPECT_NEAR(rows[kPositionRow], -2, 1e-4) << "no return of another object";
     EXPECT_GT(std::fabs(rows[kPositionRow + 1]), 0.2f);
@@ -71,7 +72,7 @@ TEST(ActorGaussians, LieOnReturnsAndTheirMirrorImagesInTheColoursOfTheImages) {
 TEST(ActorGaussians, WithoutReturnsLieOnTheBox) {
   Road road;
   const GaussianList list = road.gaussians();
-  ASSERT_EQ(list.size(), 500 + kInCore);
+  ASSERT_EQ(list.size(), 500 + kAdded);
   for (std::size_t i = 0; i < 500; ++i) {
     const float* const at = &list.rows[i * kGaussianRows + kPositionRow];
     const float sides[3] = {std::fabs(at[0]) / 1.8f, std::fabs(at[1]) / 0.9f, at[2] / 0.72f};
@@ -114,7 +115,7 @@ TEST(ActorGaussians, HaveAnOpaqueCoreOfTheMeanColourUnlessTheyDeform) {
   road.add_returns(900);
   const GaussianList list = road.gaussians();
   Eigen::Vector3f sum = Eigen::Vector3f::Zero();
-  for (std::size_t i = list.size() - kInCore; i < list.size(); ++i) {
+  for (std::size_t i = list.size() - kAdded; i < list.size() - kInShadow; ++i) {
     const float* const rows = &list.rows[i * kGaussianRows];
     const Eigen::Vector3f at(rows[kPositionRow], rows[kPositionRow + 1], rows[kPositionRow + 2]);
     EXPECT_TRUE((at.cwiseAbs().array() < Eigen::Array3f(1.4f, 0.7f, 0.56f)).all()) << at;
@@ -126,6 +127,23 @@ TEST(ActorGaussians, HaveAnOpaqueCoreOfTheMeanColourUnlessTheyDeform) {
   EXPECT_LT(sum.norm(), 1e-4);
   road.car.deforms = true;
   EXPECT_EQ(road.gaussians().size(), list.size() - kInCore);
+}
+
+TEST(ActorGaussians, HaveABlackHazeOnTheRoadAroundTheBox) {
+  Road road;
+  const GaussianList list = road.gaussians();
+  Eigen::Vector2f lowest(10, 10), highest(-10, -10);
+  for (std::size_t i = list.size() - kInShadow; i < list.size(); ++i) {
+    const float* const rows = &list.rows[i * kGaussianRows];
+    const Eigen::Vector2f at(rows[kPositionRow], rows[kPositionRow + 1]);
+    lowest = lowest.cwiseMin(at);
+    highest = highest.cwiseMax(at);
+    EXPECT_NEAR(rows[kPositionRow + 2], 0.05 - 0.8, 1e-5);
+    EXPECT_NEAR(1 / (1 + std::exp(-rows[kOpacityRow])), 0.1, 1e-5);
+    for (int c = 0; c < 3; ++c) EXPECT_EQ(rows[kColourRow + c], 0);
+  }
+  EXPECT_LT((highest - Eigen::Vector2f(2.8f, 1.8f)).norm(), 1e-4);
+  EXPECT_LT((lowest + highest).norm(), 1e-4);
 }
 
 TEST(ActorGaussians, AnObjectThatNoTrainingImageShowsHasNone) {

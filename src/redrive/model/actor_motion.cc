@@ -10,6 +10,13 @@ namespace redrive {
 namespace {
 
 constexpr float kSmoothing = 0.02f, kDecay = 0.002f;  // of an update
+constexpr double kAtKey = 0.25;  // of the way between keys: nearer images are of one key
+
+/// Returns the later key's share in the derivative by a motion.
+float share_of_later(const MovingObject::KeyTime& at) {
+  if (at.part < kAtKey) return 0;
+  return at.part > 1 - kAtKey ? 1 : static_cast<float>(at.part);
+}
 
 }  // namespace
 
@@ -37,7 +44,7 @@ void add_motion_gradient(const GaussianPoseGradient<NumberMath<double>>& d_pose,
   const Eigen::Matrix3d turned = moved(Rigid3d::Identity(), motion_at(motions, at)).linear();
   const Eigen::Vector3d d_u = -turned * d_translation,
                         d_w = -camera.cross(d_translation) - d_rotation;
-  const auto later = static_cast<float>(at.part);
+  const float later = share_of_later(at);
   for (int k = 0; k < 3; ++k)
     for (const auto& [key, part] : {std::pair(at.before, 1 - later), std::pair(at.after, later)}) {
       d_motions[kMotionSize * key + k] += part * static_cast<float>(d_u[k]);

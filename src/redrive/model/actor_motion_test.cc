@@ -62,6 +62,14 @@ TEST(ActorMotion, GradientAgreesWithDifferences) {
     EXPECT_NEAR(gradient[kMotionSize + k], 0.75 * difference, tolerance) << k;
     EXPECT_NEAR(gradient[2 * kMotionSize + k], 0.25 * difference, tolerance) << k;
   }
+  for (const auto& [part, key] : {std::pair(0.2, 1), std::pair(0.8, 2)}) {
+    std::vector<float> of_near(3 * kMotionSize);
+    add_motion_gradient(d_pose, start.translation(), motions, {1, 2, part}, of_near);
+    for (std::size_t k = 0; k < kMotionSize; ++k) {
+      EXPECT_EQ(of_near[kMotionSize * (3 - key) + k], 0) << part << " " << k;
+      EXPECT_NEAR(of_near[kMotionSize * key + k], 4 * gradient[2 * kMotionSize + k], 1e-5);
+    }
+  }
 }
 
 TEST(ActorMotion, UpdatesKeysWithAGradientWithinBoundsAndSmoothly) {

@@ -84,11 +84,11 @@ std::size_t first_of(const GaussianLayout& layout, std::size_t part) {
 bool within_bounds(const DensifyOptions& options, std::size_t part, const float* numbers,
                    std::size_t i) {
   if (part == 0 || options.actor_bounds.empty()) return true;
-  for (int k = 0; k < 3; ++k)
-    if (!(std::fabs(numbers[gaussian_slot(i, kPositionRow + k)]) <=
-          options.actor_bounds[part - 1][k]))
-      return false;
-  return true;
+  const Eigen::Vector3f& bound = options.actor_bounds[part - 1];
+  const auto at = [&](int k) { return numbers[gaussian_slot(i, kPositionRow + k)]; };
+  const float beside = at(2) <= kShadowHeight_m - bound.z() ? kShadow_m : 0;
+  return std::fabs(at(0)) <= bound.x() + beside && std::fabs(at(1)) <= bound.y() + beside &&
+         std::fabs(at(2)) <= bound.z();
 }
 
 /// Returns what the Gaussians come from: by part, in Morton order.

@@ -13,12 +13,16 @@
 
 namespace redrive {
 
+/// An actor's Gaussians may lie so far beside its box where they are at most kShadowHeight_m above
+/// the lower bound: its shadow.
+constexpr float kShadow_m = 1, kShadowHeight_m = 0.4f;
+
 struct DensifyOptions {
   std::size_t target = 0;     ///< number of Gaussians afterwards, at most
   float min_opacity = 0.01f;  ///< less is removed
   float min_scale = 6e-4f;    ///< of the largest axis, of the distance: smaller ones are not split
-  /// By actor: half sides of the box around its origin in which its Gaussians stay, metres; those
-  /// outside are removed. Empty: no bounds.
+  /// By actor: half sides of the box around its origin in which its Gaussians stay, but for its
+  /// shadow, metres; those outside are removed. Empty: no bounds.
   std::span<const Eigen::Vector3f> actor_bounds;
 };
 

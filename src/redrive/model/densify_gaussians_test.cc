@@ -248,6 +248,37 @@ TEST(Densify, GrowsToTheTargetAtMost) {
   EXPECT_EQ(state.n, 96u);
 }
 
+TEST(Densify, KeepsOfAnActorWhatIsInItsBoxOrOnTheRoadBeside) {
+  const Eigen::Vector3f bound(2, 1, 0.8f);
+  const std::vector<std::pair<Eigen::Vector3f, bool>> cases = {
+      {{1.9f, -0.9f, 0.7f}, true}, {{2.1f, 0, 0}, false},        {{0, -1.1f, 0}, false},
+      {{0, 0, 0.9f}, false},       {{2.9f, 0, -0.5f}, true},     {{0, -1.9f, -0.7f}, true},
+      {{3.1f, 0, -0.5f}, false},   {{0, 2.1f, -0.5f}, false},    {{2.5f, 0, -0.3f}, false},
+      {{0, 0, -0.9f}, false},      {{2.5f, 1.5f, -0.9f}, false},
+  };
+  std::array<GaussianList, 2> lists = {random_list(16), random_list(cases.size())};
+  for (std::size_t i = 0; i < cases.size(); ++i)
+    for (int k = 0; k < 3; ++k)
+      lists[1].rows[i * kGaussianRows + kPositionRow + k] = cases[i].first[k];
+  GaussianLayout layout = layout_of(std::span<const GaussianList>(lists));
+  const std::size_t size = layout.blocks() * kBlockSize;
+  Buffer<float> numbers(size);
+  Buffer<std::uint32_t> moments(size);
+  write_blocks(lists, layout, &numbers);
+  DensifyOptions options;
+  options.actor_bounds = {&bound, 1};
+  densify(options, 7, &layout, &numbers, &moments);
+  EXPECT_EQ(layout.world, 16u);
+  std::set<float> kept, expected;
+  for (std::size_t i = layout.first_block(0) * kGaussianBlock;
+       i < layout.first_block(1) * kGaussianBlock; ++i)
+    if (numbers[gaussian_slot(i, kOpacityRow)] > kLeastLogit)
+      kept.insert(numbers[gaussian_slot(i, kColourRow)]);
+  for (std::size_t i = 0; i < cases.size(); ++i)
+    if (cases[i].second) expected.insert(static_cast<float>(i));
+  EXPECT_EQ(kept, expected);
+}
+
 TEST(Densify, IsAFunctionOfTheKey) {
   State a(random_list(300)), b(random_list(300)), other(random_list(300));
   a.densify(330, 1);
