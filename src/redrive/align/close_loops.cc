@@ -19,7 +19,7 @@ constexpr double kKnot_m = 10, kEach_m = 20;       // along the way; of candidat
 constexpr double kLeastLoop_m = 60, kLanes_m = 6;  // driven between passes; beside each other
 constexpr double kMostSearch_m = 12, kMostSearch_rad = 4 * kRadiansPerDegree;
 constexpr double kHalfMap_m = 15;     // of the way to both sides of a place
-constexpr int kMostRevolutions = 12;  // of a map
+constexpr int kMostRevolutions = 24;  // of a map
 
 /// Way driven up to each frame.
 std::vector<double> way_of(const std::vector<FramePose>& frames) {
