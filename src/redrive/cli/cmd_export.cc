@@ -83,7 +83,8 @@ PointCloud recorded_points(const Run& run, ThreadPool& pool) {
   std::uint64_t largest = 0;
   for (const RigCamera& rig : run.scene.rig)
     largest = std::max<std::uint64_t>(largest, 5ull * rig.camera.width * rig.camera.height);
-  // Returns take their colours from images of their time, so few are needed at once.
+  // LiDAR returns take their colours from images of about their time, so few are needed at once.
+  // Points of photographs take any, which are decoded again where they are more.
   constexpr std::uint64_t kImages = 256;
   ImageCache cache(static_cast<int>(run.scene.views.size()),
                    [&](int view) { return load(run.scene.views[static_cast<std::size_t>(view)]); },

@@ -67,6 +67,8 @@ std::vector<Box> parse_boxes(std::string_view text, const std::filesystem::path&
     const JsonField object = objects.at(i);
     Box box;
     box.object_id = object.at("ObjectId").integer();
+    if (box.object_id < 0)  // those of objects that are found (scene/find_moving.h)
+      object.at("ObjectId").fail("must be 0 or above");
     if (!ids.insert(box.object_id).second)
       object.at("ObjectId").fail("a second box of this object");
     box.type = object.at("ObjectType").string();

@@ -108,6 +108,8 @@ TEST(Boxes, RejectsInvalidValues) {
   EXPECT_THAT(boxes_message(first + "Relative Velocity Z", "nan"), HasSubstr("a number"));
   EXPECT_THAT(boxes_message(first + "ObjectId", 1.5),
               HasSubstr("CapturedObjects[0].ObjectId = 1.5"));
+  EXPECT_THAT(boxes_message(first + "ObjectId", -1),
+              AllOf(HasSubstr("CapturedObjects[0].ObjectId = -1"), HasSubstr("0 or above")));
   EXPECT_THAT(boxes_message(first + "ObjectType", 3),
               HasSubstr("CapturedObjects[0].ObjectType = 3"));
   EXPECT_THAT(boxes_message(first + "ActorName", nullptr),
