@@ -2,17 +2,14 @@
 // Moving objects that nobody annotated: samples/street_traffic without its boxes.
 #include <nlohmann/json.hpp>
 
-#include "redrive/image/image_io.h"
-#include "tests/e2e/end_to_end.h"
+#include "tests/e2e/traffic_testing.h"
 
 namespace redrive::testing {
 namespace {
 
 using ::testing::HasSubstr;
 
-constexpr const char* kFront = "F_MIDLONGRANGECAM_CL";
-
-class FoundTraffic : public EndToEnd {
+class FoundTraffic : public TrafficEndToEnd {
  protected:
   FoundTraffic() {
     fs::create_directories(hidden_ / "dynamic");
@@ -20,36 +17,9 @@ class FoundTraffic : public EndToEnd {
       fs::create_directory_symlink(fs::path(REDRIVE_SAMPLES "/street_traffic") / part,
                                    hidden_ / part);
   }
-  ProgramResult train(const fs::path& run, const std::vector<std::string>& more) const {
-    std::vector<std::string> arguments = {"train",
-                                          hidden_.string(),
-                                          "--out",
-                                          run.string(),
-                                          "--method",
-                                          "splat",
-                                          "--truth-poses",
-                                          "--cameras",
-                                          kFront,
-                                          "--holdout-every",
-                                          "6",
-                                          "--downscale",
-                                          "2",
-                                          "--set",
-                                          "max_gaussians=20000",
-                                          "--threads",
-                                          "2",
-                                          "--max-steps",
-                                          "60"};
-    arguments.insert(arguments.end(), more.begin(), more.end());
-    return redrive(arguments);
-  }
-  Image8 rendered(const fs::path& run, std::vector<std::string> more) const {
-    const fs::path out = folder_ / "view.png";
-    more.insert(more.begin(), {"render", run.string(), "--camera", kFront, "--frame", "1012",
-                               "--force", "--out", out.string()});
-    const ProgramResult ended = redrive(more);
-    EXPECT_EQ(ended.exit_code, kExitOk) << ended.err;
-    return read_image(out);
+  ProgramResult train(const fs::path& run, std::vector<std::string> more) const {
+    more.insert(more.end(), {"--downscale", "2", "--set", "max_gaussians=20000"});
+    return train_on(hidden_, run, 60, more);
   }
   static nlohmann::json scores(const fs::path& run) {
     const ProgramResult scored = redrive({"eval", run.string(), "--json"});
@@ -82,6 +52,13 @@ TEST_F(FoundTraffic, IsDrawnScoredAndEditedAsAnnotatedTrafficIs) {
                                           "splat-ply", (folder_ / "car.ply").string()});
   EXPECT_EQ(exported.exit_code, kExitOk) << exported.err;
   EXPECT_THAT(exported.out, HasSubstr("FOUND of "));
+  const auto points = [&](const fs::path& of) {
+    const fs::path out = folder_ / "points.las";
+    EXPECT_EQ(redrive({"export", of.string(), "--to", "las", out.string(), "--force"}).exit_code,
+              kExitOk);
+    return fs::file_size(out);
+  };
+  EXPECT_LT(points(run), points(hidden_)) << "without those on the car";
 
   const ProgramResult resumed = redrive({"resume", run.string(), "--max-steps", "70"});
   EXPECT_EQ(resumed.exit_code, kExitOk) << resumed.err;
@@ -112,6 +89,9 @@ TEST_F(FoundTraffic, IsListedByInspect) {
   EXPECT_EQ(objects[0].at("type"), "FOUND");
   EXPECT_LT(objects[0].at("id"), 0);
   EXPECT_EQ(objects[0].at("moves"), true);
+  const fs::path masks = folder_ / "masks";
+  ASSERT_EQ(redrive({"inspect", hidden_.string(), "--masks", masks.string()}).exit_code, kExitOk);
+  EXPECT_EQ(read_json(masks / "moving.json").at("objects").size(), objects.size());
 }
 
 // A moving.json of --masks, which needs no mask, is that of all blocks.

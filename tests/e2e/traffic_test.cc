@@ -2,49 +2,21 @@
 // Moving objects on samples/street_traffic: trained, scored apart, selected and edited.
 #include <nlohmann/json.hpp>
 
-#include "redrive/image/image_io.h"
-#include "tests/e2e/end_to_end.h"
+#include "tests/e2e/traffic_testing.h"
 
 namespace redrive::testing {
 namespace {
 
 using ::testing::HasSubstr;
 
-constexpr const char* kCamera = "F_MIDLONGRANGECAM_CL";
-
-class Traffic : public EndToEnd {
+class Traffic : public TrafficEndToEnd {
  protected:
   fs::path train(const std::string& name, int steps, const std::vector<std::string>& more) const {
-    std::vector<std::string> arguments = {"train",
-                                          REDRIVE_SAMPLES "/street_traffic",
-                                          "--out",
-                                          (folder_ / name).string(),
-                                          "--method",
-                                          "splat",
-                                          "--truth-poses",
-                                          "--cameras",
-                                          kCamera,
-                                          "--holdout-every",
-                                          "6",
-                                          "--max-steps",
-                                          std::to_string(steps),
-                                          "--threads",
-                                          "2"};
-    arguments.insert(arguments.end(), more.begin(), more.end());
-    const ProgramResult trained = redrive(arguments);
+    const ProgramResult trained =
+        train_on(REDRIVE_SAMPLES "/street_traffic", folder_ / name, steps, more);
     EXPECT_EQ(trained.exit_code, kExitOk) << trained.err;
     return folder_ / name;
   }
-  Image8 rendered(const fs::path& run, std::vector<std::string> more) const {
-    const fs::path out = folder_ / "view.png";
-    more.insert(more.begin(), {"render", run.string(), "--camera", kCamera, "--frame", "1012",
-                               "--force", "--out", out.string()});
-    const ProgramResult ended = redrive(more);
-    EXPECT_EQ(ended.exit_code, kExitOk) << ended.err;
-    printed_ = ended.out;
-    return read_image(out);
-  }
-  mutable std::string printed_;
 };
 
 /// Number of pixels that differ clearly.
@@ -123,8 +95,9 @@ TEST_F(Traffic, MovingObjectsAreDrawnScoredAndEdited) {
   EXPECT_THAT(page, HasSubstr("this run, on moving objects"));
 
   write_file(edit, R"({"actors": {"5": {"remove": true}}})");
-  const ProgramResult unknown = redrive({"render", run.string(), "--camera", kCamera, "--frame",
-                                         "1012", "--edit", edit, "--out", folder_ / "no.png"});
+  const ProgramResult unknown =
+      redrive({"render", run.string(), "--camera", kTrafficCamera, "--frame", "1012", "--edit",
+               edit, "--out", folder_ / "no.png"});
   EXPECT_EQ(unknown.exit_code, kExitBadInput);
   EXPECT_THAT(unknown.err, HasSubstr("it draws 2, 3"));
   EXPECT_FALSE(fs::exists(folder_ / "no.png"));
@@ -165,7 +138,7 @@ TEST_F(Traffic, TheReportOfARecordingShowsItsObjects) {
   const std::string page = read_file(report / "index.html");
   EXPECT_THAT(page, HasSubstr("<h2>Objects</h2>"));
   EXPECT_THAT(page, HasSubstr("parked"));
-  const Image8 boxes = read_image(report / ("objects_" + std::string(kCamera) + ".jpg"));
+  const Image8 boxes = read_image(report / ("objects_" + std::string(kTrafficCamera) + ".jpg"));
   int orange = 0;
   for (std::size_t i = 0; i < boxes.rgb.size(); i += 3)
     orange += boxes.rgb[i] > 200 && boxes.rgb[i + 1] > 90 && boxes.rgb[i + 1] < 190 &&
@@ -186,8 +159,9 @@ TEST_F(Traffic, MovingObjectsAreMaskedWithoutActors) {
   write_file(edit, R"({"added": [{"id": 1, "body": {"file": "a.ply"}, "track": [
                         {"time_s": 0, "position_m": [0, 0, 0]},
                         {"time_s": 1, "position_m": [1, 0, 0]}]}]})");
-  const ProgramResult added = redrive({"render", run.string(), "--camera", kCamera, "--frame",
-                                       "1012", "--edit", edit, "--out", folder_ / "no.png"});
+  const ProgramResult added =
+      redrive({"render", run.string(), "--camera", kTrafficCamera, "--frame", "1012", "--edit",
+               edit, "--out", folder_ / "no.png"});
   EXPECT_EQ(added.exit_code, kExitBadInput);
   EXPECT_THAT(added.err, HasSubstr("draws no moving objects"));
 }

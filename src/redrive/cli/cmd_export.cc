@@ -74,10 +74,18 @@ const char* poses_of(const ExportCommandOptions& options, const Source& source) 
   return source.is_run ? "of the run" : options.poses.empty() ? "as recorded" : "of --poses";
 }
 
+/// Returns the static LiDAR returns: those on no annotated object, and in a run on no found one.
+LidarReturns static_returns(const Source& source, ThreadPool& pool) {
+  const Run& run = source.run;
+  return load_lidar_returns(
+      run.recording, run.scene,
+      source.is_run ? run.moving : read_moving_objects(run.recording, run.scene), pool);
+}
+
 /// Returns the recording's points of the static world with colours of its images.
-PointCloud recorded_points(const Run& run, ThreadPool& pool) {
-  const MovingObjects moving = read_moving_objects(run.recording, run.scene);
-  const LidarReturns returns = load_lidar_returns(run.recording, run.scene, moving, pool);
+PointCloud recorded_points(const Source& source, ThreadPool& pool) {
+  const Run& run = source.run;
+  const LidarReturns returns = static_returns(source, pool);
   if (returns.n == 0) return {};
   const ViewLoader load(run.scene, pool);
   std::uint64_t largest = 0;
@@ -112,7 +120,7 @@ int export_photos(const ExportCommandOptions& options, bool (*has_camera)(const 
   const Source source = open_source(options);
   const PhotoSet set = make_photo_set(source.run.recording, source.run.scene, has_camera);
   ThreadPool pool(options.backend.threads > 0 ? options.backend.threads : hardware_threads());
-  const PointCloud points = recorded_points(source.run, pool);
+  const PointCloud points = recorded_points(source, pool);
   const std::atomic<bool>& stop = stop_on_signal();
   write_output_folder(options.out, [&](const std::filesystem::path& folder) {
     write(folder, set, points, pool, stop);
@@ -181,7 +189,7 @@ int export_ply(const ExportCommandOptions& options) {
     std::printf("%zu points of rendered depth with normals\n", points.size());
   } else {
     ThreadPool pool(options.backend.threads > 0 ? options.backend.threads : hardware_threads());
-    const PointCloud points = recorded_points(source.run, pool);
+    const PointCloud points = recorded_points(source, pool);
     if (points.n == 0)
       throw InputError(options.from, "", "", "the recording has neither LiDAR nor a point cloud");
     bytes = point_cloud_ply(points, Rigid3d::Identity(), pool);
@@ -235,8 +243,7 @@ int export_las(const ExportCommandOptions& options) {
   if (run.recording.lidar_files.empty() || !run.recording.body_from_lidar)
     throw InputError(options.from, "", "", "the recording has no LiDAR revolutions");
   ThreadPool pool(options.backend.threads > 0 ? options.backend.threads : hardware_threads());
-  const LidarReturns returns = load_lidar_returns(
-      run.recording, run.scene, read_moving_objects(run.recording, run.scene), pool);
+  const LidarReturns returns = static_returns(source, pool);
   std::vector<LidarRecord> points(returns.n);
   for (std::size_t i = 0; i < returns.n; ++i) {
     for (int k = 0; k < 3; ++k)

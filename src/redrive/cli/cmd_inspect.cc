@@ -25,6 +25,7 @@
 #include "redrive/scene/find_moving.h"
 #include "redrive/scene/load_views.h"
 #include "redrive/scene/masks.h"
+#include "redrive/scene/moving_file.h"
 #include "redrive/scene/object_summary.h"
 
 namespace redrive {
@@ -138,8 +139,16 @@ Inspection inspect(const std::string& root, const std::string& frames) {
   return result;
 }
 
-/// Writes <CAM>.png, to be edited, and <CAM>_overlay.png, to be inspected: the middle image with
-/// masked pixels in red.
+/// Returns objects that move and that nobody annotated.
+std::vector<MovingObject> search_moving(const Recording& recording, const Scene& scene,
+                                        const MovingObjects& annotated, ThreadPool& pool) {
+  if (recording.lidar_files.empty()) return {};
+  return find_moving_objects(load_lidar_returns(recording, scene, annotated, pool), annotated,
+                             pool);
+}
+
+/// Writes <CAM>.png and moving.json, to be edited, and <CAM>_overlay.png, to be inspected: the
+/// middle image with masked pixels in red.
 void write_masks(const std::filesystem::path& folder, Inspection* result) {
   std::error_code error;
   if (!std::filesystem::create_directory(folder, error)) {
@@ -164,6 +173,10 @@ void write_masks(const std::filesystem::path& folder, Inspection* result) {
         view_mask(scene, scene.views[middle], mask, read_moving_objects(result->recording, scene));
     write_image(folder / (calibration.name + "_overlay.png"), overlay(images[middle], of_view));
   }
+  const Scene scene = make_scene(result->recording, {});
+  const std::vector<MovingObject> found =
+      search_moving(result->recording, scene, read_moving_objects(result->recording, scene), pool);
+  if (!found.empty()) write_moving_file(moving_file(folder), found);
 }
 
 constexpr int kPreflightMaxWidth = 640;  // pixels; wider images are downscaled
@@ -433,13 +446,9 @@ void print_inspection(const Inspection& result) {
 /// Returns annotated objects, and those that move and that nobody annotated.
 std::vector<ObjectSummary> list_objects(const Recording& recording) {
   const Scene scene = make_scene(recording, {});
-  MovingObjects objects = read_moving_objects(recording, scene);
-  if (!recording.lidar_files.empty()) {
-    ThreadPool pool(static_cast<int>(std::max(1u, std::thread::hardware_concurrency())));
-    objects = objects.with(
-        find_moving_objects(load_lidar_returns(recording, scene, objects, pool), objects, pool));
-  }
-  return summarize_objects(scene, objects);
+  const MovingObjects annotated = read_moving_objects(recording, scene);
+  ThreadPool pool(static_cast<int>(std::max(1u, std::thread::hardware_concurrency())));
+  return summarize_objects(scene, annotated.with(search_moving(recording, scene, annotated, pool)));
 }
 
 struct InspectOptions {
@@ -478,8 +487,9 @@ Action configure_inspect(CLI::App& command) {
                    "parked, boxes, metres driven, least distance, images");
   command.add_option(
       "--masks", options->masks,
-      "new folder for masks of pixels that training ignores: CAM.png, to be edited, and "
-      "CAM_overlay.png, to inspect them");
+      "new folder for masks of pixels that training ignores: CAM.png and, where the LiDAR finds "
+      "moving objects that nobody annotated, moving.json, to be edited, and CAM_overlay.png, to "
+      "inspect them");
   command.add_option(
       "--report", options->report,
       "new folder for a page (index.html) that checks calibration, poses and time offsets "

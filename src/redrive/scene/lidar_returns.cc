@@ -29,6 +29,18 @@ struct Ray {
   std::uint16_t intensity;
 };
 
+/// Whether one of the boxes, of the time t_ns, has a return; counts it if so.
+bool is_on_moving(const std::vector<MovingBox>& boxes, const Eigen::Vector3d& in_world,
+                  std::int64_t t_ns, LidarReturns* out) {
+  const auto box =
+      std::ranges::find_if(boxes, [&](const MovingBox& other) { return other.contains(in_world); });
+  if (box == boxes.end()) return false;
+  ++out->on_moving;
+  const Eigen::Vector3d in_box = box->box_from_world * in_world;
+  if (is_on_object(*box, in_box)) out->on_objects.push_back({box->id, t_ns, in_box.cast<float>()});
+  return true;
+}
+
 /// Makes rays of one revolution; adds returns on moving objects to `out` and counts dropped ones.
 std::vector<Ray> rays_of(const std::vector<LidarPoint>& points,
                          const std::vector<LidarPoint>& before, const Recording& recording,
@@ -66,15 +78,7 @@ std::vector<Ray> rays_of(const std::vector<LidarPoint>& points,
     }
     const Eigen::Vector3d in_world = world_from_body * in_body,
                           origin = world_from_body * sensor_in_body;
-    const auto box = std::ranges::find_if(
-        boxes, [&](const MovingBox& other) { return other.contains(in_world); });
-    if (box != boxes.end()) {
-      ++out->on_moving;
-      const Eigen::Vector3d in_box = box->box_from_world * in_world;
-      if (is_on_object(*box, in_box))
-        out->on_objects.push_back({box->id, point.t_ns, in_box.cast<float>()});
-      continue;
-    }
+    if (is_on_moving(boxes, in_world, point.t_ns, out)) continue;
     const double range_m = (in_world - origin).norm();
     rays.push_back({origin.cast<float>(), ((in_world - origin) / range_m).cast<float>(),
                     static_cast<float>(range_m), point.t_ns, point.intensity});
@@ -183,6 +187,33 @@ LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene,
       returns.intensity.push_back(ray.intensity);
     }
   return returns;
+}
+
+void take_out(const MovingObjects& moving, LidarReturns* returns) {
+  if (moving.objects().empty()) return;
+  LidarReturns& r = *returns;
+  const auto at = [&](const std::vector<float>& of, std::size_t i) {
+    return Eigen::Vector3d(of[i], of[r.n + i], of[2 * r.n + i]);
+  };
+  std::vector<MovingBox> boxes;
+  std::vector<std::size_t> kept;
+  for (std::size_t i = 0; i < r.n; ++i) {
+    if (i == 0 || r.t_ns[i] != r.t_ns[i - 1]) boxes = moving.at(r.t_ns[i]);
+    const Eigen::Vector3d in_world = at(r.origin, i) + double(r.range_m[i]) * at(r.direction, i);
+    if (!is_on_moving(boxes, in_world, r.t_ns[i], returns)) kept.push_back(i);
+  }
+  const auto keep = [&](auto& of, std::size_t rows) {
+    for (std::size_t row = 0; row < rows; ++row)  // in place: each number moves to the front
+      for (std::size_t k = 0; k < kept.size(); ++k)
+        of[row * kept.size() + k] = of[row * r.n + kept[k]];
+    of.resize(rows * kept.size());
+  };
+  keep(r.origin, 3);
+  keep(r.direction, 3);
+  keep(r.range_m, 1);
+  keep(r.t_ns, 1);
+  keep(r.intensity, 1);
+  r.n = kept.size();
 }
 
 std::set<std::int64_t> held_out_frames(const Scene& scene) {

@@ -60,6 +60,10 @@ LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene,
                                 const MovingObjects& moving, ThreadPool& pool,
                                 const LidarSelection& selection = {});
 
+/// Takes the returns in the boxes of more moving objects out of the static ones, as
+/// load_lidar_returns does with those that it knows.
+void take_out(const MovingObjects& moving, LidarReturns* returns);
+
 /// Returns the ids of the frames of which a view is held out. Their revolutions do not train.
 /// Points that a held-out revolution shares with the one before do, those that it shares with the
 /// one after do not: LidarReturns::repeated counts them there.

@@ -187,6 +187,23 @@ TEST_F(LidarReturnsTest, DropsPointsOnMovingObjectsOnly) {
   const LidarReturns returns = load({}, boxes);
   EXPECT_EQ(returns.on_moving, 1u);
   EXPECT_EQ(returns.n, 2u);
+
+  // Afterwards, likewise.
+  LidarReturns later = load();
+  EXPECT_EQ(later.n, 3u);
+  take_out(MovingObjects(boxes, recording_.frames, recording_.frames[0].global_from_body), &later);
+  EXPECT_EQ(later.n, 2u);
+  EXPECT_EQ(later.on_moving, 1u);
+  EXPECT_EQ(later.origin, returns.origin);
+  EXPECT_EQ(later.direction, returns.direction);
+  EXPECT_EQ(later.range_m, returns.range_m);
+  EXPECT_EQ(later.t_ns, returns.t_ns);
+  EXPECT_EQ(later.intensity, returns.intensity);
+  ASSERT_EQ(later.on_objects.size(), 1u);
+  ASSERT_EQ(returns.on_objects.size(), 1u);
+  EXPECT_EQ(later.on_objects[0].id, 1);
+  EXPECT_EQ(later.on_objects[0].t_ns, t_ns);
+  EXPECT_LT((later.on_objects[0].in_box - returns.on_objects[0].in_box).norm(), 1e-4);
 }
 
 TEST_F(LidarReturnsTest, UsesRevolutionsOfAllFramesOfTheScene) {

@@ -80,9 +80,31 @@ void stream_images(const Run& run, std::uint64_t bytes, ThreadPool& pool, Traini
   for (const std::uint64_t of_view : pixels) data->pixels += of_view;
 }
 
+/// Objects that nobody annotated, and the returns in which they were searched: static ones and
+/// theirs.
+struct Search {
+  std::vector<MovingObject> found;
+  std::optional<LidarReturns> returns;  ///< nothing where a file has the objects
+};
+
+Search search_moving(const Run& run, ThreadPool& pool) {
+  if (run.options.masks == "none") return {};
+  const std::filesystem::path folder = mask_folder(run.options, run.scene);
+  if (!folder.empty() && std::filesystem::exists(moving_file(folder)))
+    return {as_in_moving_file(read_moving_file(moving_file(folder))), {}};
+  if (run.recording.lidar_files.empty()) return {};
+  const MovingObjects annotated = read_moving_objects(run.recording, run.scene);
+  LidarReturns returns = training_returns(run, annotated, pool);
+  // What trains now is what resume reads.
+  auto found = as_in_moving_file(find_moving_objects(returns, annotated, pool));
+  return {std::move(found), std::move(returns)};
+}
+
 /// Applies `left_out` to the images, or to those of a cache where `cache_bytes` is given.
+/// `returns`: of the search, if there was one.
 TrainingData applied(const Run& run, ThreadPool& pool, Exclusions left_out,
-                     std::vector<Image8> images, std::optional<std::uint64_t> cache_bytes) {
+                     std::vector<Image8> images, std::optional<std::uint64_t> cache_bytes,
+                     std::optional<LidarReturns> returns = std::nullopt) {
   TrainingData data{{}, std::move(left_out), {}, {}, 0};
   if (cache_bytes) {
     stream_images(run, *cache_bytes, pool, &data);
@@ -92,24 +114,18 @@ TrainingData applied(const Run& run, ThreadPool& pool, Exclusions left_out,
     if (!run.scene.actors.empty())
       mark_objects(run.scene, MovingObjects(run.scene.actors), pool, &data.images);
   }
-  if (run.state.model->uses_lidar())
-    data.lidar =
-        training_returns(run, run.scene.actors.empty() ? data.left_out.moving : run.moving, pool);
+  if (!run.state.model->uses_lidar()) return data;
+  const MovingObjects& moving = run.scene.actors.empty() ? data.left_out.moving : run.moving;
+  const std::vector<MovingObject> found = found_objects(moving);
+  data.lidar = returns ? *std::move(returns) : training_returns(run, moving.without(found), pool);
+  take_out(MovingObjects(found), &data.lidar);
   return data;
 }
 
 }  // namespace
 
 std::vector<MovingObject> find_moving(const Run& run, ThreadPool& pool) {
-  if (run.options.masks == "none") return {};
-  const std::filesystem::path folder = mask_folder(run.options, run.scene);
-  if (!folder.empty() && std::filesystem::exists(moving_file(folder)))
-    return as_in_moving_file(read_moving_file(moving_file(folder)));
-  if (run.recording.lidar_files.empty()) return {};
-  const MovingObjects annotated = read_moving_objects(run.recording, run.scene);
-  // What trains now is what resume reads.
-  return as_in_moving_file(
-      find_moving_objects(training_returns(run, annotated, pool), annotated, pool));
+  return search_moving(run, pool).found;
 }
 
 std::filesystem::path mask_folder(const TrainOptions& options, const Scene& scene) {
@@ -141,7 +157,8 @@ TrainingData load_training_data(const Run& run, ThreadPool& pool,
 TrainingData prepare_training_data(Run* to_train, ThreadPool& pool,
                                    std::optional<std::uint64_t> cache_bytes) {
   const std::filesystem::path folder = mask_folder(to_train->options, to_train->scene);
-  load_actors(to_train, find_moving(*to_train, pool));
+  Search search = search_moving(*to_train, pool);
+  load_actors(to_train, search.found);
   const Run& run = *to_train;
   std::vector<Image8> images;
   if (!cache_bytes) images = load_views(run.scene, pool);
@@ -150,7 +167,8 @@ TrainingData prepare_training_data(Run* to_train, ThreadPool& pool,
     return cache_bytes ? static_masks(run.scene, ViewLoader(run.scene, pool), folder, pool, on_car)
                        : static_masks(run.scene, images, folder, pool, on_car);
   });
-  return applied(run, pool, std::move(left_out), std::move(images), cache_bytes);
+  return applied(run, pool, std::move(left_out), std::move(images), cache_bytes,
+                 std::move(search.returns));
 }
 
 void write_run_masks(const RunPaths& paths, const TrainingData& training, const Run& run) {

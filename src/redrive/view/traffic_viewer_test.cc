@@ -12,11 +12,11 @@ using ::testing::AllOf;
 using ::testing::HasSubstr;
 
 /// Cubes of 1 m on the axis of FRONT at frame 10, 7 before the surface and 8 behind it, that drive
-/// 1 m in a second.
-std::vector<MovingObject> cubes() {
+/// 1 m in a second. `first`: id of the one before the surface.
+std::vector<MovingObject> cubes(std::int64_t first = 7) {
   std::vector<MovingObject> cubes;
   for (const double ahead_m : {2.0, 6.0}) {
-    MovingObject cube{.id = 7 + static_cast<int>(cubes.size()),
+    MovingObject cube{.id = cubes.empty() ? first : 8,
                       .type = "CAR",
                       .deforms = false,
                       .size_m = {1, 1, 1},
@@ -33,7 +33,8 @@ std::vector<MovingObject> cubes() {
 
 class TrafficViewerTest : public ViewerTest {
  protected:
-  explicit TrafficViewerTest(const FirstEdit& edit = {}) : ViewerTest(true, cubes(), edit) {}
+  explicit TrafficViewerTest(const FirstEdit& edit = {}, std::int64_t first = 7)
+      : ViewerTest(true, cubes(first), edit) {}
 
   static nlohmann::json edited(LoopbackClient& client, int id, const std::string& text) {
     client.send_message(
@@ -103,6 +104,39 @@ TEST_F(TrafficViewerTest, DrawsTheSelectedObjectAndDragsIt) {
   drag["object"] = 9;
   client->send_message(drag.dump());
   EXPECT_FALSE(wait_for(*client, "dragged").header.contains("shift_m"));
+}
+
+/// An object that was found has an id below 0.
+class FoundViewerTest : public TrafficViewerTest {
+ protected:
+  FoundViewerTest() : TrafficViewerTest({}, -1) {}
+};
+
+TEST_F(FoundViewerTest, PicksDragsAndEditsIt) {
+  const auto client = connect();
+  EXPECT_EQ(next(*client).header["objects"][0]["id"], -1);
+  EXPECT_EQ(object_in_the_middle(*client, 1), -1);
+  nlohmann::json request = view(2, "FRONT", 10);
+  request["object"] = -1;
+  client->send_message(request.dump());
+  EXPECT_FALSE(full_image(*client, 2).header["lines"].empty());
+  client->send_message(nlohmann::json{
+      {"type", "drag"},
+      {"id", 1},
+      {"object", -1},
+      {"turns", false},
+      {"from", {0.5, 0.6}},
+      {"to", {0.4, 0.6}},
+      {"shift_m", {0, 0, 0}},
+      {"turn_deg", 0}}.dump());
+  EXPECT_GT(wait_for(*client, "dragged").header["shift_m"][1].get<double>(), 0.1);
+  const nlohmann::json removed = edited(*client, 1, R"({"actors": {"-1": {"remove": true}}})");
+  EXPECT_EQ(removed.value("error", ""), "");
+  EXPECT_TRUE(object_in_the_middle(*client, 3).is_null());
+  const nlohmann::json copied = edited(
+      *client, 2, R"({"actors": {"-1": {"remove": true}}, "copies": [{"of": -1, "id": 9}]})");
+  EXPECT_EQ(copied.value("error", ""), "");
+  EXPECT_EQ(object_in_the_middle(*client, 4), 9);
 }
 
 /// Pages that begin with an edit.
