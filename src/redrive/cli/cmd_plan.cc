@@ -118,7 +118,8 @@ TrainingRates measured(const TrainOptions& whole, const Recording& recording, co
   for (std::size_t i = 0; i < run.recording.lidar_files.size(); i += std::size_t(thinning))
     lidar.push_back(run.recording.lidar_files[i]);
   run.recording.lidar_files = std::move(lidar);
-  run.state = make_initial_state(options, run.scene);
+  // What follows from the number of images, such as the most Gaussians, is that of the block.
+  run.state = make_initial_state(options, all.scene);
   return measure_rates(&run, backend, kCalibrationSteps);
 }
 

@@ -41,13 +41,17 @@ class PacedClock {
     return parts_.size() - 1;
   }
 
-  /// Core seconds of a part at the machine's fastest pace.
+  /// Core seconds of a part at the machine's median pace.
   double seconds(std::size_t part) const {
     const auto [seconds, after] = parts_[part];
-    return seconds * 2 * fastest() / (paces_[after - 1] + paces_[after]);
+    std::vector<double> paces = paces_;
+    const auto median = paces.begin() + std::ssize(paces) / 2;
+    std::nth_element(paces.begin(), median, paces.end());
+    return seconds * 2 * *median / (paces_[after - 1] + paces_[after]);
   }
-  double fastest() const { return *std::ranges::min_element(paces_); }
-  double spread() const { return *std::ranges::max_element(paces_) / fastest(); }
+  double spread() const {
+    return *std::ranges::max_element(paces_) / *std::ranges::min_element(paces_);
+  }
 
  private:
   struct Part {
