@@ -21,7 +21,7 @@ using Matrix6 = Eigen::Matrix<double, 6, 6>;
 constexpr double kPixel_m = 0.5, kUpright_m = 0.7;  // of the view from above
 constexpr double kTurn_rad = 1 * kRadiansPerDegree;
 constexpr double kCell_m = 1, kThinned_m = 0.5;  // of planes; of the points moved onto them
-constexpr int kMinPoints = 8;
+constexpr int kMinCellPoints = 8;
 constexpr double kMaxPlane_m = 0.1;                   // deviation of points from their plane
 constexpr double kOnPlane_m = 0.15, kNoise_m = 0.05;  // of points that fit; of a cell
 constexpr double kLeastSigma_m = 0.02, kLeastSigma_rad = 0.03 * kRadiansPerDegree;
@@ -186,7 +186,8 @@ Cells cells_of(const PointMap& points) {
     const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(cell.squares / cell.n -
                                                                 mean * mean.transpose());
     const Vector3d sd = solver.eigenvalues().cwiseMax(0).cwiseSqrt();
-    cell.planar = cell.n >= kMinPoints && sd[0] < kMaxPlane_m && sd[1] > 0.1 && sd[1] > 2 * sd[0];
+    cell.planar =
+        cell.n >= kMinCellPoints && sd[0] < kMaxPlane_m && sd[1] > 0.1 && sd[1] > 2 * sd[0];
     cell.plane.mean += mean;
     cell.plane.normal = solver.eigenvectors().col(0);
   }
@@ -234,8 +235,8 @@ Cell* plane_at(Cells* cells, const Vector3d& p, bool* near) {
   return best;
 }
 
-/// Sums of a registration's normal equations. By the source's pose [exp(phi), rho], in its axes.
-struct Sums {
+/// A registration's normal equations, by the source's pose [exp(phi), rho] in its own axes.
+struct NormalEquations {
   Matrix6 normal = Matrix6::Zero();
   Eigen::Matrix<double, 6, 1> right = Eigen::Matrix<double, 6, 1>::Zero();
   std::size_t near = 0, on = 0;
@@ -243,13 +244,13 @@ struct Sums {
 };
 
 /// Each cell of the target counts as one observation of kNoise_m, however many points lie on it.
-Sums sums_of(Cells* cells, const PointMap& source, const Rigid3d& pose, double gate_m) {
+NormalEquations sums_of(Cells* cells, const PointMap& source, const Rigid3d& pose, double gate_m) {
   struct Match {
     const Vector3d* point;
     Plane* plane;
     double residual_m;
   };
-  Sums sums;
+  NormalEquations sums;
   std::vector<Match> matches;
   for (const Vector3d& q : source) {
     const Vector3d p = pose * q;
@@ -300,7 +301,7 @@ double upright_on(Cells* cells, const PointMap& source, const PointMap& points, 
     const Cell* const cell = plane_at(cells, p, &near);
     const auto own = cells->find(key_of(cell_of(p, kCell_m)));
     on += cell ? std::abs(cell->plane.normal.dot(p - cell->plane.mean)) < kOnPlane_m
-               : own != cells->end() && own->second.n >= kMinPoints;
+               : own != cells->end() && own->second.n >= kMinCellPoints;
   }
   return *count > 0 ? static_cast<double>(on) / static_cast<double>(*count) : 0;
 }
@@ -321,7 +322,7 @@ MapRegistration register_maps(const PointMap& target, const PointMap& source, co
   Eigen::Matrix<double, 6, 1> unknown;
   unknown << Vector3d::Constant(1 / (kUnknown_m * kUnknown_m)),
       Vector3d::Constant(1 / (kUnknown_rad * kUnknown_rad));
-  Sums sums;
+  NormalEquations sums;
   for (int i = 0; i < 30; ++i) {
     sums = sums_of(&cells, points, pose, i < 6 ? 1 : i < 12 ? 0.5 : 0.25);
     sums.normal += unknown.asDiagonal();
