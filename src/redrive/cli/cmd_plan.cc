@@ -28,7 +28,7 @@ constexpr const char* kPlannedOptions[] = {
     "preset",  "max-gaussians", "max-steps", "max-seconds",   "lidar-rays", "set",
     "memory",  "backend",       "isa",       "threads",       "truth-poses"};
 constexpr int kCalibrationSteps = 100;
-constexpr std::int64_t kCalibrationImages = 48;
+constexpr std::int64_t kCalibrationImages = 256;
 
 struct PlanArguments {
   std::string recording;
@@ -97,7 +97,7 @@ PlannedBlock planned(const Block& block, const Run& run, int threads) {
   return out;
 }
 
-/// Measures on as many frames of a block as have some fifty images, spread over it.
+/// Measures on as many frames of a block as have some 250 images, spread over it.
 TrainingRates measured(const TrainOptions& whole, const Recording& recording, const Block& block,
                        kernels::Backend& backend) {
   TrainOptions options = block_options(whole, block);

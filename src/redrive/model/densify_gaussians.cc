@@ -96,7 +96,8 @@ std::vector<Source> choose_sources(const DensifyOptions& options, std::uint64_t 
                                    const GaussianLayout& layout, const float* p,
                                    std::span<const std::uint32_t> moments) {
   const std::size_t parts = 1 + layout.actor_ends.size();
-  const float least = std::log(options.min_opacity / (1 - options.min_opacity));
+  const float least =
+      std::max(std::log(options.min_opacity / (1 - options.min_opacity)), kUnusedOpacity + 1);
   std::vector<Source> sources;                              // whole ones at first
   std::vector<std::pair<float, std::uint32_t>> candidates;  // drawn in ascending order
   for (std::uint32_t part = 0; part < parts; ++part)
@@ -162,14 +163,16 @@ void densify(const DensifyOptions& options, std::uint64_t key, GaussianLayout* l
   const std::vector<Source> sources = choose_sources(options, key, *layout, p, *moments);
   std::vector<std::size_t> sizes(1 + layout->actor_ends.size());
   for (const Source& source : sources) ++sizes[source.part];
+  const std::vector<std::size_t> filled = sizes;
+  sizes[0] += options.spare;
   const std::size_t old_size = layout->blocks() * kBlockSize;
   *layout = layout_of(std::span<const std::size_t>(sizes));
   const std::size_t size = layout->blocks() * kBlockSize;
   // Calls body(source, slot) for each Gaussian.
   const auto for_each = [&](const auto& body) {
     auto source = sources.begin();
-    for (std::size_t part = 0; part < sizes.size(); ++part)
-      for (std::size_t i = 0; i < sizes[part]; ++i) body(*source++, first_of(*layout, part) + i);
+    for (std::size_t part = 0; part < filled.size(); ++part)
+      for (std::size_t i = 0; i < filled[part]; ++i) body(*source++, first_of(*layout, part) + i);
   };
   const auto moved = [&]<class T>(const Buffer<T>& before) {
     const std::size_t others = before.size() - old_size;
@@ -203,7 +206,7 @@ void densify(const DensifyOptions& options, std::uint64_t key, GaussianLayout* l
     }
   });
   for (std::size_t part = 0; part < sizes.size(); ++part)
-    clear_unused(first_of(*layout, part) + sizes[part], first_of(*layout, part + 1), to.data());
+    clear_unused(first_of(*layout, part) + filled[part], first_of(*layout, part + 1), to.data());
   *numbers = std::move(to);
 }
 

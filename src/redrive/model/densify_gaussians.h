@@ -19,7 +19,8 @@ constexpr float kShadow_m = 1, kShadowHeight_m = 0.4f;
 
 struct DensifyOptions {
   std::size_t target = 0;     ///< number of Gaussians afterwards, at most
-  float min_opacity = 0.01f;  ///< less is removed
+  float min_opacity = 0.01f;  ///< less is removed; 0: unused ones alone
+  std::size_t spare = 0;      ///< unused places at the end of the world's, which count as Gaussians
   float min_scale = 6e-4f;    ///< of the largest axis, of the distance: smaller ones are not split
   /// By actor: half sides of the box around its origin in which its Gaussians stay, but for its
   /// shadow, metres; those outside are removed. Empty: no bounds.

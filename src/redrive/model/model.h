@@ -230,6 +230,10 @@ class Model : public Configurable {
   virtual void finish_step(kernels::Backend&, const StepRequest&, const StepOutput&,
                            std::int64_t /*step*/, AdamState*) {}
 
+  /// Called when a run has reached its limits, before its last checkpoint; once, until further
+  /// steps follow. May change the shapes of tensors, as finish_step. Must be deterministic.
+  virtual void finish_training(kernels::Backend&, const TrainingSet&, AdamState*) {}
+
   // ---- Rendering
   /// Renders the image of `rays.camera`: colour, depth in metres along the ray and opacity.
   virtual RenderedImage render(kernels::Backend& backend, const RayTable& rays,

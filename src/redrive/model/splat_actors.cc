@@ -6,6 +6,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/field/gaussian_blocks.h"
+#include "redrive/model/fill_hidden.h"
 #include "redrive/model/splat_model.h"
 #include "redrive/model/trace_gaussians.h"
 #include "redrive/scene/moving_objects.h"
@@ -200,6 +201,47 @@ void SplatModel::add_motion_gradients(
     add_motion_gradient(d_poses[1 + *a], rigid(middle).translation(), motion_parameters(*a), *at,
                         gradients.subspan(first, n));
   }
+}
+
+void SplatModel::finish_training(kernels::Backend& backend, const TrainingSet& data,
+                                 AdamState* adam) {
+  constexpr int kFillPixels = 60000;  // of a small image
+  constexpr std::size_t kMostViews = 256;
+  if (filled || actor_ids.empty()) return;
+  filled = 1;
+  std::vector<int> training;
+  for (int v = 0; v < std::ssize(data.scene.views); ++v)
+    if (!data.scene.views[v].held_out) training.push_back(v);
+  const std::size_t every = (training.size() + kMostViews - 1) / kMostViews;
+  FillViews views;
+  views.n = (training.size() + every - 1) / every;
+  views.view = [&](std::size_t i) {
+    const View& of = data.scene.views[training[i * every]];
+    const RigCamera& rig = data.scene.rig[of.camera];
+    int factor = 1;
+    while (rig.camera.width / factor * (rig.camera.height / factor) > kFillPixels) ++factor;
+    FillView out{rig.camera.downscaled(factor), data.scene.shutter_poses(of), {}, {}};
+    correct_poses(data.scene, data.scene.frames[of.frame].t_ns + rig.time_offset_ns, &out.poses);
+    out.parts = drawn_actors(out.poses).parts;
+    const ImagePointer image = data.images[training[i * every]];
+    for (int y = 0; !image->used.empty() && y < out.camera.height; ++y)
+      for (int x = 0; x < out.camera.width; ++x) {
+        const int row = y * factor + factor / 2, column = x * factor + factor / 2;
+        out.used.push_back(image->used[static_cast<std::size_t>(row) * image->width + column]);
+      }
+    return out;
+  };
+  const HiddenPlaces hidden = find_hidden(backend.gaussians(), views, all(), layout().world);
+  if (hidden.gaussians.empty()) return;
+  for (const std::size_t i : hidden.gaussians)
+    parameters[gaussian_slot(i, kOpacityRow)] = kUnusedOpacity;
+  DensifyOptions options;
+  options.min_opacity = 0;
+  options.spare = std::min(fills_needed(hidden),
+                           hidden.gaussians.size() + static_cast<std::size_t>(most_fills()));
+  change_number(options, 0, adam);
+  fill_holes(backend.gaussians(), views, hidden, all().n, layout().world, options.spare,
+             parameters.span().first(blocks_size()));
 }
 
 void SplatModel::check_actors(const std::filesystem::path& recording,

@@ -138,7 +138,7 @@ kernels::GaussianCamera camera_of(const PlainCamera& whole, const ImageWindow& w
 }  // namespace
 
 void SplatModel::initialize(std::uint64_t) {
-  gaussians = first_gaussians = 0;
+  gaussians = first_gaussians = filled = 0;
   actor_ids.clear();
   actor_ends.clear();
   actor_keys.clear();

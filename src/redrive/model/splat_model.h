@@ -53,6 +53,7 @@ struct SplatModel final : Model {
   /// By actor: MovingObject::id, and the end of its blocks (GaussianLayout).
   std::vector<std::int64_t> actor_ids, actor_ends;
   std::vector<std::int64_t> actor_keys;  ///< by actor: the end of its track's keys (actor_motion.h)
+  int filled = 0;                        ///< 1: finish_training() was called since the last step
   float background[3] = {0.5f, 0.5f, 0.5f};  ///< where no Gaussian is: the images' mean colour
 
   const char* method() const override { return "splat"; }
@@ -92,6 +93,9 @@ struct SplatModel final : Model {
               std::span<float> gradients, AdamState* adam) override;
   void finish_step(kernels::Backend& backend, const StepRequest& request, const StepOutput& output,
                    std::int64_t step, AdamState* adam) override;
+  /// Fills what objects hide in all images (fill_hidden.h).
+  void finish_training(kernels::Backend& backend, const TrainingSet& data,
+                       AdamState* adam) override;
   RenderedImage render(kernels::Backend& backend, const RayTable& rays,
                        const ShutterPoses& world_from_camera,
                        const Exposure& exposure) const override;
@@ -141,6 +145,10 @@ struct SplatModel final : Model {
   DrawnActors drawn_actors(const ShutterPoses& poses) const;
   /// Sets the background to the mean colour of the images.
   void set_background(const TrainingSet& data);
+  /// Most Gaussians that finish_training() adds; training leaves them free.
+  int most_fills() const { return actor_ids.empty() ? 0 : most_gaussians() / 100; }
+  /// Changes the number of Gaussians (densify_gaussians.h).
+  void change_number(const DensifyOptions& options, std::uint64_t key, AdamState* adam);
   struct WindowStep;
   AdamStep adam_step_of(double learning_rate, std::int64_t step) const;
   kernels::GaussianUpdate gaussian_update(const StepUpdate& at) const;

@@ -72,20 +72,26 @@ std::optional<std::size_t> SplatModel::bad_moment(std::span<const std::uint32_t>
 
 void SplatModel::finish_step(kernels::Backend& backend, const StepRequest& request,
                              const StepOutput&, std::int64_t step, AdamState* adam) {
+  filled = 0;
   if (step % densify_every != 0 || request.progress >= double(densified_until)) return;
   const double grown = std::min(1.0, request.progress / double(grown_by));
   DensifyOptions options;
-  options.target = static_cast<std::size_t>(
-      first_gaussians + grown * std::max(0, most_gaussians() - first_gaussians));
+  const int most = most_gaussians() - most_fills();
+  options.target =
+      static_cast<std::size_t>(first_gaussians + grown * std::max(0, most - first_gaussians));
   options.min_opacity = min_opacity;
   std::vector<Eigen::Vector3f> bounds;
   for (std::size_t a = 0, i = blocks_size() + gains.size(); a < actor_ids.size(); ++a, i += 3)
     bounds.emplace_back(parameters[i], parameters[i + 1], parameters[i + 2]);
   options.actor_bounds = bounds;
-  GaussianLayout layout = this->layout();
   backend.gaussians().release();  // not beside what densify copies
-  densify(options, random_key(request.seed, kStreamDensify, static_cast<std::uint64_t>(step)),
-          &layout, &parameters, &adam->packed);
+  change_number(options, random_key(request.seed, kStreamDensify, static_cast<std::uint64_t>(step)),
+                adam);
+}
+
+void SplatModel::change_number(const DensifyOptions& options, std::uint64_t key, AdamState* adam) {
+  GaussianLayout layout = this->layout();
+  densify(options, key, &layout, &parameters, &adam->packed);
   gaussians = static_cast<int>(layout.world);
   actor_ends = std::move(layout.actor_ends);
 }

@@ -82,7 +82,10 @@ class Trainer {
         if (observer_) observer_->between_steps(run_, scene_, frames_);
       }
       if (state_.window.steps > 0) close_window();
-      if (!loss_rose()) return end(TrainEnd::kFinished);
+      if (!loss_rose()) {
+        finish_training();
+        return end(TrainEnd::kFinished);
+      }
       roll_back(high_loss());
     }
   }
@@ -124,6 +127,12 @@ class Trainer {
     model.initialize_from(data_, state_.seed, pool);
     state_.seconds += seconds_since(begin);
     if (state_.adam.size() != model.size()) state_.adam = model.zero_moments();
+  }
+
+  void finish_training() {
+    const auto begin = std::chrono::steady_clock::now();
+    state_.model->finish_training(group_.first().backend, data_, &state_.adam);
+    state_.seconds += seconds_since(begin);
   }
 
   /// Returns a number of each process.
