@@ -27,7 +27,6 @@ constexpr const char* kPlannedOptions[] = {
     "cameras", "frames",        "downscale", "holdout-every", "masks",      "method",
     "preset",  "max-gaussians", "max-steps", "max-seconds",   "lidar-rays", "set",
     "memory",  "backend",       "isa",       "threads",       "truth-poses"};
-constexpr int kCalibrationSteps = 100;
 constexpr std::int64_t kCalibrationImages = 256;
 
 struct PlanArguments {
@@ -110,8 +109,11 @@ TrainingRates measured(const TrainOptions& whole, const Recording& recording, co
   options.frames = std::to_string(all.scene.frames.front().id) + ":" +
                    std::to_string(all.scene.frames.back().id) + ":" + std::to_string(range.step);
   options.holdout_every = 0;
+  CalibrationSteps calibration;
   if (options.method == "splat" && !options.hyperparameters.contains("densify_every"))
-    options.set("densify_every", kCalibrationSteps / 20);
+    options.set("densify_every", calibration.change_every);
+  else
+    calibration.change_every_of_run = calibration.change_every;
   Run run = run_of(options, recording);
   // As much LiDAR an image as in the block, which has that of frames that --frames leaves out.
   std::vector<FrameFile> lidar;
@@ -120,7 +122,7 @@ TrainingRates measured(const TrainOptions& whole, const Recording& recording, co
   run.recording.lidar_files = std::move(lidar);
   // What follows from the number of images, such as the most Gaussians, is that of the block.
   run.state = make_initial_state(options, all.scene);
-  return measure_rates(&run, backend, kCalibrationSteps);
+  return measure_rates(&run, backend, calibration);
 }
 
 std::string time_text(double seconds) {

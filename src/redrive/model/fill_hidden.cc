@@ -20,9 +20,9 @@ constexpr float kSeenPixels = 0.05f, kSeenShare = 0.1f, kInFrontShare = 0.3f;
 // Weight of hidden Gaussians in a pixel that is filled, and in one whose colour is not known
 // without them; of new Gaussians in one that is filled already.
 constexpr float kHole = 0.3f, kUnknown = 0.03f, kFilled = 0.5f;
-constexpr float kLeastInverse_per_m = 1e-4f;  // of what is filled
-constexpr float kFillOpacity = 0.95f, kFillScale = 0.7f;  // of the spacing
-constexpr int kSpacing = 2;                               // pixels
+constexpr float kLeastInverse_per_m = 1e-4f;                 // of what is filled
+constexpr float kFillOpacity = 0.95f, kFillScale = 0.7f;     // of the spacing
+constexpr int kSpacing = 2;                                  // pixels
 constexpr std::size_t kMostFilled = 16, kMostSearched = 12;  // views with objects
 
 bool interpolated(FillPixel pixel) {
@@ -219,12 +219,11 @@ FillImage image_to_fill(kernels::GaussianStages& stages, const FillView& view,
 /// Returns a Gaussian for each kSpacing-th filled pixel, or fewer and larger ones: `most`.
 GaussianList gaussians_of(const FillView& view, const FillImage& image, std::size_t most) {
   GaussianList list;
-  const auto filled =
-      static_cast<std::size_t>(std::ranges::count(image.pixel, FillPixel::kFill));
+  const auto filled = static_cast<std::size_t>(std::ranges::count(image.pixel, FillPixel::kFill));
   if (filled == 0 || most == 0) return list;
-  const int spacing =
-      std::max(kSpacing, static_cast<int>(std::ceil(std::sqrt(static_cast<double>(filled) /
-                                                              static_cast<double>(most)))));
+  const int spacing = std::max(
+      kSpacing, static_cast<int>(
+                    std::ceil(std::sqrt(static_cast<double>(filled) / static_cast<double>(most)))));
   for (int y = 0; y < image.height; ++y)
     for (int x = 0; x < image.width && list.size() < most; ++x) {
       const std::size_t i = static_cast<std::size_t>(y) * image.width + x;

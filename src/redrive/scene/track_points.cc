@@ -19,7 +19,11 @@ constexpr int kLength = 14;          // images of a track
 constexpr int kMinObservations = 4;  // three would not show an outlier along the epipolar line
 constexpr int kStartEvery = 2;       // images; more where there are more than kMaxStarts
 constexpr int kMaxStarts = 400;      // about 10 s on two cores
-constexpr int kBatch = kMostTrackImages - kLength;  // images of a batch, if not all in memory
+// Every kProbeEvery-th start tells whether a camera's corners are more than noise: whether so many
+// of them become points.
+constexpr int kProbeEvery = 8;
+constexpr double kLeastYield = 0.05;
+constexpr int kBatch = kMostTrackImages - kLength;  // images of a batch
 // A larger window takes the depth of what is in front of or beside its centre.
 constexpr int kWindow_px = 7, kBlock_px = 5, kMargin_px = 4;
 constexpr int kMinCell_px = 5, kMaxCells = 20'000;  // one corner a cell
@@ -34,6 +38,7 @@ constexpr int kLevelsWithPoint = 1;  // pyramid levels searched for a track that
 constexpr float kForwardBackward_px = 0.5f, kEdge_px = 2;
 constexpr double kMaxResidual_px = 1.2, kTracking_px = 0.35;  // error of an observation
 constexpr double kMaxRelativeSigma = 0.06;                    // of the distance
+constexpr double kExactSigma = 0.01;  // likewise: a track that knows it so well ends
 
 /// Distances from the first camera between which points are kept.
 struct DistanceRange {
@@ -184,6 +189,14 @@ std::optional<Eigen::Vector3d> triangulate_rays(const TrackRays& rays, double ra
 struct ActiveTrack {
   TrackRays* rays;
   cv::Point2f at;
+  double rad_per_px;  ///< where it started, of the reduced image
+
+  /// Whether further images would not make its point noticeably more exact.
+  bool is_exact() const {
+    return rays->n >= kMinObservations &&
+           kTracking_px * rad_per_px <
+               kExactSigma * std::sqrt(nearest_to_rays(*rays).least_eigenvalue);
+  }
 };
 
 /// The training images of one camera. Points in images are those of the reduced ones.
@@ -226,16 +239,17 @@ class CameraTracker {
     return {std::min(start, end), std::max(start, end) + 1};
   }
 
-  /// Tracks from image `start` on, step 1 or -1, and triangulates.
-  std::vector<ColouredPoint> points_from(int start, int step) const {
+  /// Tracks from image `start` on, step 1 or -1, and triangulates. Sets the number of corners.
+  std::vector<ColouredPoint> points_from(int start, int step, std::size_t* n_corners) const {
     const Image8& first = *images_[start].image;
     const std::vector<cv::Point2f> corners =
         find_corners(images_[start].pyramid[0], usable_pixels(first, factor_));
+    *n_corners = corners.size();
     std::vector<TrackRays> tracks(corners.size());
     std::vector<ActiveTrack> active;
     for (std::size_t t = 0; t < corners.size(); ++t)
       if (add_ray(images_[start], corners[t], &tracks[t]))
-        active.push_back({&tracks[t], corners[t]});
+        active.push_back({&tracks[t], corners[t], factor_ * rad_per_px(full_pixel(corners[t]))});
     for (int k = 1; k < kLength; ++k) {
       const int from = start + (k - 1) * step, to = from + step;
       if (to < 0 || to >= images()) break;
@@ -298,8 +312,9 @@ class CameraTracker {
     std::size_t kept = 0;
     for (std::size_t i = 0; i < active->size(); ++i)
       if (found[i] && add_ray(to, *found[i], (*active)[i].rays))
-        (*active)[kept++] = {(*active)[i].rays, *found[i]};
+        (*active)[kept++] = {(*active)[i].rays, *found[i], (*active)[i].rad_per_px};
     active->resize(kept);
+    std::erase_if(*active, [](const ActiveTrack& track) { return track.is_exact(); });
   }
 
   /// Returns a point, or a direction, in camera axes where a track is expected: its own point, or,
@@ -393,19 +408,31 @@ PointCloud track_points(const Scene& scene, const ViewImages& images, ThreadPool
     }
     const std::size_t done = parts.size();
     parts.resize(done + starts.size());
+    std::vector<std::size_t> corners(starts.size());
+    std::size_t n_corners = 0, n_points = 0;
     // Batches of starts by the last image that they use, so that few images are needed at once.
-    const int size = images.all_in_memory() ? std::max(1, tracker.images()) : kBatch;
-    std::vector<std::vector<int>> batches(tracker.images() / size + 1);
+    std::vector<std::vector<int>> batches(tracker.images() / kBatch + 1);
     for (int s = 0; s < std::ssize(starts); ++s)
-      batches[(tracker.used_by(starts[s].image, starts[s].step).second - 1) / size].push_back(s);
+      batches[(tracker.used_by(starts[s].image, starts[s].step).second - 1) / kBatch].push_back(s);
     for (int b = 0; b < std::ssize(batches); ++b) {
       if (batches[b].empty()) continue;
-      const int end = std::min((b + 1) * size, tracker.images());
-      tracker.prepare(std::max(0, b * size - kLength + 1), end, images, pool);
-      pool.run(static_cast<int>(batches[b].size()), [&](int k) {
-        const int s = batches[b][k];
-        parts[done + s] = tracker.points_from(starts[s].image, starts[s].step);
-      });
+      const int end = std::min((b + 1) * kBatch, tracker.images());
+      tracker.prepare(std::max(0, b * kBatch - kLength + 1), end, images, pool);
+      std::vector<int> probes, others;
+      for (int k = 0; k < std::ssize(batches[b]); ++k)
+        (k % kProbeEvery == 0 ? probes : others).push_back(batches[b][k]);
+      const auto track = [&](const std::vector<int>& some) {
+        pool.run(static_cast<int>(some.size()), [&](int k) {
+          const int s = some[k];
+          parts[done + s] = tracker.points_from(starts[s].image, starts[s].step, &corners[s]);
+        });
+        for (const int s : some) {
+          n_corners += corners[s];
+          n_points += parts[done + s].size();
+        }
+      };
+      track(probes);
+      if (double(n_points) >= kLeastYield * double(n_corners)) track(others);
     }
   }
   return make_point_cloud(parts);

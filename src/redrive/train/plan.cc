@@ -80,8 +80,10 @@ class PacedClock {
 
 }  // namespace
 
-TrainingRates measure_rates(Run* run, kernels::Backend& backend, int steps) {
-  constexpr int kDecoded = 8, kStepsOfPart = 10;
+TrainingRates measure_rates(Run* run, kernels::Backend& backend,
+                            const CalibrationSteps& calibration) {
+  constexpr int kDecoded = 8;
+  const int steps = calibration.steps;
   TrainingRates rates;
   ThreadPool pool(backend.threads());
   Model& model = *run->state.model;
@@ -120,12 +122,25 @@ TrainingRates measure_rates(Run* run, kernels::Backend& backend, int steps) {
     train_step(backend, set, request, rate, &state, &buffers);
   };
   step(0);  // allocates
-  std::vector<std::size_t> parts;
-  for (int i = 0; i < steps; i += kStepsOfPart)
-    parts.push_back(clock.measure(cores, [&] {
-      for (int k = i; k < std::min(i + kStepsOfPart, steps); ++k) step(k);
+  // Those that end with a change of the parameters' number, by themselves.
+  std::vector<std::size_t> parts, changes;
+  int others = 0;
+  for (int i = 0; i < steps;) {
+    const int change = static_cast<int>((state.step / calibration.change_every + 1) *
+                                            calibration.change_every -
+                                        1 - state.step),
+              n = std::clamp(change, 1, steps - i);
+    (change == 0 ? changes : parts).push_back(clock.measure(cores, [&] {
+      for (int k = i; k < i + n; ++k) step(k);
     }));
-  for (const std::size_t part : parts) rates.step_s += clock.seconds(part) / steps;
+    if (change > 0) others += n;
+    i += n;
+  }
+  for (const std::size_t part : parts) rates.step_s += clock.seconds(part) / std::max(others, 1);
+  double beyond_s = 0;
+  for (const std::size_t part : changes) beyond_s += clock.seconds(part) - rates.step_s;
+  rates.step_s +=
+      std::max(0.0, beyond_s) / steps * calibration.change_every / calibration.change_every_of_run;
   rates.decode_s = clock.seconds(decode) / static_cast<double>(decoded);
   rates.prepare_s = clock.seconds(prepare) / images;
   rates.start_s = clock.seconds(start) / images;

@@ -26,11 +26,19 @@ struct TrainingRates {
   double spread = 1;
 };
 
+/// Steps that pass through a whole run's schedule.
+struct CalibrationSteps {
+  int steps = 100;
+  /// After each so many the model changes the number of its parameters, in a run to plan after so
+  /// many. What such a step takes beyond the others counts that much less.
+  int change_every = 5, change_every_of_run = 100;
+};
+
 /// Measures the rates with `run`, of which options, recording and scene are set: prepares its data,
-/// then trains for `steps` steps that pass through a whole run's schedule. Writes nothing. What
-/// other programs take of the cores does not count (CoreTimer), and times are divided by the speed
-/// of the machine meanwhile.
-TrainingRates measure_rates(Run* run, kernels::Backend& backend, int steps);
+/// then trains. Writes nothing. What other programs take of the cores does not count (CoreTimer),
+/// and times are divided by the speed of the machine meanwhile.
+TrainingRates measure_rates(Run* run, kernels::Backend& backend,
+                            const CalibrationSteps& calibration);
 
 /// A part of the drive that is a run of its own; the whole drive where it is not divided.
 struct PlannedBlock {

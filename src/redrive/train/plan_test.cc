@@ -115,7 +115,7 @@ TEST_F(MeasuredRates, ArePositive) {
       options.set("initial.sky", 800);
     }
     redrive::Run run = tiny_run(folder_.path / method, folder_.path, options);
-    const TrainingRates rates = measure_rates(&run, *backend_, 20);
+    const TrainingRates rates = measure_rates(&run, *backend_, {.steps = 20});
     for (const double rate : {rates.prepare_s, rates.decode_s, rates.start_s, rates.step_s})
       EXPECT_GT(rate, 0) << method;
     EXPECT_EQ(run.state.step, 21);

@@ -132,7 +132,7 @@ class Trainer {
   void finish_training() {
     const auto begin = std::chrono::steady_clock::now();
     state_.model->finish_training(group_.first().backend, data_, &state_.adam);
-    state_.seconds += seconds_since(begin);
+    state_.seconds += of_processes(seconds_since(begin)).front();
   }
 
   /// Returns a number of each process.
