@@ -23,7 +23,7 @@ constexpr float kHole = 0.3f, kUnknown = 0.03f, kFilled = 0.5f;
 constexpr float kLeastInverse_per_m = 1e-4f;                 // of what is filled
 constexpr float kFillOpacity = 0.95f, kFillScale = 0.7f;     // of the spacing
 constexpr int kSpacing = 2;                                  // pixels
-constexpr std::size_t kMostFilled = 16, kMostSearched = 12;  // views with objects
+constexpr std::size_t kMostFilled = 12, kMostSearched = 12;  // views with objects
 
 bool interpolated(FillPixel pixel) {
   return pixel == FillPixel::kUnknown || pixel == FillPixel::kFill;
