@@ -258,15 +258,10 @@ HiddenPlaces find_hidden(kernels::GaussianStages& stages, const FillViews& views
   const std::vector<std::size_t> searched = with_objects(views, kMostSearched);
   for (const std::size_t v : searched)
     add_seen(views.view(v), all, of_world, kSeenShare, &sums, &seen);
+  for (std::size_t i = 0; i < seen.with_objects.size(); ++i)
+    if (seen.without_objects[i] && !seen.with_objects[i]) hidden.gaussians.push_back(i);
   Buffer<float> marked = blackened(all);
-  const auto find = [&] {
-    for (const std::size_t i : hidden.gaussians) mark(i, false, &marked);
-    hidden.gaussians.clear();
-    for (std::size_t i = 0; i < seen.with_objects.size(); ++i)
-      if (seen.without_objects[i] && !seen.with_objects[i]) hidden.gaussians.push_back(i);
-    for (const std::size_t i : hidden.gaussians) mark(i, true, &marked);
-  };
-  find();
+  for (const std::size_t i : hidden.gaussians) mark(i, true, &marked);
   // The other images, where they show any of those.
   kernels::RasterImage drawn;
   for (std::size_t v = 0; v < views.n && !hidden.gaussians.empty(); ++v) {
@@ -275,7 +270,10 @@ HiddenPlaces find_hidden(kernels::GaussianStages& stages, const FillViews& views
     stages.rasterise(camera_of(view, view.parts), {all.n, marked}, {}, &drawn);
     if (most_of(drawn) < kSeenShare) continue;
     add_seen(view, all, of_world, kSeenShare, &sums, &seen);
-    find();
+    std::erase_if(hidden.gaussians, [&](std::size_t i) {
+      if (seen.with_objects[i]) mark(i, false, &marked);
+      return seen.with_objects[i] != 0;
+    });
   }
   if (hidden.gaussians.empty()) return hidden;
   for (const std::size_t v : with_objects(views, kMostFilled)) {
