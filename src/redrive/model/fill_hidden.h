@@ -34,7 +34,7 @@ struct FillViews {
 /// Whether a pixel shows what images saw, once no object is drawn and no hidden Gaussian.
 enum class FillPixel : std::uint8_t { kKnown, kUnknown, kFill, kEmpty };
 
-/// What objects hide in all images.
+/// Places of the world that moving objects hide in all images.
 struct HiddenPlaces {
   std::vector<std::size_t> gaussians;  ///< of the world
   struct Hole {

@@ -114,7 +114,7 @@ TEST(FillHidden, ContinuesWhatIsSeenAround) {
     EXPECT_NEAR(filled.depth[i] / expected.depth[i], 1, 0.02) << i;
   }
   EXPECT_GT(hidden, 200);
-  // What is seen stays, bit by bit.
+  // Gaussians that are seen stay, bit by bit.
   const auto rows = [](std::span<const float> numbers, int n) {
     std::set<std::array<float, kGaussianRows>> rows;
     for (int i = 0; i < n; ++i) {

@@ -122,7 +122,7 @@ TrainingRates measure_rates(Run* run, kernels::Backend& backend,
     train_step(backend, set, request, rate, &state, &buffers);
   };
   step(0);  // allocates
-  // Those that end with a change of the parameters' number, by themselves.
+  // Steps that end with a change of the number of parameters are measured one by one.
   std::vector<std::size_t> parts, changes;
   int others = 0;
   for (int i = 0; i < steps;) {
