@@ -20,8 +20,8 @@ constexpr float kSeenPixels = 0.05f, kSeenShare = 0.1f, kInFrontShare = 0.3f;
 // Weight of hidden Gaussians in a pixel that is filled, and in one whose colour is not known
 // without them; of new Gaussians in one that is filled already.
 constexpr float kHole = 0.3f, kUnknown = 0.03f, kFilled = 0.5f;
-constexpr float kLeastInverse_per_m = 1e-4f;                 // of what is filled
-constexpr float kFillOpacity = 0.95f, kFillScale = 0.7f;     // of the spacing
+constexpr float kLeastInverse_per_m = 1e-4f;                 // inverse distance of a new Gaussian
+constexpr float kFillOpacity = 0.95f, kFillScale = 0.7f;     // scale: of the spacing
 constexpr int kSpacing = 2;                                  // pixels
 constexpr std::size_t kMostFilled = 12, kMostSearched = 12;  // views with objects
 

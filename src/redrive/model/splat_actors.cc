@@ -205,7 +205,7 @@ void SplatModel::add_motion_gradients(
 
 void SplatModel::finish_training(kernels::Backend& backend, const TrainingSet& data,
                                  AdamState* adam) {
-  constexpr int kFillPixels = 60000;  // of a small image
+  constexpr int kFillPixels = 60000;  // pixels of a reduced image, at most
   constexpr std::size_t kMostViews = 96;
   if (filled || actor_ids.empty()) return;
   filled = 1;

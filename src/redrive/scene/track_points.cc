@@ -19,8 +19,8 @@ constexpr int kLength = 14;          // images of a track
 constexpr int kMinObservations = 4;  // three would not show an outlier along the epipolar line
 constexpr int kStartEvery = 2;       // images; more where there are more than kMaxStarts
 constexpr int kMaxStarts = 400;      // about 10 s on two cores
-// Every kProbeEvery-th start tells whether a camera's corners are more than noise: whether so many
-// of them become points.
+// Every kProbeEvery-th start is tracked first. The others follow where at least kLeastYield of the
+// camera's corners have become points, so not where corners are noise.
 constexpr int kProbeEvery = 8;
 constexpr double kLeastYield = 0.05;
 constexpr int kBatch = kMostTrackImages - kLength;  // images of a batch

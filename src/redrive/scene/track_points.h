@@ -18,8 +18,8 @@ namespace redrive {
 /// camera must overlap: photographs too far apart give none. images[i] belongs to scene.views[i];
 /// those of held-out views are not used, nor are masked or transparent pixels. A camera of whose
 /// corners fewer than a twentieth become points, as of noise at night, is tracked from every eighth
-/// start alone. The poses are those
-/// of Scene::shutter_poses. The result does not depend on the number of threads.
+/// start alone. The poses are those of Scene::shutter_poses. The result does not depend on the
+/// number of threads.
 PointCloud track_points(const Scene& scene, const ViewImages& images, ThreadPool& pool);
 /// Images that track_points uses at once, at most.
 constexpr int kMostTrackImages = 32;

@@ -29,8 +29,8 @@ struct TrainingRates {
 /// Steps that pass through a whole run's schedule.
 struct CalibrationSteps {
   int steps = 100;
-  /// After each so many the model changes the number of its parameters, in a run to plan after so
-  /// many. What such a step takes beyond the others counts that much less.
+  /// Steps between changes of the number of parameters, while measuring and in the run to plan.
+  /// What a step with a change takes beyond the others counts by their ratio.
   int change_every = 5, change_every_of_run = 100;
 };
 
