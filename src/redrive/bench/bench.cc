@@ -181,8 +181,10 @@ void time_splats(Runner& runner, kernels::Backend& backend, const SyntheticDrive
     if (!runner.wanted(name)) return;
     const TrainState state = make_splat_state(drive, kGaussians);
     const RayTable rays = make_ray_table(camera);
+    RenderedImage image;
     runner.time(name, kGaussians, {0, kRead}, [&] {
-      state.model->render(backend, rays, drive.scene.world_from_camera(drive.scene.views[0]), {});
+      state.model->render_to(backend, rays, drive.scene.world_from_camera(drive.scene.views[0]), {},
+                             &image);
     });
   };
   const auto time_step = [&](const std::string& name, const SyntheticDrive& of, int gaussians) {

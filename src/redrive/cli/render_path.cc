@@ -99,6 +99,7 @@ int render_path(const RenderOptions& options) {
   const int images = path.images();
   const auto progress = image_progress("rendered");
   std::optional<RayTable> rays;
+  RenderedImage rendered;
   double fov_deg = 0;
   const auto image_at = [&](int i) {
     if (stop) throw Interrupted();
@@ -109,7 +110,8 @@ int render_path(const RenderOptions& options) {
     fov_deg = key.fov_deg;
     const ShutterPoses pose = run.scene.with_actors(key.world_from_camera, run.scene.rig[camera],
                                                     drive_time_ns(key, run.scene));
-    const Image8 image = to_image8(render_image(*backend, *run.state.model, *rays, pose, exposure));
+    run.state.model->render_to(*backend, *rays, pose, exposure, &rendered);
+    const Image8 image = to_image8(rendered);
     if (progress) progress(i + 1, images);
     return image;
   };

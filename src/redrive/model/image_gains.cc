@@ -43,26 +43,26 @@ float knot_weight(int knot, float at, float before, float after) {
 
 }  // namespace
 
+void ImageGains::write_row(std::span<const float> parameters, const Exposure& exposure,
+                           const ImagePart& part, int y, int c, std::span<float> row) const {
+  const float step = 1.0f / static_cast<float>(part.image_width);
+  std::ranges::fill(row, colour_gains(appearance, parameters.data(), exposure)[c]);
+  apply_shading(shading, parameters.subspan(appearance.size()), exposure.camera, c,
+                {(static_cast<float>(part.y + y) + 0.5f) / static_cast<float>(part.image_height),
+                 (static_cast<float>(part.x) + 0.5f) * step, step},
+                row);
+}
+
 void ImageGains::write_planes(std::span<const float> parameters, const Exposure& exposure,
                               const kernels::RasterSize& size, const ImagePart& part,
                               std::span<float> planes) const {
   REDRIVE_CHECK_OP(parameters.size(), ==, this->size());
   REDRIVE_CHECK_OP(planes.size(), ==, 3 * size.plane());
-  const std::array<float, 3> of_image = colour_gains(appearance, parameters.data(), exposure);
-  const std::span<const float> cells = parameters.subspan(appearance.size());
   const auto stride = static_cast<std::size_t>(size.stride);
-  const float step = 1.0f / static_cast<float>(part.image_width);
   for (int c = 0; c < 3; ++c)
-    for (int y = 0; y < size.rows; ++y) {
-      const std::span<float> row =
-          planes.subspan(c * size.plane() + static_cast<std::size_t>(y) * stride, stride);
-      std::ranges::fill(row, of_image[c]);
-      apply_shading(
-          shading, cells, exposure.camera, c,
-          {(static_cast<float>(part.y + y) + 0.5f) / static_cast<float>(part.image_height),
-           (static_cast<float>(part.x) + 0.5f) * step, step},
-          row);
-    }
+    for (int y = 0; y < size.rows; ++y)
+      write_row(parameters, exposure, part, y, c,
+                planes.subspan(c * size.plane() + static_cast<std::size_t>(y) * stride, stride));
 }
 
 void ImageGains::add_changes(std::span<const float> parameters, const Exposure& exposure,

@@ -236,9 +236,16 @@ class Model : public Configurable {
 
   // ---- Rendering
   /// Renders the image of `rays.camera`: colour, depth in metres along the ray and opacity.
-  virtual RenderedImage render(kernels::Backend& backend, const RayTable& rays,
-                               const ShutterPoses& world_from_camera,
-                               const Exposure& exposure) const = 0;
+  /// Resizes `image`, whose memory serves image after image.
+  virtual void render_to(kernels::Backend& backend, const RayTable& rays,
+                         const ShutterPoses& world_from_camera, const Exposure& exposure,
+                         RenderedImage* image) const = 0;
+  RenderedImage render(kernels::Backend& backend, const RayTable& rays,
+                       const ShutterPoses& world_from_camera, const Exposure& exposure) const {
+    RenderedImage image;
+    render_to(backend, rays, world_from_camera, exposure, &image);
+    return image;
+  }
   /// Renders single rays in world metres, whatever their origins, as a LiDAR's beams. The work is
   /// that of rendering_work().
   virtual RenderedRays trace(kernels::Backend& backend, const kernels::Rays& rays) const = 0;

@@ -180,18 +180,10 @@ int max_tile_rays(const RayModel& model) {
   return std::clamp(kMaxTileSamples / model.samples_per_ray(), 4, kMaxTileRays);
 }
 
-RenderedImage RayModel::render(kernels::Backend& backend, const RayTable& table,
-                               const ShutterPoses& world_from_camera,
-                               const Exposure& exposure) const {
-  RenderedImage image;
-  image.width = table.width;
-  image.height = table.height;
-  const std::size_t pixels = static_cast<std::size_t>(table.width) * table.height;
-  image.rgb.assign(3 * pixels, 0.0f);
-  image.depth.assign(pixels, 0.0f);
-  image.opacity.assign(pixels, 0.0f);
-  image.valid.assign(pixels, 0);
-
+void RayModel::render_to(kernels::Backend& backend, const RayTable& table,
+                         const ShutterPoses& world_from_camera, const Exposure& exposure,
+                         RenderedImage* image) const {
+  image->clear(table.width, table.height);
   RayBatch batch;
   Workspace workspace;
   std::vector<float> rgb, depth, opacity;
@@ -215,13 +207,12 @@ RenderedImage RayModel::render(kernels::Backend& backend, const RayTable& table,
     render_rays(backend, batch, {rgb, depth, opacity, {}}, &workspace);
     for (std::size_t k = 0; k < count; ++k) {
       const std::size_t pixel = table.pixel[entries[k]];
-      for (std::size_t c = 0; c < 3; ++c) image.rgb[3 * pixel + c] = rgb[c * count + k];
-      image.depth[pixel] = depth[k];
-      image.opacity[pixel] = opacity[k];
-      image.valid[pixel] = 1;
+      for (std::size_t c = 0; c < 3; ++c) image->rgb[3 * pixel + c] = rgb[c * count + k];
+      image->depth[pixel] = depth[k];
+      image->opacity[pixel] = opacity[k];
+      image->valid[pixel] = 1;
     }
   }
-  return image;
 }
 
 RenderedRays RayModel::trace(kernels::Backend& backend, const kernels::Rays& rays) const {

@@ -75,9 +75,9 @@ struct RayModel : Model {
   std::int64_t steps_per_epoch(const TrainingSet& data, int world_size) const override;
   StepOutput step(kernels::Backend& backend, const TrainingSet& data, const StepRequest& request,
                   std::span<float> gradients, StepBuffers* buffers) const override;
-  RenderedImage render(kernels::Backend& backend, const RayTable& rays,
-                       const ShutterPoses& world_from_camera,
-                       const Exposure& exposure) const override;
+  void render_to(kernels::Backend& backend, const RayTable& rays,
+                 const ShutterPoses& world_from_camera, const Exposure& exposure,
+                 RenderedImage* image) const override;
   /// As the rays of LiDAR returns in training, with kLidarBeamAngle_rad.
   RenderedRays trace(kernels::Backend& backend, const kernels::Rays& rays) const override;
   std::uint64_t step_bytes() const override;

@@ -2,6 +2,8 @@
 // Images and rays that a model renders.
 #pragma once
 
+#include <algorithm>
+#include <cstddef>
 #include <cstdint>
 #include <vector>
 
@@ -15,6 +17,25 @@ struct RenderedImage {
   std::vector<float> depth;         ///< [height, width], metres along the ray, median
   std::vector<float> opacity;       ///< [height, width]
   std::vector<std::uint8_t> valid;  ///< [height, width]
+
+  /// Sets the size; pixels may have any values.
+  void resize(int new_width, int new_height) {
+    width = new_width;
+    height = new_height;
+    const std::size_t pixels = static_cast<std::size_t>(width) * height;
+    rgb.resize(3 * pixels);
+    depth.resize(pixels);
+    opacity.resize(pixels);
+    valid.resize(pixels);
+  }
+  /// Sets the size and makes every pixel one outside the valid region.
+  void clear(int new_width, int new_height) {
+    resize(new_width, new_height);
+    std::ranges::fill(rgb, 0.0f);
+    std::ranges::fill(depth, 0.0f);
+    std::ranges::fill(opacity, 0.0f);
+    std::ranges::fill(valid, std::uint8_t{0});
+  }
 };
 
 /// Depth and opacity along single rays.

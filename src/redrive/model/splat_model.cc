@@ -135,6 +135,31 @@ kernels::GaussianCamera camera_of(const PlainCamera& whole, const ImageWindow& w
           static_cast<float>(window.y), static_cast<float>(whole.height), parts};
 }
 
+/// Writes row y of an image; pixels that are not in the table are outside the valid region.
+/// gains: [3, width].
+void write_row(const kernels::RasterImage& from, std::span<const float> gains, const RayTable& rays,
+               std::size_t y, RenderedImage* image) {
+  const auto width = static_cast<std::size_t>(rays.width);
+  const std::size_t first = y * width, plane = from.size.plane(), row = y * from.size.stride;
+  const auto begin = std::ranges::lower_bound(rays.pixel, first),
+             end = std::lower_bound(begin, rays.pixel.end(), first + width);
+  if (end - begin < rays.width) {
+    std::fill_n(&image->rgb[3 * first], 3 * width, 0.0f);
+    std::fill_n(&image->depth[first], width, 0.0f);
+    std::fill_n(&image->opacity[first], width, 0.0f);
+    std::fill_n(&image->valid[first], width, std::uint8_t{0});
+  }
+  for (auto pixel = begin; pixel != end; ++pixel) {
+    const std::size_t x = *pixel - first;
+    for (std::size_t c = 0; c < 3; ++c)
+      image->rgb[3 * *pixel + c] =
+          std::clamp(gains[c * width + x] * from.rgb[c * plane + row + x], 0.0f, 1.0f);
+    image->depth[*pixel] = from.depth[row + x];
+    image->opacity[*pixel] = 1 - from.transmittance[row + x];
+    image->valid[*pixel] = 1;
+  }
+}
+
 }  // namespace
 
 void SplatModel::initialize(std::uint64_t) {
@@ -383,9 +408,9 @@ void SplatModel::step_window(kernels::Backend& backend, const TrainingSet& data,
   }
 }
 
-RenderedImage SplatModel::render(kernels::Backend& backend, const RayTable& rays,
-                                 const ShutterPoses& world_from_camera,
-                                 const Exposure& exposure) const {
+void SplatModel::render_to(kernels::Backend& backend, const RayTable& rays,
+                           const ShutterPoses& world_from_camera, const Exposure& exposure,
+                           RenderedImage* image) const {
   const PlainCamera camera = make_plain_camera(rays.camera);
   kernels::RasterOptions options;
   options.depth = true;
@@ -394,34 +419,19 @@ RenderedImage SplatModel::render(kernels::Backend& backend, const RayTable& rays
   backend.gaussians().rasterise(
       camera_of(camera, {0, 0, 0, rays.width, rays.height}, world_from_camera, actors.parts),
       actors.gaussians, options, &rendered_);
-  RenderedImage image;
-  image.width = rays.width;
-  image.height = rays.height;
-  const std::size_t pixels = static_cast<std::size_t>(rays.width) * rays.height,
-                    plane = rendered_.size.plane();
-  image.rgb.assign(3 * pixels, 0);
-  image.depth.assign(pixels, 0);
-  image.opacity.assign(pixels, 0);
-  image.valid.assign(pixels, 0);
-  rendered_gains_.resize(3 * plane);
-  gains.write_planes(gain_parameters(), exposure, rendered_.size, {0, 0, rays.width, rays.height},
-                     rendered_gains_);
-  auto valid = rays.pixel.begin();
-  for (int y = 0; y < rays.height; ++y)
-    for (int x = 0; x < rays.width; ++x) {
-      const std::size_t pixel = static_cast<std::size_t>(y) * rays.width + x;
-      if (valid == rays.pixel.end()) break;
-      if (*valid != pixel) continue;
-      ++valid;
-      const std::size_t from = static_cast<std::size_t>(y) * rendered_.size.stride + x;
-      for (int c = 0; c < 3; ++c)
-        image.rgb[3 * pixel + c] = std::clamp(
-            rendered_gains_[c * plane + from] * rendered_.rgb[c * plane + from], 0.0f, 1.0f);
-      image.depth[pixel] = rendered_.depth[from];
-      image.opacity[pixel] = 1 - rendered_.transmittance[from];
-      image.valid[pixel] = 1;
-    }
-  return image;
+  image->resize(rays.width, rays.height);
+  constexpr std::size_t kRowsPerRange = 16;
+  ThreadPool(backend.threads())
+      .run_ranges(rays.height, kRowsPerRange, [&](std::size_t begin, std::size_t end) {
+        std::vector<float> of_row(3 * static_cast<std::size_t>(rays.width));
+        for (std::size_t y = begin; y < end; ++y) {
+          for (int c = 0; c < 3; ++c)
+            gains.write_row(gain_parameters(), exposure, {0, 0, rays.width, rays.height},
+                            static_cast<int>(y), c,
+                            std::span(of_row).subspan(c * std::size_t(rays.width), rays.width));
+          write_row(rendered_, of_row, rays, y, image);
+        }
+      });
 }
 
 RenderedRays SplatModel::trace(kernels::Backend& backend, const kernels::Rays& rays) const {

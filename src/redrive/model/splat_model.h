@@ -96,9 +96,9 @@ struct SplatModel final : Model {
   /// Fills what objects hide in all images (fill_hidden.h).
   void finish_training(kernels::Backend& backend, const TrainingSet& data,
                        AdamState* adam) override;
-  RenderedImage render(kernels::Backend& backend, const RayTable& rays,
-                       const ShutterPoses& world_from_camera,
-                       const Exposure& exposure) const override;
+  void render_to(kernels::Backend& backend, const RayTable& rays,
+                 const ShutterPoses& world_from_camera, const Exposure& exposure,
+                 RenderedImage* image) const override;
   /// Of the world alone.
   RenderedRays trace(kernels::Backend& backend, const kernels::Rays& rays) const override;
   /// An object is traced in its own axes, by the rays that meet its box. Of two surfaces on a ray
@@ -189,7 +189,6 @@ struct SplatModel final : Model {
                             std::span<float> gradients) const;
 
   mutable kernels::RasterImage rendered_;  ///< kept from image to image
-  mutable std::vector<float> rendered_gains_;
 };
 
 Method splat_method();

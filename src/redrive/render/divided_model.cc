@@ -161,9 +161,9 @@ std::shared_ptr<const ActorBody> DividedModel::borrowed(int block, const Model& 
   return body.gaussians;
 }
 
-RenderedImage DividedModel::render_block(kernels::Backend& backend, int block, const RayTable& rays,
-                                         const ShutterPoses& world_from_camera,
-                                         const Exposure& exposure) const {
+void DividedModel::render_block(kernels::Backend& backend, int block, const RayTable& rays,
+                                const ShutterPoses& world_from_camera, const Exposure& exposure,
+                                RenderedImage* image) const {
   const auto loaded = cache_.get(block);
   const BlockExposure in = exposure_in(block, *loaded, exposure);
   ShutterPoses poses = world_from_camera;
@@ -171,23 +171,20 @@ RenderedImage DividedModel::render_block(kernels::Backend& backend, int block, c
   for (ShutterPoses::Actor& actor : actors)
     if (!actor.imported) actor.imported = borrowed(block, *loaded->model, actor.body, &actor.gain);
   poses.set_actors(std::move(actors));
-  RenderedImage image = loaded->model->render(backend, rays, poses, in.exposure);
-  brighten(in.log_factors, &image);
-  return image;
+  loaded->model->render_to(backend, rays, poses, in.exposure, image);
+  brighten(in.log_factors, image);
 }
 
-RenderedImage DividedModel::render(kernels::Backend& backend, const RayTable& rays,
-                                   const ShutterPoses& world_from_camera,
-                                   const Exposure& exposure) const {
+void DividedModel::render_to(kernels::Backend& backend, const RayTable& rays,
+                             const ShutterPoses& world_from_camera, const Exposure& exposure,
+                             RenderedImage* image) const {
   const BlockWay::Place place = drive_.way.place(world_from_camera.at(0.5).translation());
   load_ahead(place);
   const std::vector<BlockWeight> weights = drive_.way.weights(place);
-  RenderedImage image =
-      render_block(backend, weights.front().block, rays, world_from_camera, exposure);
-  if (weights.size() > 1)
-    blend(render_block(backend, weights.back().block, rays, world_from_camera, exposure),
-          static_cast<float>(weights.back().weight), &image);
-  return image;
+  render_block(backend, weights.front().block, rays, world_from_camera, exposure, image);
+  if (weights.size() == 1) return;
+  render_block(backend, weights.back().block, rays, world_from_camera, exposure, &neighbour_);
+  blend(neighbour_, static_cast<float>(weights.back().weight), image);
 }
 
 std::vector<DividedModel::BlockRays> DividedModel::divided(const kernels::Rays& rays) const {

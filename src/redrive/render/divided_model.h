@@ -57,9 +57,9 @@ class DividedModel final : public Model {
   /// the camera's middle row, depth also by opacity. An exposure at a time that a block did not
   /// train on is that of the block that did, at the same brightness (train/seam_exposure.h). Throws
   /// what loading a block throws.
-  RenderedImage render(kernels::Backend& backend, const RayTable& rays,
-                       const ShutterPoses& world_from_camera,
-                       const Exposure& exposure) const override;
+  void render_to(kernels::Backend& backend, const RayTable& rays,
+                 const ShutterPoses& world_from_camera, const Exposure& exposure,
+                 RenderedImage* image) const override;
   /// Each ray by the block that holds its origin.
   RenderedRays trace(kernels::Backend& backend, const kernels::Rays& rays) const override;
   void trace_actors(kernels::Backend& backend, const kernels::Rays& rays,
@@ -123,8 +123,9 @@ class DividedModel final : public Model {
                                             std::array<float, 3>* gain) const;
   std::vector<BlockRays> divided(const kernels::Rays& rays) const;
   BlockExposure exposure_in(int block, const LoadedBlock& loaded, const Exposure& exposure) const;
-  RenderedImage render_block(kernels::Backend& backend, int block, const RayTable& rays,
-                             const ShutterPoses& world_from_camera, const Exposure& exposure) const;
+  void render_block(kernels::Backend& backend, int block, const RayTable& rays,
+                    const ShutterPoses& world_from_camera, const Exposure& exposure,
+                    RenderedImage* image) const;
   LogGains drive_log_gains(const Exposure& exposure) const;
   void load_ahead(const BlockWay::Place& place) const;
   [[noreturn]] static void refuse();
@@ -135,6 +136,7 @@ class DividedModel final : public Model {
   mutable std::map<std::int64_t, Body> bodies_;  ///< by id, of those that a block borrowed
   mutable std::optional<double> last_along_m_;   ///< of the camera rendered last
   mutable std::optional<std::pair<Exposure, LogGains>> drive_gains_;  ///< of the last exposure
+  mutable RenderedImage neighbour_;  ///< memory of a neighbouring block's image
 };
 
 }  // namespace redrive

@@ -123,20 +123,15 @@ struct StripModel final : Model {
     strips *= 2;
   }
 
-  RenderedImage render(kernels::Backend&, const RayTable& rays, const ShutterPoses&,
-                       const Exposure&) const override {
-    RenderedImage image;
-    image.width = rays.width;
-    image.height = rays.height;
-    const std::size_t pixels = static_cast<std::size_t>(rays.width) * rays.height;
-    image.depth.assign(pixels, 1);
-    image.opacity.assign(pixels, 1);
-    image.valid.assign(pixels, 1);
-    for (std::size_t pixel = 0; pixel < pixels; ++pixel)
-      for (int k = 0; k < 3; ++k)
-        image.rgb.push_back(
-            parameters[slot_of(k, static_cast<int>(pixel % rays.width), rays.width)]);
-    return image;
+  void render_to(kernels::Backend&, const RayTable& rays, const ShutterPoses&, const Exposure&,
+                 RenderedImage* image) const override {
+    image->resize(rays.width, rays.height);
+    std::ranges::fill(image->depth, 1.0f);
+    std::ranges::fill(image->opacity, 1.0f);
+    std::ranges::fill(image->valid, std::uint8_t{1});
+    for (std::size_t i = 0; i < image->rgb.size(); ++i)
+      image->rgb[i] = parameters[slot_of(static_cast<int>(i % 3),
+                                         static_cast<int>(i / 3 % rays.width), rays.width)];
   }
   RenderedRays trace(kernels::Backend&, const kernels::Rays& rays) const override {
     const std::size_t n = rays.n;

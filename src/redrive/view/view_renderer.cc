@@ -101,23 +101,16 @@ std::vector<std::shared_ptr<const RayTable>> cut(const std::shared_ptr<const Ray
 
 bool RenderJob::step() {
   if (!model_) {
-    image_.width = placement_.camera.width;
-    image_.height = placement_.camera.height;
-    const std::size_t pixels = static_cast<std::size_t>(image_.width) * image_.height;
-    image_.rgb.assign(3 * pixels, 0);
-    image_.depth.assign(pixels, 0);
-    image_.opacity.assign(pixels, 0);
-    image_.valid.assign(pixels, 0);
+    image_.clear(placement_.camera.width, placement_.camera.height);
     return true;
   }
   const auto start = std::chrono::steady_clock::now();
   const RayTable& table = *strips_[next_];
-  RenderedImage strip =
-      render_image(*backend_, *model_, table, placement_.poses(), placement_.exposure);
   if (next_ == 0)
-    image_ = std::move(strip);
+    model_->render_to(*backend_, table, placement_.poses(), placement_.exposure, &image_);
   else
-    add_strip(strip, table, &image_);
+    add_strip(render_image(*backend_, *model_, table, placement_.poses(), placement_.exposure),
+              table, &image_);
   ++next_;
   seconds_ += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   return next_ == strips_.size();
@@ -293,6 +286,7 @@ RenderJob ViewRenderer::begin(const ViewRequest& request, const Placement& place
   job.backend_ = &backend_;
   job.placement_ = placement;
   job.factor_ = has_model() ? factor : 1;
+  job.image_ = std::move(spare_);
   if (!has_model()) {
     if (request.is_driven() || request.novel) job.recorded_ = reference(request);
     return job;
@@ -307,6 +301,8 @@ RenderJob ViewRenderer::begin(const ViewRequest& request, const Placement& place
   job.strips_ = cut(job.table_, strips);
   return job;
 }
+
+void ViewRenderer::reuse(RenderJob&& job) { spare_ = std::move(job.image_); }
 
 Image8 ViewRenderer::colours(const RenderJob& job, Layer layer) {
   const RenderedImage& image = job.image();

@@ -88,6 +88,9 @@ class ViewRenderer {
   RenderJob begin(const ViewRequest& request, const Placement& placement, int factor,
                   double expected_s, double strip_s);
 
+  /// Takes the memory of a job that is not needed any more; the next one has it.
+  void reuse(RenderJob&& job);
+
   /// Returns the colours of a layer.
   Image8 colours(const RenderJob& job, Layer layer);
   bool has_model() const { return run_.state.model != nullptr; }
@@ -140,6 +143,7 @@ class ViewRenderer {
   std::list<std::pair<std::pair<std::string, int>, std::shared_ptr<const RayTable>>> tables_;
   std::list<std::pair<std::pair<std::string, std::int64_t>, std::shared_ptr<const Image8>>>
       references_;
+  RenderedImage spare_;                        ///< memory of a former job
   std::optional<Exclusions> exclusions_;       ///< read for the first mask or score
   std::unique_ptr<Coverage> coverage_;         ///< made for the first coverage
   std::unique_ptr<PointObservers> observers_;  ///< made for the first search

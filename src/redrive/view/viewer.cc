@@ -403,6 +403,7 @@ void Viewer::finish(ClientId id, Client& client) {
               jpeg, points, masked));
   client.sent_revolutions = overlay_->cloud_revolutions();
   if (client.view->id == view.id) client.sent_factor = job.factor();
+  if (client.last) renderer_->reuse(std::move(*client.last));
   client.last = std::exchange(client.job, std::nullopt);
   if (view.reference) send_reference(id, client, view);
 }
