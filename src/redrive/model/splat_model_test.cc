@@ -463,6 +463,39 @@ TEST(SplatModel, RenderingScalesColoursByTheExposureAndGivesRanges) {
   EXPECT_GT(near, 100);
 }
 
+TEST(SplatModel, MemoryOfAnotherImageChangesNoPixel) {
+  KnownScene known;
+  // A fisheye's corners are outside its valid region.
+  known.scene.rig[0].camera =
+      make_camera({"FISHEYE", "mei", {60, 60, 49.5, 39.5, 0, 0, 0, 0, 0, 1.5}, 100, 80});
+  const auto backend = fast_backend();
+  SplatModel model;
+  model.configure(known.scene);
+  set_gaussians(known_gaussians(120), &model);
+  const RayTable rays = make_ray_table(known.scene.rig[0].camera);
+  ASSERT_LT(rays.pixel.size(), std::size_t{100 * 80});
+  const ShutterPoses poses = known.scene.shutter_poses(known.scene.views[0]);
+  const RenderedImage expected = model.render(*backend, rays, poses, {});
+  RenderedImage used;
+  used.resize(130, 120);
+  std::ranges::fill(used.rgb, 0.7f);
+  std::ranges::fill(used.depth, 7.0f);
+  std::ranges::fill(used.opacity, 0.7f);
+  std::ranges::fill(used.valid, std::uint8_t{1});
+  model.render_to(*backend, rays, poses, {}, &used);
+  EXPECT_EQ(used.width, 100);
+  EXPECT_EQ(used.height, 80);
+  EXPECT_EQ(used.rgb, expected.rgb);
+  EXPECT_EQ(used.depth, expected.depth);
+  EXPECT_EQ(used.opacity, expected.opacity);
+  EXPECT_EQ(used.valid, expected.valid);
+  EXPECT_EQ(std::ranges::count(used.valid, 1), std::ssize(rays.pixel));
+  for (std::size_t i = 0; i < used.valid.size(); ++i)
+    if (!used.valid[i]) {
+      EXPECT_EQ(used.rgb[3 * i] + used.depth[i] + used.opacity[i], 0) << i;
+    }
+}
+
 TEST(SplatModel, ThreadsChangeNoBit) {
   const KnownScene known;
   Training one, four;
