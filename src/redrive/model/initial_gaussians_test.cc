@@ -10,6 +10,7 @@
 
 #include "redrive/model/gaussian_points.h"
 #include "redrive/model/splat_scene_testing.h"
+#include "redrive/scene/textured_drive_testing.h"
 
 namespace redrive {
 namespace {
@@ -223,6 +224,30 @@ TEST(InitialGaussians, RandomOnesBeginInTheVisualHull) {
   }
   for (Image8& image : wall.images) std::ranges::fill(image.alpha, 0);
   EXPECT_EQ(wall.gaussians({.random = 700}).size(), 700u) << "an empty hull tells nothing";
+}
+
+TEST(InitialGaussians, PointsOfTracksBeginFaintAndSmall) {
+  const TemporaryFolder folder;
+  SplatScene street;
+  street.scene = make_scene(make_test_drive(folder.path, 8, /*textured=*/false), {});
+  for (const View& view : street.scene.views)
+    street.images.push_back(
+        draw_street(street.rig(view.camera).camera, street.scene.shutter_poses(view)));
+  street.pixels.emplace(street.scene, street.images, 1);
+  ThreadPool pool(2);
+  const GaussianList list = initial_gaussians(street.data(), {.sky = 0}, 1, pool);
+  ASSERT_GT(list.size(), 500u);
+  std::vector<float> ratios;  // of the scale to the mean distance to the three nearest
+  for (std::size_t i = 0; i < list.size(); ++i) {
+    ASSERT_NEAR(opacity(list, i), 0.1f, 1e-5);
+    std::vector<float> distances;
+    for (std::size_t k = 0; k < list.size(); ++k)
+      if (k != i) distances.push_back((position(list, k) - position(list, i)).norm());
+    std::partial_sort(distances.begin(), distances.begin() + 3, distances.end());
+    ratios.push_back(scale(list, i, 0) * 3 / (distances[0] + distances[1] + distances[2]));
+  }
+  std::ranges::sort(ratios);
+  EXPECT_NEAR(ratios[ratios.size() / 2], 0.3f, 1e-3) << "others are bounded by their distance";
 }
 
 TEST(InitialGaussians, AreNoMoreThanTheLimit) {
