@@ -34,8 +34,8 @@ struct ImageGains {
 
   std::size_t size() const { return appearance.size() + shading.size(); }
 
-  /// Writes the gains of row y of the part, of channel c. What is beyond the image has finite
-  /// values.
+  /// Writes the gains of channel c along row y of the part, from its first pixel on. Pixels beyond
+  /// the image have finite values.
   void write_row(std::span<const float> parameters, const Exposure& exposure, const ImagePart& part,
                  int y, int c, std::span<float> row) const;
   /// Writes the gains of each pixel, 3 planes of `size`. The padding has finite values.

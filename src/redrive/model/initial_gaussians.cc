@@ -24,10 +24,11 @@ constexpr float kExtrudedFrom_m = 0.5f, kExtrusion_m = 9;
 constexpr float kFar = 6;             ///< radius of the sky, in distances of the scene's points
 constexpr float kSkyBelow = 0.03f;    ///< the sky of a drive ends this far below the horizon (sine)
 constexpr double kShareOfMost = 0.6;  ///< one kind of points has at most this of max_gaussians
-constexpr float kReturnSize = 0.5f;   ///< of the distance to the nearest points
-/// Points of tracks and above returns may hang beside an edge in the air, so they begin faint, and
-/// those of tracks small: what is behind learns its own colour, and they fade.
-constexpr float kDoubtfulOpacity = 0.1f, kTrackSize = 0.3f;
+constexpr float kPointSize = 0.5f;    ///< standard deviation, of the distance to the nearest points
+/// Opacity of points that may be floaters: those of image tracks near occlusion boundaries, and
+/// those above returns. Training fits what is behind through them and removes them.
+constexpr float kUncertainOpacity = 0.1f;
+constexpr float kTrackPointSize = 0.3f;  ///< likewise smaller than kPointSize
 
 Points points_of(const PointCloud& cloud) {
   Points points(cloud.n);
@@ -272,7 +273,7 @@ GaussianList initial_gaussians(const TrainingSet& data, const InitialGaussianOpt
   Points returns;  // thinned
   if (data.lidar.n > 0) {
     const Points points = points_of(lidar_points(scene, data.images, data.lidar, pool));
-    returns = add(points, options.voxel, kReturnSize, kPointOpacity);
+    returns = add(points, options.voxel, kPointSize, kPointOpacity);
     if (scene.metric && options.extruded > 0) {
       Points up = extruded(points, scene, options.extruded, random_key(seed, kStreamInit, 1));
       std::vector<Eigen::Vector3f> positions;
@@ -280,15 +281,15 @@ GaussianList initial_gaussians(const TrainingSet& data, const InitialGaussianOpt
       const auto colours = colours_of(data, positions, 1, pool);
       for (std::size_t i = 0; i < up.size(); ++i)
         if (colours[i]) up[i].rgb = *colours[i];
-      add(up, 3 * options.voxel, 0.4f, kDoubtfulOpacity);
+      add(up, 3 * options.voxel, 0.4f, kUncertainOpacity);
     }
   }
   if (options.tracks) {
     Points tracks = points_of(track_points(scene, data.images, pool));
     move_onto_planes(returns, cameras, pool, &tracks);
-    add(tracks, options.voxel, kTrackSize, kDoubtfulOpacity);
+    add(tracks, options.voxel, kTrackPointSize, kUncertainOpacity);
     if (!scene.metric && scene.background == Background::kNone && tracks.size() > 1000)
-      add(points_between(data, tracks, pool), options.voxel, kReturnSize, kDoubtfulOpacity);
+      add(points_between(data, tracks, pool), options.voxel, kPointSize, kUncertainOpacity);
   }
   float reach = scene.half_side ? static_cast<float>(*scene.half_side) : 100.0f;
   if (distances.size() > 100) {

@@ -226,7 +226,7 @@ TEST(InitialGaussians, RandomOnesBeginInTheVisualHull) {
   EXPECT_EQ(wall.gaussians({.random = 700}).size(), 700u) << "an empty hull tells nothing";
 }
 
-TEST(InitialGaussians, PointsOfTracksBeginFaintAndSmall) {
+TEST(InitialGaussians, PointsOfTracksBeginTranslucentAndSmall) {
   const TemporaryFolder folder;
   SplatScene street;
   street.scene = make_scene(make_test_drive(folder.path, 8, /*textured=*/false), {});
@@ -237,7 +237,7 @@ TEST(InitialGaussians, PointsOfTracksBeginFaintAndSmall) {
   ThreadPool pool(2);
   const GaussianList list = initial_gaussians(street.data(), {.sky = 0}, 1, pool);
   ASSERT_GT(list.size(), 500u);
-  std::vector<float> ratios;  // of the scale to the mean distance to the three nearest
+  std::vector<float> ratios;  // scale over the mean distance of the three nearest Gaussians
   for (std::size_t i = 0; i < list.size(); ++i) {
     ASSERT_NEAR(opacity(list, i), 0.1f, 1e-5);
     std::vector<float> distances;

@@ -236,7 +236,7 @@ class Model : public Configurable {
 
   // ---- Rendering
   /// Renders the image of `rays.camera`: colour, depth in metres along the ray and opacity.
-  /// Resizes `image`, whose memory serves image after image.
+  /// Resizes `image` and writes every pixel; reuses its memory.
   virtual void render_to(kernels::Backend& backend, const RayTable& rays,
                          const ShutterPoses& world_from_camera, const Exposure& exposure,
                          RenderedImage* image) const = 0;

@@ -18,7 +18,7 @@ struct RenderedImage {
   std::vector<float> opacity;       ///< [height, width]
   std::vector<std::uint8_t> valid;  ///< [height, width]
 
-  /// Sets the size; pixels may have any values.
+  /// Sets the size. Pixels have unspecified values.
   void resize(int new_width, int new_height) {
     width = new_width;
     height = new_height;
@@ -28,7 +28,7 @@ struct RenderedImage {
     opacity.resize(pixels);
     valid.resize(pixels);
   }
-  /// Sets the size and makes every pixel one outside the valid region.
+  /// Sets the size. All pixels become black and invalid.
   void clear(int new_width, int new_height) {
     resize(new_width, new_height);
     std::ranges::fill(rgb, 0.0f);

@@ -137,8 +137,8 @@ kernels::GaussianCamera camera_of(const PlainCamera& whole, const ImageWindow& w
 
 /// Writes row y of an image; pixels that are not in the table are outside the valid region.
 /// gains: [3, width].
-void write_row(const kernels::RasterImage& from, std::span<const float> gains, const RayTable& rays,
-               std::size_t y, RenderedImage* image) {
+void write_image_row(const kernels::RasterImage& from, std::span<const float> gains,
+                     const RayTable& rays, std::size_t y, RenderedImage* image) {
   const auto width = static_cast<std::size_t>(rays.width);
   const std::size_t first = y * width, plane = from.size.plane(), row = y * from.size.stride;
   const auto begin = std::ranges::lower_bound(rays.pixel, first),
@@ -423,13 +423,13 @@ void SplatModel::render_to(kernels::Backend& backend, const RayTable& rays,
   constexpr std::size_t kRowsPerRange = 16;
   ThreadPool(backend.threads())
       .run_ranges(rays.height, kRowsPerRange, [&](std::size_t begin, std::size_t end) {
-        std::vector<float> of_row(3 * static_cast<std::size_t>(rays.width));
+        std::vector<float> row_gains(3 * static_cast<std::size_t>(rays.width));
         for (std::size_t y = begin; y < end; ++y) {
           for (int c = 0; c < 3; ++c)
             gains.write_row(gain_parameters(), exposure, {0, 0, rays.width, rays.height},
                             static_cast<int>(y), c,
-                            std::span(of_row).subspan(c * std::size_t(rays.width), rays.width));
-          write_row(rendered_, of_row, rays, y, image);
+                            std::span(row_gains).subspan(c * std::size_t(rays.width), rays.width));
+          write_image_row(rendered_, row_gains, rays, y, image);
         }
       });
 }

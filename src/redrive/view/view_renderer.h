@@ -88,7 +88,7 @@ class ViewRenderer {
   RenderJob begin(const ViewRequest& request, const Placement& placement, int factor,
                   double expected_s, double strip_s);
 
-  /// Takes the memory of a job that is not needed any more; the next one has it.
+  /// Keeps the image memory of a finished job for the next begin().
   void reuse(RenderJob&& job);
 
   /// Returns the colours of a layer.
@@ -143,7 +143,7 @@ class ViewRenderer {
   std::list<std::pair<std::pair<std::string, int>, std::shared_ptr<const RayTable>>> tables_;
   std::list<std::pair<std::pair<std::string, std::int64_t>, std::shared_ptr<const Image8>>>
       references_;
-  RenderedImage spare_;                        ///< memory of a former job
+  RenderedImage spare_;                        ///< memory of an earlier job
   std::optional<Exclusions> exclusions_;       ///< read for the first mask or score
   std::unique_ptr<Coverage> coverage_;         ///< made for the first coverage
   std::unique_ptr<PointObservers> observers_;  ///< made for the first search
