@@ -29,6 +29,8 @@
 
 namespace redrive {
 
+class SurfacePlanes;
+
 /// Training data that a step samples rays, images or tiles from.
 struct TrainingSet {
   const Scene& scene;  ///< cameras and their current poses
@@ -66,10 +68,11 @@ struct StepRequest {
       nullptr;  ///< of the cells of TrainingSet::pixels; where the model uses it
   /// Number of pixels to draw uniformly, without other samples; 0: the method's training batch.
   int pixels = 0;
-  bool pose_gradients = false;         ///< requests StepOutput::views
-  bool colour_variance = false;        ///< requests StepOutput::colour_variance
-  int rank = 0, world_size = 1;        ///< all ranks draw equally many pixels
-  const StepUpdate* update = nullptr;  ///< null: the step computes all gradients
+  bool pose_gradients = false;              ///< requests StepOutput::views
+  bool colour_variance = false;             ///< requests StepOutput::colour_variance
+  int rank = 0, world_size = 1;             ///< all ranks draw equally many pixels
+  const StepUpdate* update = nullptr;       ///< null: the step computes all gradients
+  const SurfacePlanes* surfaces = nullptr;  ///< of TrainingSet::lidar; null: none
 };
 
 /// Outputs of a step beside its StepSums and gradients.
@@ -183,6 +186,8 @@ class Model : public Configurable {
   // ---- Training
   virtual bool uses_lidar() const { return false; }
   virtual bool uses_error_map() const { return false; }
+  /// Whether steps on these data use StepRequest::surfaces.
+  virtual bool uses_surfaces(const TrainingSet&) const { return false; }
   /// Whether a step needs one image at a time, so that TrainingSet::images may be a cache;
   /// TrainingSet::pixels then has no pixels to gather.
   virtual bool streams_images() const { return false; }

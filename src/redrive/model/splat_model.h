@@ -36,6 +36,7 @@ struct SplatModel final : Model {
         harmonics_rate = 0.01f;
   float l1_weight = 0.8f, ssim_weight = 0.2f;
   float range_weight = 0.1f;               ///< of LiDAR returns
+  float surface_rate = 0.5f;               ///< towards LiDAR's planes, of the way in one call
   float opacity_weight = 0.02f;            ///< of transmittance, unless a background is given
   int lidar_rays = 1;                      ///< 0: LiDAR is not used
   int actors = 1;                          ///< 0: moving objects are not drawn
@@ -69,6 +70,9 @@ struct SplatModel final : Model {
   void initialize(std::uint64_t seed) override;
   void initialize_from(const TrainingSet& data, std::uint64_t seed, ThreadPool& pool) override;
   bool uses_lidar() const override { return lidar_rays > 0; }
+  bool uses_surfaces(const TrainingSet& data) const override {
+    return uses_lidar() && surface_rate > 0 && data.lidar.n > 0 && data.scene.metric;
+  }
   bool streams_images() const override { return true; }
   bool keeps_half_images(const Scene& scene) const override;
   bool draws_actors() const override { return actors > 0; }

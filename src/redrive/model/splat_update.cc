@@ -7,9 +7,15 @@
 #include "redrive/base/error.h"
 #include "redrive/base/rng.h"
 #include "redrive/model/splat_model.h"
+#include "redrive/model/surface_planes.h"
 #include "redrive/optim/packed_moments.h"
 
 namespace redrive {
+namespace {
+
+constexpr std::int64_t kFlattenEvery = 50;  // steps
+
+}  // namespace
 
 AdamStep SplatModel::adam_step_of(double learning_rate, std::int64_t step) const {
   AdamStep out = adam_step(learning_rate, step);
@@ -73,6 +79,11 @@ std::optional<std::size_t> SplatModel::bad_moment(std::span<const std::uint32_t>
 void SplatModel::finish_step(kernels::Backend& backend, const StepRequest& request,
                              const StepOutput&, std::int64_t step, AdamState* adam) {
   filled = 0;
+  if (request.surfaces && step % kFlattenEvery == 0) {
+    ThreadPool pool(backend.threads());
+    flatten_gaussians(*request.surfaces, surface_rate, static_cast<std::size_t>(gaussians),
+                      parameters.data(), pool);
+  }
   if (step % densify_every != 0 || request.progress >= double(densified_until)) return;
   const double grown = std::min(1.0, request.progress / double(grown_by));
   DensifyOptions options;

@@ -17,7 +17,7 @@ constexpr const char* kCellErrors = "cell_errors";
 constexpr const char* kMoments[] = {"adam.first_moment", "adam.second_moment"};
 constexpr const char* kPoses[] = {"poses", "poses.first_moment", "poses.second_moment"};
 constexpr const char* kPacked = "adam.packed";
-constexpr const char* kFormat = "redrive-16";
+constexpr const char* kFormat = "redrive-17";
 
 /// Visits the scalars of a state, without its model's, once each by name; writing and reading share
 /// this list.

@@ -11,6 +11,7 @@
 
 #include "redrive/base/core_time.h"
 #include "redrive/base/error.h"
+#include "redrive/model/surface_planes.h"
 #include "redrive/rays/lidar_sampler.h"
 #include "redrive/scene/load_views.h"
 #include "redrive/train/memory.h"
@@ -107,8 +108,11 @@ TrainingRates measure_rates(Run* run, kernels::Backend& backend,
   const TrainingSet set{run->scene, data->view_images(), data->lidar, sampler,
                         data->lidar.n > 0 && model.uses_lidar() ? &lidar : nullptr};
   TrainState& state = run->state;
-  const std::size_t start =
-      clock.measure(cores, [&] { model.initialize_from(set, state.seed, pool); });
+  std::optional<SurfacePlanes> surfaces;
+  const std::size_t start = clock.measure(cores, [&] {
+    model.initialize_from(set, state.seed, pool);
+    if (model.uses_surfaces(set)) surfaces.emplace(run->scene, data->lidar, pool);
+  });
   state.adam = model.zero_moments();
   if (model.uses_error_map()) {
     state.cell_errors = Buffer<float>(sampler.cells().size());
@@ -118,6 +122,7 @@ TrainingRates measure_rates(Run* run, kernels::Backend& backend,
   const auto step = [&](int i) {
     StepRequest request = next_step(state);
     request.progress = static_cast<double>(i) / steps;
+    if (surfaces) request.surfaces = &*surfaces;
     const double rate = model.learning_rate({state.step, steps, request.progress});
     train_step(backend, set, request, rate, &state, &buffers);
   };

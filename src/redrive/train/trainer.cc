@@ -8,6 +8,7 @@
 #include <cstdio>
 #include <functional>
 #include <limits>
+#include <optional>
 #include <span>
 #include <string>
 #include <utility>
@@ -16,6 +17,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/rng.h"
+#include "redrive/model/surface_planes.h"
 #include "redrive/rays/lidar_sampler.h"
 #include "redrive/train/data_parallel_group.h"
 #include "redrive/train/loss_watch.h"
@@ -64,6 +66,7 @@ class Trainer {
         group_(backends, all_reduce, &run->state, processes),
         saved_seconds_(run->state.seconds) {
     if (state_.step == 0) begin_from_data();
+    find_surfaces();
     steps_per_epoch_ = state_.model->steps_per_epoch(data_, group_.size());
     steps_ = total_steps(options_, steps_per_epoch_);
     check_same_begin();
@@ -127,6 +130,14 @@ class Trainer {
     model.initialize_from(data_, state_.seed, pool);
     state_.seconds += seconds_since(begin);
     if (state_.adam.size() != model.size()) state_.adam = model.zero_moments();
+  }
+
+  void find_surfaces() {
+    if (!state_.model->uses_surfaces(data_)) return;
+    const auto begin = std::chrono::steady_clock::now();
+    ThreadPool pool(group_.first().backend.threads());
+    surfaces_.emplace(run_.scene, data_.lidar, pool);
+    if (state_.step == 0) state_.seconds += seconds_since(begin);
   }
 
   void finish_training() {
@@ -205,6 +216,7 @@ class Trainer {
     request.progress = progress();
     request.pose_gradients = refines();
     request.colour_variance = watches_colours(number);
+    if (surfaces_) request.surfaces = &*surfaces_;
     const StepResult result = group_.step(data_, request, learning_rate(number));
     if (request.pose_gradients && result.finite) {
       refine_poses(scene_, result.views, pose_rates(pose_rate()), refinement_, &state_.poses);
@@ -406,6 +418,7 @@ class Trainer {
   PixelSampler sampler_;
   LidarSampler lidar_sampler_;
   TrainingSet data_;
+  std::optional<SurfacePlanes> surfaces_;  // of the LiDAR, for models that use them
   PoseRefinement refinement_;
   DataParallelGroup group_;
   double saved_seconds_;        // state_.seconds at the last checkpoint
