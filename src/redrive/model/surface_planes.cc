@@ -12,7 +12,8 @@
 namespace redrive {
 namespace {
 
-constexpr float kVoxel = 0.02f;         // that keeps one return, of the distance to the cameras
+constexpr std::size_t kMostReturns = 1'000'000;  // evenly chosen
+constexpr float kVoxel = 0.03f;  // that keeps one return, of the distance to the cameras
 constexpr std::size_t kNeighbours = 16;
 constexpr float kThickness_m = 0.03f, kRelativeThickness = 0.002f;  // of a plane, RMS
 constexpr float kFlatness = 0.15f;                                  // of its smaller extent
@@ -20,14 +21,18 @@ constexpr float kNear_m = 0.1f, kRelativeNear = 0.01f;
 constexpr double kThinnest = 1e-4;  // Gaussian, of the distance to the cameras
 
 Points thinned(const NearestCamera& cameras, const LidarReturns& lidar, ThreadPool& pool) {
-  Points points(lidar.n);
-  for (std::size_t i = 0; i < lidar.n; ++i)
+  const std::size_t every = (lidar.n + kMostReturns - 1) / kMostReturns;
+  Points points;
+  points.reserve(lidar.n / std::max<std::size_t>(every, 1) + 1);
+  for (std::size_t i = 0; i < lidar.n; i += every) {
+    Point& point = points.emplace_back();
     for (int k = 0; k < 3; ++k) {
       const float origin = lidar.origin[k * lidar.n + i];
-      points[i].position[k] = origin + lidar.range_m[i] * lidar.direction[k * lidar.n + i];
-      points[i].seen_from[k] = origin;
-      points[i].rgb[k] = 0;
+      point.position[k] = origin + lidar.range_m[i] * lidar.direction[k * lidar.n + i];
+      point.seen_from[k] = origin;
+      point.rgb[k] = 0;
     }
+  }
   return one_per_voxel(points, cameras, kVoxel, pool);
 }
 
@@ -63,9 +68,8 @@ void flatten(const SurfacePlane& plane, float rate, std::size_t i, float* number
   const float offset = plane.normal.dot(position - plane.mean);
   for (int k = 0; k < 3; ++k) at(kPositionRow + k) -= rate * offset * plane.normal[k];
 
-  const Eigen::Quaterniond stored(
-      double(at(kQuaternionRow)), double(at(kQuaternionRow + 1)), double(at(kQuaternionRow + 2)),
-      double(at(kQuaternionRow + 3)));
+  const Eigen::Quaterniond stored(double(at(kQuaternionRow)), double(at(kQuaternionRow + 1)),
+                                  double(at(kQuaternionRow + 2)), double(at(kQuaternionRow + 3)));
   const Eigen::Matrix3d axes = stored.normalized().toRotationMatrix();
   Eigen::Matrix3d scaled = axes;
   for (int k = 0; k < 3; ++k) scaled.col(k) *= std::exp(double(at(kLogScaleRow + k)));
@@ -112,8 +116,7 @@ SurfacePlanes::SurfacePlanes(const Scene& scene, const LidarReturns& lidar, Thre
       const auto extent = [&](int k) {
         return std::sqrt(std::max(0.0f, axes.eigenvalues()[k]) / kNeighbours);
       };
-      const float thickness =
-          kThickness_m + kRelativeThickness * cameras.distance(position.data());
+      const float thickness = kThickness_m + kRelativeThickness * cameras.distance(position.data());
       if (extent(0) > std::min(thickness, kFlatness * extent(1))) continue;
       planes_[i] = {mean, axes.eigenvectors().col(0), std::sqrt(squares.back())};
     }

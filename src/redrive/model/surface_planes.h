@@ -23,9 +23,9 @@ struct SurfacePlane {
 /// Planes of a scene in metres.
 class SurfacePlanes {
  public:
-  /// Thins the returns and fits a plane to each one's neighbours. The neighbours lie in a plane if
-  /// they are up to 3 cm and 0.2 % of the distance from it, RMS, which allows for errors of ranges
-  /// and poses. The number of threads changes nothing.
+  /// Thins the returns, a million at most, and fits a plane to each one's neighbours. The
+  /// neighbours lie in a plane if they are up to 3 cm and 0.2 % of the distance from it, RMS, which
+  /// allows for errors of ranges and poses. The number of threads changes nothing.
   SurfacePlanes(const Scene& scene, const LidarReturns& lidar, ThreadPool& pool);
 
   SurfacePlanes(const SurfacePlanes&) = delete;

@@ -14,7 +14,8 @@ namespace {
 struct Road {
   SplatScene scene;
   Road() {
-    const int camera = scene.add_camera("F", "opencv_pinhole", {100, 100, 50, 50, 0, 0, 0, 0, 0}, 101, 101);
+    const int camera =
+        scene.add_camera("F", "opencv_pinhole", {100, 100, 50, 50, 0, 0, 0, 0, 0}, 101, 101);
     scene.add_view(camera, Rigid3d(Eigen::Translation3d(0, 0, 1.5)));
     scene.finish();
     for (int i = 0; i < 80; ++i)
