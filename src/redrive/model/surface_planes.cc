@@ -112,13 +112,13 @@ SurfacePlanes::SurfacePlanes(const Scene& scene, const LidarReturns& lidar, Thre
       std::array<std::uint32_t, kNeighbours> near;
       std::array<float, kNeighbours> squares;
       tree_.knnSearch(position.data(), kNeighbours, near.data(), squares.data());
-      const auto [mean, axes] = neighbourhood_of(points_, near);
+      const Neighbourhood around = neighbourhood_of(points_, near);
       const auto extent = [&](int k) {
-        return std::sqrt(std::max(0.0f, axes.eigenvalues()[k]) / kNeighbours);
+        return std::sqrt(std::max(0.0f, around.axes.eigenvalues()[k]) / kNeighbours);
       };
       const float thickness = kThickness_m + kRelativeThickness * cameras.distance(position.data());
       if (extent(0) > std::min(thickness, kFlatness * extent(1))) continue;
-      planes_[i] = {mean, axes.eigenvectors().col(0), std::sqrt(squares.back())};
+      planes_[i] = {around.mean, around.axes.eigenvectors().col(0), std::sqrt(squares.back())};
     }
   });
 }
