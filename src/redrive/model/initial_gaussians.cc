@@ -26,7 +26,7 @@ constexpr float kSkyBelow = 0.03f;    ///< the sky of a drive ends this far belo
 constexpr double kShareOfMost = 0.6;  ///< one kind of points has at most this of max_gaussians
 constexpr float kPointSize = 0.5f;    ///< standard deviation, of the distance to the nearest points
 /// Opacity of points that may be floaters: those of image tracks near occlusion boundaries, and
-/// those above returns. Training fits what is behind through them and removes them.
+/// those above returns. Training fits the background through them and removes them.
 constexpr float kUncertainOpacity = 0.1f;
 constexpr float kTrackPointSize = 0.3f;  ///< likewise smaller than kPointSize
 

@@ -36,7 +36,7 @@ struct SplatModel final : Model {
         harmonics_rate = 0.01f;
   float l1_weight = 0.8f, ssim_weight = 0.2f;
   float range_weight = 0.1f;               ///< of LiDAR returns
-  float surface_rate = 0.5f;               ///< towards LiDAR's planes, of the way in one call
+  float surface_rate = 0.5f;               ///< part of the way to a LiDAR plane in a call
   float opacity_weight = 0.02f;            ///< of transmittance, unless a background is given
   int lidar_rays = 1;                      ///< 0: LiDAR is not used
   int actors = 1;                          ///< 0: moving objects are not drawn

@@ -91,8 +91,8 @@ void SplatModel::visit_hyperparameters(HyperparameterVisitor& visit) {
   visit({"ssim_weight", "of (1 - SSIM) / 2", 0, 100}, ssim_weight);
   visit({"range_weight", "of the error of the logarithm of LiDAR returns' distances", 0, 1000},
         range_weight);
-  visit({"surface_rate",
-         "towards the planes of LiDAR returns, of the way every 50 steps; 0: Gaussians stay", 0, 1},
+  visit({"surface_rate", "part of the way onto planes of LiDAR returns, every 50 steps; 0: none", 0,
+         1},
         surface_rate);
   visit({"opacity_weight", "of the mean transmittance, unless a background is given", 0, 100},
         opacity_weight);

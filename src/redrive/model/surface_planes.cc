@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <numeric>
 
 #include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
@@ -12,13 +11,16 @@
 namespace redrive {
 namespace {
 
-constexpr std::size_t kMostReturns = 1'000'000;  // evenly chosen
-constexpr float kVoxel = 0.03f;  // that keeps one return, of the distance to the cameras
+// "Distance" is that to the nearest training camera.
+constexpr std::size_t kMostReturns = 1'000'000;  // evenly spaced in the order of the returns
+constexpr float kVoxel = 0.03f;                  // side over distance
 constexpr std::size_t kNeighbours = 16;
-constexpr float kThickness_m = 0.03f, kRelativeThickness = 0.002f;  // of a plane, RMS
-constexpr float kFlatness = 0.15f;                                  // of its smaller extent
-constexpr float kNear_m = 0.1f, kRelativeNear = 0.01f;
-constexpr double kThinnest = 1e-4;  // Gaussian, of the distance to the cameras
+/// Largest RMS residual of the neighbours: metres + a part of the distance.
+constexpr float kResidual_m = 0.03f, kRelativeResidual = 0.002f;
+constexpr float kFlatness = 0.15f;  // largest RMS residual over the smaller RMS extent in the plane
+/// Largest offset of a Gaussian from its plane: metres, or a part of the distance if that is more.
+constexpr float kOffset_m = 0.1f, kRelativeOffset = 0.01f;
+constexpr double kThinnest = 1e-4;  // standard deviation of a Gaussian over distance
 
 Points thinned(const NearestCamera& cameras, const LidarReturns& lidar, ThreadPool& pool) {
   const std::size_t every = (lidar.n + kMostReturns - 1) / kMostReturns;
@@ -36,11 +38,11 @@ Points thinned(const NearestCamera& cameras, const LidarReturns& lidar, ThreadPo
   return one_per_voxel(points, cameras, kVoxel, pool);
 }
 
-/// Returns the axes in `made`, columns of unit length, in the order and with the signs that are
-/// nearest to `before`, as a rotation; `order`: the column of `made` of each.
-Eigen::Matrix3d aligned_axes(const Eigen::Matrix3d& made, const Eigen::Matrix3d& before,
+/// Returns the eigenvectors as a rotation, permuted and with the signs that bring them nearest to
+/// the axes `before`. order: [k] is the column of axis k in `eigenvectors`.
+Eigen::Matrix3d aligned_axes(const Eigen::Matrix3d& eigenvectors, const Eigen::Matrix3d& before,
                              std::array<int, 3>* order) {
-  const Eigen::Matrix3d overlap = before.transpose() * made;
+  const Eigen::Matrix3d overlap = before.transpose() * eigenvectors;
   std::array<int, 3> trial = {0, 1, 2};
   double best = -1;
   do {
@@ -52,16 +54,17 @@ Eigen::Matrix3d aligned_axes(const Eigen::Matrix3d& made, const Eigen::Matrix3d&
     }
   } while (std::ranges::next_permutation(trial).found);
   Eigen::Matrix3d out;
-  int least = 0;  // the axis whose sign says least
+  int least = 0;  // the axis with the smallest overlap, whose sign is the least certain
   for (int k = 0; k < 3; ++k) {
     const double along = overlap(k, (*order)[k]);
-    out.col(k) = std::copysign(1.0, along) * made.col((*order)[k]);
+    out.col(k) = std::copysign(1.0, along) * eigenvectors.col((*order)[k]);
     if (std::fabs(along) < std::fabs(overlap(least, (*order)[least]))) least = k;
   }
   if (out.determinant() < 0) out.col(least) *= -1;
   return out;
 }
 
+/// Moves Gaussian i towards its plane, as flatten_gaussians() says.
 void flatten(const SurfacePlane& plane, float rate, std::size_t i, float* numbers) {
   const auto at = [&](int row) -> float& { return numbers[gaussian_slot(i, row)]; };
   const Eigen::Vector3f position(at(kPositionRow), at(kPositionRow + 1), at(kPositionRow + 2));
@@ -85,7 +88,7 @@ void flatten(const SurfacePlane& plane, float rate, std::size_t i, float* number
   const Eigen::Quaterniond turned(aligned_axes(solver.eigenvectors(), axes, &order));
   const double length = stored.norm();
   for (int k = 0; k < 3; ++k) {
-    // An axis is no thinner than the Gaussian may be, nor than it was.
+    // Rounding may make an eigenvalue too small: no axis gets thinner than `least`, unless it was.
     const double was = std::exp(double(at(kLogScaleRow + k)));
     const double variance =
         std::max(solver.eigenvalues()[order[k]], std::pow(std::min(was, least), 2));
@@ -116,8 +119,8 @@ SurfacePlanes::SurfacePlanes(const Scene& scene, const LidarReturns& lidar, Thre
       const auto extent = [&](int k) {
         return std::sqrt(std::max(0.0f, around.axes.eigenvalues()[k]) / kNeighbours);
       };
-      const float thickness = kThickness_m + kRelativeThickness * cameras.distance(position.data());
-      if (extent(0) > std::min(thickness, kFlatness * extent(1))) continue;
+      const float residual = kResidual_m + kRelativeResidual * cameras.distance(position.data());
+      if (extent(0) > std::min(residual, kFlatness * extent(1))) continue;
       planes_[i] = {around.mean, around.axes.eigenvectors().col(0), std::sqrt(squares.back())};
     }
   });
@@ -131,7 +134,7 @@ const SurfacePlane* SurfacePlanes::at(const Eigen::Vector3f& position, float dis
   const SurfacePlane& plane = planes_[nearest];
   if (square >= plane.radius_m * plane.radius_m) return nullptr;
   const float offset = plane.normal.dot(position - plane.mean);
-  return std::fabs(offset) < std::max(kNear_m, kRelativeNear * distance) ? &plane : nullptr;
+  return std::fabs(offset) < std::max(kOffset_m, kRelativeOffset * distance) ? &plane : nullptr;
 }
 
 void flatten_gaussians(const SurfacePlanes& planes, float rate, std::size_t n, float* numbers,

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Planes of the surfaces that LiDAR returns lie on, and Gaussians that are flattened onto them.
 //
-// Images alone leave the shape of a Gaussian along their rays open: it may stick out of the road as
-// long as it covers the right pixels of the training images. From aside it is then a spike.
+// Images constrain the extent of a Gaussian along their rays weakly. On a road that all cameras see
+// at a grazing angle, Gaussians stick out of the surface, and views from aside show spikes.
 #pragma once
 
 #include <vector>
@@ -16,24 +16,26 @@ namespace redrive {
 
 /// The plane through the neighbourhood of a return.
 struct SurfacePlane {
-  Eigen::Vector3f mean = Eigen::Vector3f::Zero(), normal = Eigen::Vector3f::Zero();  ///< unit
-  float radius_m = 0;  ///< of the neighbourhood; 0: it lies in no plane
+  Eigen::Vector3f mean = Eigen::Vector3f::Zero();    ///< of the neighbours, world metres
+  Eigen::Vector3f normal = Eigen::Vector3f::Zero();  ///< unit, of either sign
+  float radius_m = 0;                                ///< of the neighbourhood; 0: not planar
 };
 
 /// Planes of a scene in metres.
 class SurfacePlanes {
  public:
-  /// Thins the returns, a million at most, and fits a plane to each one's neighbours. The
-  /// neighbours lie in a plane if they are up to 3 cm and 0.2 % of the distance from it, RMS, which
-  /// allows for errors of ranges and poses. The number of threads changes nothing.
+  /// Thins the returns, a million at most, and fits a plane to the 16 nearest neighbours of each by
+  /// principal component analysis. Neighbours are planar if their RMS residual is at most 3 cm +
+  /// 0.2 % of the distance to the nearest camera, which allows for errors of ranges and poses, and
+  /// at most 0.15 of their smaller RMS extent in the plane. The number of threads changes no bit.
   SurfacePlanes(const Scene& scene, const LidarReturns& lidar, ThreadPool& pool);
 
   SurfacePlanes(const SurfacePlanes&) = delete;
   SurfacePlanes& operator=(const SurfacePlanes&) = delete;
 
-  /// Returns the plane of the return nearest to `position`, if that is within 10 cm and 1 % of
-  /// `distance` from the plane and inside its radius. Null: none. distance: to the nearest training
-  /// camera, metres.
+  /// Returns the plane of the return nearest to `position`, if `position` is within its radius and
+  /// within max(10 cm, 1 % of `distance`) of the plane; else null. distance: from `position` to the
+  /// nearest training camera, metres.
   const SurfacePlane* at(const Eigen::Vector3f& position, float distance) const;
 
  private:
@@ -43,10 +45,11 @@ class SurfacePlanes {
   PointTree tree_;
 };
 
-/// Moves the first n Gaussians of blocks `numbers` towards the planes that they lie in: `rate` of
-/// the way in one call, in (0, 1]. The covariance becomes M C M with M = I - r n n^T, where r is
-/// `rate`, or less where it would become thinner than 1e-4 of the distance to the cameras. Axes
-/// keep their order, so that Adam's moments stay with them. The number of threads changes nothing.
+/// Moves the first n Gaussians of `numbers` ([blocks, kGaussianRows, kGaussianBlock]) towards the
+/// planes that SurfacePlanes::at() returns. A call reduces the offset along the normal n by `rate`,
+/// in (0, 1], and replaces the covariance C by M C M with M = I - r n n^T. r is `rate`, or less, so
+/// that the standard deviation along n stays at least 1e-4 of the distance to the nearest camera.
+/// Axes keep their order, as Adam's moments do. The number of threads changes no bit.
 void flatten_gaussians(const SurfacePlanes& planes, float rate, std::size_t n, float* numbers,
                        ThreadPool& pool);
 

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/model/surface_planes.h"
 
-#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include "redrive/base/rng.h"
@@ -138,7 +137,7 @@ TEST(FlattenGaussians, FollowsItsFormula) {
     EXPECT_TRUE(at.isApprox(half * block.position(i), 1e-4)) << i;
     const Eigen::Matrix3d expected = half * block.covariance(i) * half;
     EXPECT_TRUE(after.covariance(i).isApprox(expected, 1e-5)) << i;
-    // No axis has changed places: each is nearer to where it was than to the others.
+    // The quaternion keeps its length.
     float length = 0, before = 0;
     for (int k = kQuaternionRow; k < kOpacityRow; ++k) {
       length += after.at(i, k) * after.at(i, k);
@@ -176,7 +175,7 @@ TEST(FlattenGaussians, EndsWithDiscsInThePlane) {
   near(2, flat(0.0003, 0.05));
   for (int row = 0; row < kGaussianRows; ++row)
     EXPECT_EQ(block.at(3, row), first.numbers[gaussian_slot(3, row)]) << row;
-  // What is flat stays, whatever its other rows.
+  // A further call leaves a flat Gaussian as it is.
   Block again = block;
   flatten_gaussians(planes, 0.5f, 4, again.numbers.data(), pool);
   for (int row = kLogScaleRow; row < kGaussianRows; ++row)

@@ -132,6 +132,7 @@ class Trainer {
     if (state_.adam.size() != model.size()) state_.adam = model.zero_moments();
   }
 
+  /// Fits planes to the LiDAR returns, if the model uses them. No checkpoint holds them.
   void find_surfaces() {
     if (!state_.model->uses_surfaces(data_)) return;
     const auto begin = std::chrono::steady_clock::now();
@@ -418,7 +419,7 @@ class Trainer {
   PixelSampler sampler_;
   LidarSampler lidar_sampler_;
   TrainingSet data_;
-  std::optional<SurfacePlanes> surfaces_;  // of the LiDAR, for models that use them
+  std::optional<SurfacePlanes> surfaces_;  // planes of LiDAR returns, if Model::uses_surfaces()
   PoseRefinement refinement_;
   DataParallelGroup group_;
   double saved_seconds_;        // state_.seconds at the last checkpoint
