@@ -319,6 +319,23 @@ TEST_P(GaussianStagesTest, LossOfAnImageAgreesWithTheOracle) {
   }
 }
 
+TEST_P(GaussianStagesTest, LossIsZeroInThePaddingWhateverWasThere) {
+  const auto backend = make();
+  const LossCase c;
+  const std::size_t plane = c.size.plane();
+  std::vector<float> d_rgb(3 * plane, 7), error(plane, 7);
+  backend->gaussians().image_loss(c.input(0.8f, 0.2f), d_rgb, error);
+  std::size_t padding = 0;
+  for (std::size_t i = 0; i < plane; ++i) {
+    const int x = static_cast<int>(i) % c.size.stride, y = static_cast<int>(i) / c.size.stride;
+    if (x < c.size.width && y < c.size.height) continue;
+    ++padding;
+    ASSERT_EQ(error[i], 0) << x << " " << y;
+    for (int k = 0; k < 3; ++k) ASSERT_EQ(d_rgb[k * plane + i], 0) << x << " " << y;
+  }
+  EXPECT_GT(padding, 0u);
+}
+
 TEST_P(GaussianStagesTest, LossAgreesWithItsDerivative) {
   const auto backend = make();
   LossCase c;

@@ -165,6 +165,7 @@ class GaussianStages {
                                   const RasterGradient& gradient, const GaussianDerivatives& to,
                                   std::span<GaussianPoseGradient<NumberMath<double>>> d_poses) = 0;
   /// Writes d_rgb, 3 planes, and the mean absolute error of the channels of each pixel, 1 plane.
+  /// Both are 0 in the padding of the planes.
   virtual ImageLossOutput image_loss(const ImageLossInput& input, std::span<float> d_rgb,
                                      std::span<float> error) = 0;
   /// Applies gradients that were kept, as means over ranks are; laid out as the Gaussians.

@@ -177,6 +177,7 @@ class RefGaussianStages final : public GaussianStages {
                                  &out.patches[y / kPatchSide * (stride / kPatchSide)]));
     const double count = std::max(3 * all.pixels, 1.0);
     std::vector<double> d(3 * plane), image(3 * plane), target(3 * plane);
+    std::ranges::fill(error.first(plane), 0.0f);
     for (int y = 0; y < height; ++y)
       for (int x = 0; x < width; ++x) {
         const std::size_t i = at(x, y);

@@ -202,6 +202,11 @@ class CpuGaussianStages final : public GaussianStages {
     job.slopes = grown(&slopes_, 9 * plane);
     job.d_rgb = d_rgb.data();
     job.error = error.data();
+    // Rows below the image have tiles, too.
+    const std::size_t end = rows * input.size.stride;
+    for (std::size_t c = 0; c < 3; ++c)
+      std::ranges::fill(d_rgb.subspan(c * plane + end, plane - end), 0.0f);
+    std::ranges::fill(error.subspan(end, plane - end), 0.0f);
     std::vector<LossSums> sums(rows);
     for (int pass = 0; pass < kLossPasses; ++pass) {
       if (input.ssim_weight == 0 && pass > 0 && pass + 1 < kLossPasses) continue;
