@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <utility>
 
 #include "redrive/scene/moving_objects.h"
@@ -48,13 +49,13 @@ std::vector<RangePixel> find_range_pixels(const TrainingSet& data, const ReturnT
   const Rigid3d middle = poses.at(0.5), camera_from_world = middle.inverse(Eigen::Isometry);
   const LidarReturns& lidar = data.lidar;
   std::vector<RangePixel> all;
-  const auto add = [&](const Eigen::Vector3d& at) {
+  const auto pixel_of = [&](const Eigen::Vector3d& at) -> std::optional<RangePixel> {
     const auto seen = project_shutter(rig.camera, poses, camera_from_world, at);
-    if (!seen) return;
+    if (!seen) return std::nullopt;
     const int x = static_cast<int>(std::floor(seen->pixel.x() + 0.5)),
               y = static_cast<int>(std::floor(seen->pixel.y() + 0.5));
-    if (x < 0 || y < 0 || x >= rig.camera.width || y >= rig.camera.height) return;
-    all.push_back({x, y, static_cast<float>(std::log(seen->in_camera.norm()))});
+    if (x < 0 || y < 0 || x >= rig.camera.width || y >= rig.camera.height) return std::nullopt;
+    return RangePixel{x, y, static_cast<float>(std::log(seen->in_camera.norm()))};
   };
   std::vector<MovingBox> boxes;
   std::vector<std::pair<std::int64_t, Rigid3d>> actors;  // by id: world_from_actor
@@ -70,10 +71,11 @@ std::vector<RangePixel> find_range_pixels(const TrainingSet& data, const ReturnT
     for (int k = 0; k < 3; ++k)
       at[k] = double(lidar.origin[k * lidar.n + i]) +
               double(lidar.range_m[i]) * double(lidar.direction[k * lidar.n + i]);
+    const auto pixel = pixel_of(at);
     // An actor may hide by now what the sensor saw then.
-    if (std::ranges::none_of(
-            boxes, [&](const MovingBox& box) { return box.intersects(eye, at - eye, 1); }))
-      add(at);
+    if (pixel && std::ranges::none_of(
+                     boxes, [&](const MovingBox& box) { return box.intersects(eye, at - eye, 1); }))
+      all.push_back(*pixel);
   };
   const auto ranges = scene.metric ? times.ranges(t_ns - kApart_ns, t_ns + kApart_ns)
                                    : std::vector<ReturnTimes::Range>{{0, lidar.n}};
@@ -82,7 +84,9 @@ std::vector<RangePixel> find_range_pixels(const TrainingSet& data, const ReturnT
   for (const LidarReturns::OnObject& at : lidar.on_objects) {
     if (std::abs(at.t_ns - t_ns) > kApart_ns) continue;
     const auto actor = std::ranges::find(actors, at.id, &std::pair<std::int64_t, Rigid3d>::first);
-    if (actor != actors.end()) add(actor->second * at.in_box.cast<double>());
+    if (actor == actors.end()) continue;
+    if (const auto pixel = pixel_of(actor->second * at.in_box.cast<double>()))
+      all.push_back(*pixel);
   }
   const int across = rig.camera.width / kCell + 1, down = rig.camera.height / kCell + 1;
   std::vector<float> nearest(static_cast<std::size_t>(across) * down, 1e9f);

@@ -94,6 +94,20 @@ ImagePointer image_of(const TrainingSet& data, int view, int level, SplatBuffers
   return image;
 }
 
+/// Finds the LiDAR returns of the views that windows show, unless they are known, side by side.
+void find_ranges(const TrainingSet& data, std::span<const ImageWindow* const> windows, int threads,
+                 SplatBuffers* own) {
+  std::vector<int> views;
+  for (const ImageWindow* window : windows)
+    if (!own->ranges[window->view] && std::ranges::find(views, window->view) == views.end())
+      views.push_back(window->view);
+  if (views.empty()) return;
+  if (!own->times) own->times.emplace(data.lidar);
+  ThreadPool(threads).run(static_cast<int>(views.size()), [&](int i) {
+    own->ranges[views[i]] = find_range_pixels(data, *own->times, views[i]);
+  });
+}
+
 /// Returns the mean transmittance of the pixels that are not masked; the others' tiles are not
 /// drawn. Writes its derivatives times `weight`.
 double mean_transmittance(const kernels::RasterImage& drawn, const Image8& image,
@@ -258,6 +272,16 @@ StepOutput SplatModel::step(kernels::Backend& backend, const TrainingSet& data,
   const std::size_t first = all ? 0 : drawn_window(request.seed, drawn, n),
                     end = all ? n : first + 1;
   if (!all) plan_images(data, request, at_level, &own);
+  if (range_weight > 0 && data.lidar.n > 0) {
+    constexpr int kAhead = 16;  // steps
+    std::vector<const ImageWindow*> coming;
+    for (std::size_t w = first; w < end; ++w) coming.push_back(&level.windows[w]);
+    const bool known = own.ranges[coming.front()->view].has_value();
+    for (int k = 1; !all && !known && k < kAhead; ++k)
+      coming.push_back(
+          &level.windows[drawn_window(request.seed, draw_of(request, request.step + k), n)]);
+    find_ranges(data, coming, backend.threads(), &own);
+  }
 
   buffers->workspace.begin(backend);
   StepSums& sums = buffers->workspace.sums();
@@ -284,14 +308,11 @@ int SplatModel::set_ranges(const TrainingSet& data, const WindowStep& step,
                            MethodBuffers* buffers) const {
   if (range_weight == 0 || data.lidar.n == 0) return 0;
   SplatBuffers& own = static_cast<SplatBuffers&>(*buffers);
-  auto& ranges = own.ranges[step.window.view];
-  if (!own.times) own.times.emplace(data.lidar);
-  if (!ranges) ranges = find_range_pixels(data, *own.times, step.window.view);
   const kernels::RasterSize size = kernels::raster_size(step.window.width, step.window.height);
   own.log_range.assign(size.plane(), kernels::kNoRange);
   own.d_range.assign(size.plane(), 0);
   int n = 0;
-  for (const RangePixel& p : *ranges) {
+  for (const RangePixel& p : *own.ranges[step.window.view]) {
     const int x = p.x / step.factor - step.window.x, y = p.y / step.factor - step.window.y;
     if (x < 0 || y < 0 || x >= step.window.width || y >= step.window.height) continue;
     // Tiles of masked pixels alone are not drawn.

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/train/trainer.h"
 
+#include <malloc.h>
+
 #include <algorithm>
 #include <bit>
 #include <chrono>
@@ -71,6 +73,7 @@ class Trainer {
     steps_ = total_steps(options_, steps_per_epoch_);
     check_same_begin();
     adapt_state();
+    malloc_trim(0);  // what preparation used
   }
 
   TrainEnd run(const std::atomic<bool>& stop) {
