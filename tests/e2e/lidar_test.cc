@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The grid method on a drive with LiDAR and annotated vehicles.
+// Drives with LiDAR and annotated vehicles.
+#include <signal.h>
+
 #include <array>
 #include <cmath>
 #include <cstdio>
@@ -7,7 +9,7 @@
 
 #include "redrive/base/files.h"
 #include "redrive/train/run.h"
-#include "tests/e2e/end_to_end.h"
+#include "tests/e2e/same_end.h"
 
 namespace redrive::testing {
 namespace {
@@ -58,6 +60,44 @@ TEST_F(EndToEndLidar, LidarTrainsAndResumes) {
       redrive({"resume", (folder_ / "once").string(), "--max-steps", "8"});
   EXPECT_EQ(resumed.exit_code, kExitOk) << resumed.err;
   EXPECT_NE(parameters("once"), parameters("again"));
+}
+
+// With Gaussians flattened onto planes of returns, images whose height is no multiple of a tile's,
+// and a number of Gaussians that changes.
+TEST_F(EndToEndLidar, SplatsKilledAndResumedEndAsUninterrupted) {
+  const auto arguments = [&](const fs::path& run) {
+    return std::vector<std::string>{"train",
+                                    street_.string(),
+                                    "--out",
+                                    run.string(),
+                                    "--downscale",
+                                    "4",
+                                    "--frames",
+                                    "1000:1007",
+                                    "--max-seconds",
+                                    "0",
+                                    "--max-steps",
+                                    "360",
+                                    "--threads",
+                                    "2",
+                                    "--max-gaussians",
+                                    "20000",
+                                    "--checkpoint-every",
+                                    "70"};
+  };
+  const fs::path whole = folder_ / "whole", parts = folder_ / "parts";
+  ASSERT_EQ(redrive(arguments(whole)).exit_code, kExitOk);
+  for (const std::size_t rows : {3u, 6u}) {
+    Program program(REDRIVE_BINARY, fs::exists(parts)
+                                        ? std::vector<std::string>{"resume", parts.string()}
+                                        : arguments(parts));
+    ASSERT_TRUE(wait_for_rows(parts, rows));
+    program.send(SIGKILL);
+    EXPECT_EQ(program.wait().signal, SIGKILL);
+  }
+  const ProgramResult ended = redrive({"resume", parts.string()});
+  ASSERT_EQ(ended.exit_code, kExitOk) << ended.err;
+  expect_same_end(whole, parts);
 }
 
 // The terminal, the report and eval's JSON show the same numbers.

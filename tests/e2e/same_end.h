@@ -2,7 +2,9 @@
 // Whether two runs ended alike, and how far a run is.
 #pragma once
 
+#include <algorithm>
 #include <chrono>
+#include <cstdint>
 #include <cstring>
 #include <span>
 #include <thread>
@@ -15,6 +17,9 @@ namespace redrive::testing {
 inline bool bit_equal(std::span<const float> a, std::span<const float> b) {
   return a.size() == b.size() && std::memcmp(a.data(), b.data(), a.size_bytes()) == 0;
 }
+inline bool bit_equal(std::span<const std::uint32_t> a, std::span<const std::uint32_t> b) {
+  return std::ranges::equal(a, b);
+}
 
 inline void expect_same_end(const fs::path& a, const fs::path& b) {
   const TrainState x = load_checkpoint(a / "checkpoint.safetensors"),
@@ -23,6 +28,7 @@ inline void expect_same_end(const fs::path& a, const fs::path& b) {
   EXPECT_TRUE(bit_equal(x.model->parameters, y.model->parameters));
   EXPECT_TRUE(bit_equal(x.adam.first_moment, y.adam.first_moment));
   EXPECT_TRUE(bit_equal(x.adam.second_moment, y.adam.second_moment));
+  EXPECT_TRUE(bit_equal(x.adam.packed, y.adam.packed));
   const std::vector<MetricsRow> p = read_metrics({a}), q = read_metrics({b});
   ASSERT_EQ(p.size(), q.size());
   for (std::size_t i = 0; i < p.size(); ++i) {

@@ -269,6 +269,8 @@ class Model : public Configurable {
   // ---- Memory
   virtual std::uint64_t step_bytes()
       const = 0;  ///< estimate of the host's for a step, without gradients
+  /// Estimate of the host's for steps, beside LidarReturns, with so many of them.
+  virtual std::uint64_t lidar_bytes(const Scene&, std::uint64_t /*returns*/) const { return 0; }
   virtual DeviceWork training_work()
       const = 0;  ///< without pose gradients; with LiDAR where it is used
   virtual DeviceWork rendering_work() const = 0;

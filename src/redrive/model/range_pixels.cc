@@ -55,7 +55,8 @@ std::vector<RangePixel> find_range_pixels(const TrainingSet& data, const ReturnT
     const int x = static_cast<int>(std::floor(seen->pixel.x() + 0.5)),
               y = static_cast<int>(std::floor(seen->pixel.y() + 0.5));
     if (x < 0 || y < 0 || x >= rig.camera.width || y >= rig.camera.height) return std::nullopt;
-    return RangePixel{x, y, static_cast<float>(std::log(seen->in_camera.norm()))};
+    return RangePixel{static_cast<std::uint16_t>(x), static_cast<std::uint16_t>(y),
+                      static_cast<float>(std::log(seen->in_camera.norm()))};
   };
   std::vector<MovingBox> boxes;
   std::vector<std::pair<std::int64_t, Rigid3d>> actors;  // by id: world_from_actor
@@ -104,6 +105,14 @@ std::vector<RangePixel> find_range_pixels(const TrainingSet& data, const ReturnT
       }
     return false;
   });
+  std::vector<bool> taken(static_cast<std::size_t>(rig.camera.width) * rig.camera.height);
+  std::erase_if(all, [&](const RangePixel& p) {
+    const std::size_t pixel = static_cast<std::size_t>(p.y) * rig.camera.width + p.x;
+    if (taken[pixel]) return true;
+    taken[pixel] = true;
+    return false;
+  });
+  all.shrink_to_fit();
   return all;
 }
 

@@ -12,7 +12,7 @@ namespace redrive {
 
 /// A LiDAR return in an image of full size.
 struct RangePixel {
-  int x, y;
+  std::uint16_t x, y;
   float log_range;  ///< logarithm of its distance from the camera, metres
 };
 
@@ -35,7 +35,8 @@ class ReturnTimes {
 };
 
 /// Returns the LiDAR returns that a view's image shows: those of about the time of its exposure, so
-/// that what moves is where it was, and not behind nearer ones. `times`: of data.lidar.
+/// that what moves is where it was, and not behind nearer ones; the first one of a pixel. `times`:
+/// of data.lidar.
 /// Poses are those that training began with (TrainingSet::initial). Returns on moving objects are
 /// where the object is by then.
 std::vector<RangePixel> find_range_pixels(const TrainingSet& data, const ReturnTimes& times,

@@ -112,6 +112,7 @@ struct SplatModel final : Model {
                     RenderedRays* rendered) const override;
   std::vector<ExportFormat> export_formats() const override;
   std::uint64_t step_bytes() const override;
+  std::uint64_t lidar_bytes(const Scene& scene, std::uint64_t returns) const override;
   DeviceWork training_work() const override {
     return {.step_pixels = window_pixels, .trains = true};
   }

@@ -137,6 +137,12 @@ const SurfacePlane* SurfacePlanes::at(const Eigen::Vector3f& position, float dis
   return std::fabs(offset) < std::max(kOffset_m, kRelativeOffset * distance) ? &plane : nullptr;
 }
 
+std::uint64_t surface_planes_bytes(std::uint64_t returns) {
+  constexpr std::uint64_t kTree = 16;  // of a point
+  return std::min<std::uint64_t>(returns, kMostReturns) *
+         (sizeof(Point) + sizeof(SurfacePlane) + kTree);
+}
+
 void flatten_gaussians(const SurfacePlanes& planes, float rate, std::size_t n, float* numbers,
                        ThreadPool& pool) {
   pool.run_ranges(n, kPointsPerRange, [&](std::size_t begin, std::size_t end) {

@@ -5,6 +5,7 @@
 // at a grazing angle, Gaussians stick out of the surface, and views from aside show spikes.
 #pragma once
 
+#include <cstdint>
 #include <vector>
 
 #include "redrive/base/parallel.h"
@@ -44,6 +45,9 @@ class SurfacePlanes {
   PointSet set_{points_};
   PointTree tree_;
 };
+
+/// Returns about how many bytes the planes of so many returns take, at most.
+std::uint64_t surface_planes_bytes(std::uint64_t returns);
 
 /// Moves the first n Gaussians of `numbers` ([blocks, kGaussianRows, kGaussianBlock]) towards the
 /// planes that SurfacePlanes::at() returns. A call reduces the offset along the normal n by `rate`,

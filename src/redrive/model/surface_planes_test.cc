@@ -182,6 +182,30 @@ TEST(FlattenGaussians, EndsWithDiscsInThePlane) {
     EXPECT_NEAR(again.at(1, row), block.at(1, row), 0.05f) << row;
 }
 
+// Adam's moments are by axis.
+TEST(FlattenGaussians, KeepsTheOrderOfAxes) {
+  const SurfacePlanes planes = Road().planes();
+  ThreadPool pool(1);
+  const Eigen::Vector3f sizes[] = {
+      {0.02f, 0.05f, 0.1f}, {0.1f, 0.02f, 0.05f}, {0.05f, 0.1f, 0.02f}};
+  for (const Eigen::Vector3f& size : sizes) {
+    Block block;
+    const Eigen::Quaternionf turn(Eigen::AngleAxisf(0.3f, Eigen::Vector3f(1, 2, 3).normalized()));
+    block.set(0, {1, 1, 0.01f}, size, turn, 3);
+    flatten_gaussians(planes, 0.2f, 1, block.numbers.data(), pool);
+    const Eigen::Quaternionf turned(block.at(0, kQuaternionRow), block.at(0, kQuaternionRow + 1),
+                                    block.at(0, kQuaternionRow + 2),
+                                    block.at(0, kQuaternionRow + 3));
+    // The three columns are the axes before, turned by a few degrees: none is another's or
+    // inverted.
+    const Eigen::Matrix3f overlap = turn.toRotationMatrix().transpose() * turned.toRotationMatrix();
+    for (int k = 0; k < 3; ++k) {
+      EXPECT_GT(overlap(k, k), 0.9f) << k;
+      EXPECT_NEAR(std::exp(block.at(0, kLogScaleRow + k)), size[k], 0.25f * size[k]) << k;
+    }
+  }
+}
+
 TEST(FlattenGaussians, DoesNotDependOnTheNumberOfThreads) {
   const Road road;
   std::vector<float> made[2];

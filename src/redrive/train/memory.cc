@@ -102,6 +102,7 @@ MemoryEstimate estimate_memory(const Run& run, int threads, bool data_parallel) 
     const std::uint64_t sorting = points * (sizeof(LidarPoint) + kSortedRay * 2 / 3);
     if (model.uses_lidar()) {
       need.lidar = lidar;
+      need.of_lidar = model.lidar_bytes(scene, points * 2 / 3);
       need.sorting = sorting;
     }
     if (searches && points > 0)
@@ -117,6 +118,7 @@ MemoryEstimate estimate_memory(const Run& run, int threads, bool data_parallel) 
                         points = bytes / (3 * sizeof(float)),  // at most
         used = std::min<std::uint64_t>(points, kMaxCloudPoints);
     need.lidar = used * kReturn;
+    need.of_lidar = model.lidar_bytes(scene, used);
     need.sorting = bytes + points * sizeof(Eigen::Vector3d) + used * kCloudPoint;
   }
   need.step =
@@ -175,12 +177,13 @@ std::string describe_memory(const MemoryEstimate& need, std::uint64_t allowed) {
 void check_memory(const MemoryEstimate& need, std::uint64_t allowed, const TrainOptions& options) {
   if (need.least() <= allowed) return;
   const std::uint64_t images = need.least_images > 0 ? need.least_images : need.images;
-  throw UsageError("--memory", options.memory,
-                   memory_text(need.least(), allowed) + "; lower " +
-                       what_to_lower({{images + need.rays, kOfImages},
-                                      {need.lidar + need.sorting, kOfLidar},
-                                      {need.search, kOfSearch},
-                                      {need.step, need.step_option}}));
+  throw UsageError(
+      "--memory", options.memory,
+      memory_text(need.least(), allowed) + "; lower " +
+          what_to_lower({{images + need.rays, kOfImages},
+                         {need.lidar + std::max(need.sorting, need.of_lidar), kOfLidar},
+                         {need.search, kOfSearch},
+                         {need.step, need.step_option}}));
 }
 
 void check_memory(const DeviceMemoryEstimate& need, std::uint64_t allowed,

@@ -26,10 +26,11 @@ struct MemoryEstimate {
   // The peak is in loading or in training, or in the search:
   std::uint64_t decoding = 0;  ///< images as recorded
   std::uint64_t sorting = 0;  ///< LiDAR points as recorded, and their rays, before they are returns
-  std::uint64_t rays = 0;     ///< directions of all pixels of all cameras
-  std::uint64_t step = 0;     ///< gradients and a batch's working memory
-  std::string step_option;    ///< that lowers it: "--batch (2048 rays: "
-  std::uint64_t saving = 0;   ///< a checkpoint that a run goes back to
+  std::uint64_t of_lidar = 0;  ///< what the model derives from the returns
+  std::uint64_t rays = 0;      ///< directions of all pixels of all cameras
+  std::uint64_t step = 0;      ///< gradients and a batch's working memory
+  std::string step_option;     ///< that lowers it: "--batch (2048 rays: "
+  std::uint64_t saving = 0;    ///< a checkpoint that a run goes back to
 
   std::uint64_t total() const { return total_with(images); }  ///< at the peak
   /// With a cache of the smallest size, where images may be in one.
@@ -37,8 +38,8 @@ struct MemoryEstimate {
   std::uint64_t total_with(std::uint64_t of_images) const {
     const std::uint64_t sum =
         program + state +
-        std::max(search,
-                 of_images + std::max({decoding, lidar + sorting, lidar + rays + step + saving}));
+        std::max(search, of_images + std::max({decoding, lidar + sorting,
+                                               lidar + of_lidar + rays + step + saving}));
     return sum + sum / 20;  // small buffers, and gaps between blocks
   }
 };

@@ -6,6 +6,8 @@
 
 #include "redrive/base/error.h"
 #include "redrive/kernels/device/cuda_backend.h"
+#include "redrive/model/range_pixels.h"
+#include "redrive/model/surface_planes.h"
 #include "redrive/recording/aimotive.h"
 #include "redrive/recording/las.h"
 #include "redrive/train/train_testing.h"
@@ -113,6 +115,30 @@ TEST_F(MemoryEstimateTest, RejectsMoreThanAllowedNamingTheOptionToLower) {
   EXPECT_THAT(rejection(), HasSubstr("lower --batch (64 rays: 8.0 GiB), --downscale"));
   need.sorting = 9 * kGiB;
   EXPECT_THAT(rejection(), HasSubstr("lower --frames or --lidar-rays 0 (LiDAR: 9.0 GiB), --batch"));
+}
+
+TEST_F(MemoryEstimateTest, CountsWhatSplatsDeriveFromReturns) {
+  constexpr std::uint64_t kPoints = 21'000, kReturns = kPoints * 2 / 3;
+  const std::vector<LidarRecord> points(kPoints, {{20, 0, 0}, 1});
+  folder_.write("frame_10.las", make_las(points));
+  recording_.reader = aimotive::make_reader();
+  recording_.body_from_lidar = Rigid3d::Identity();
+  recording_.lidar_files = {{10, folder_.path / "frame_10.las"}};
+  EXPECT_EQ(of(tiny_options(1)).of_lidar, 0u);
+  TrainOptions options;
+  options.recording = "in memory";
+  options.method = "splat";
+  apply_preset(&options, {});
+  options.cameras = {"FRONT"};
+  const MemoryEstimate all = of(options);
+  options.set("range_weight", 0);
+  const MemoryEstimate planes = of(options);
+  EXPECT_EQ(planes.of_lidar, surface_planes_bytes(kReturns));
+  EXPECT_EQ(all.of_lidar - planes.of_lidar, 6u * 24 * 16 * sizeof(RangePixel))
+      << "returns of about every pixel, one each";
+  EXPECT_GT(all.total(), planes.total());
+  options.set("surface_rate", 0);
+  EXPECT_EQ(of(options).of_lidar, 0u);
 }
 
 // Methods without LiDAR read it, too, to find what moves.
