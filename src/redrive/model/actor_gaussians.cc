@@ -152,17 +152,19 @@ void append_core(const MovingBox& core, const Eigen::Vector3f& rgb, const Neares
 }
 
 /// Appends black, nearly transparent Gaussians on the road around the box. They become the shadow
-/// that drives along: without them it would darken the road.
-void append_shadow(const Eigen::Vector3f& size_m, const NearestCamera& cameras,
+/// and the light of headlights that drive along: without them the road would have both.
+void append_shadow(const Eigen::Vector3f& size_m, float ahead_m, const NearestCamera& cameras,
                    GaussianList* list) {
   constexpr float kSpacing_m = 0.4f, kFlat_m = 0.02f, kAboveRoad_m = 0.05f;
   constexpr float kShadowOpacity = 0.1f;
-  const Eigen::Vector2f half = size_m.head<2>() / 2 + Eigen::Vector2f::Constant(kShadow_m);
-  const Eigen::Vector2i n = (2 * half / kSpacing_m).array().ceil().cast<int>();
-  const Eigen::Vector2f side = 2 * half.cwiseQuotient(n.cast<float>());
+  const Eigen::Vector2f least = -size_m.head<2>() / 2 - Eigen::Vector2f::Constant(kShadow_m),
+                        most = size_m.head<2>() / 2 + Eigen::Vector2f(ahead_m, kShadow_m);
+  const Eigen::Vector2i n = ((most - least) / kSpacing_m).array().ceil().cast<int>();
+  const Eigen::Vector2f side = (most - least).cwiseQuotient(n.cast<float>());
   for (int i = 0; i < n.prod(); ++i) {
     const Eigen::Vector2f at =
-        Eigen::Vector2f(float(i % n.x()) + 0.5f, float(i / n.x()) + 0.5f).cwiseProduct(side) - half;
+        least +
+        Eigen::Vector2f(float(i % n.x()) + 0.5f, float(i / n.x()) + 0.5f).cwiseProduct(side);
     const Point point{{at.x(), at.y(), kAboveRoad_m - size_m.z() / 2},
                       Eigen::Vector3f::Zero(),
                       Eigen::Vector3f::Zero()};
@@ -176,7 +178,7 @@ void append_shadow(const Eigen::Vector3f& size_m, const NearestCamera& cameras,
 }  // namespace
 
 GaussianList actor_gaussians(const TrainingSet& data, const MovingObject& actor, float voxel,
-                             std::uint64_t key, ThreadPool& pool) {
+                             float ahead_m, std::uint64_t key, ThreadPool& pool) {
   GaussianList list;
   const std::vector<Sighting> sightings = sightings_of(data.scene, actor);
   if (sightings.empty()) return list;
@@ -230,7 +232,7 @@ GaussianList actor_gaussians(const TrainingSet& data, const MovingObject& actor,
     for (const TimedPoint& p : points) mean += p.point.rgb / static_cast<float>(points.size());
     append_core(core, mean, cameras, &list);
   }
-  append_shadow(actor.size_m.cast<float>(), cameras, &list);
+  append_shadow(actor.size_m.cast<float>(), ahead_m, cameras, &list);
   return list;
 }
 

@@ -6,6 +6,7 @@
 
 #include <gtest/gtest.h>
 
+#include "redrive/model/densify_gaussians.h"
 #include "redrive/model/splat_scene_testing.h"
 
 namespace redrive {
@@ -41,9 +42,9 @@ struct Road : SplatScene {
                                                   -0.6f + 1.2f * float(i / 30) / 30)});
     lidar.on_objects.push_back({4, 0, Eigen::Vector3f(0, 0, 0)});
   }
-  GaussianList gaussians(std::uint64_t key = 1, int threads = 2) {
+  GaussianList gaussians(std::uint64_t key = 1, int threads = 2, float ahead_m = kShadow_m) {
     ThreadPool pool(threads);
-    return actor_gaussians(data(), car, 0.005f, key, pool);
+    return actor_gaussians(data(), car, 0.005f, ahead_m, key, pool);
   }
 };
 
@@ -144,6 +145,23 @@ TEST(ActorGaussians, HaveABlackHazeOnTheRoadAroundTheBox) {
   }
   EXPECT_LT((highest - Eigen::Vector2f(2.8f, 1.8f)).norm(), 1e-4);
   EXPECT_LT((lowest + highest).norm(), 1e-4);
+}
+
+TEST(ActorGaussians, HaveAHazeAheadInTheDark) {
+  Road road;
+  const GaussianList list = road.gaussians(1, 2, kHeadlights_m), shadow = road.gaussians();
+  float last = 0, first = 0;
+  int ahead = 0;
+  for (std::size_t i = 0; i < list.size(); ++i) {
+    const float x = list.rows[i * kGaussianRows + kPositionRow];
+    last = std::max(last, x);
+    first = std::min(first, x);
+    ahead += x > 3;
+  }
+  EXPECT_NEAR(last, 2 + kHeadlights_m - 0.2f, 0.02f);
+  EXPECT_NEAR(first, -2.8f, 0.02f);
+  EXPECT_EQ(list.size() - shadow.size(), static_cast<std::size_t>(ahead))
+      << "what is around the box stays";
 }
 
 TEST(ActorGaussians, AnObjectThatNoTrainingImageShowsHasNone) {

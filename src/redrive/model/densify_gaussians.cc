@@ -87,8 +87,9 @@ bool within_bounds(const DensifyOptions& options, std::size_t part, const float*
   const Eigen::Vector3f& bound = options.actor_bounds[part - 1];
   const auto at = [&](int k) { return numbers[gaussian_slot(i, kPositionRow + k)]; };
   const float beside = at(2) <= kShadowHeight_m - bound.z() ? kShadow_m : 0;
-  return std::fabs(at(0)) <= bound.x() + beside && std::fabs(at(1)) <= bound.y() + beside &&
-         std::fabs(at(2)) <= bound.z();
+  const float ahead = beside > 0 ? options.ahead_m : 0;
+  return -at(0) <= bound.x() + beside && at(0) <= bound.x() + ahead &&
+         std::fabs(at(1)) <= bound.y() + beside && std::fabs(at(2)) <= bound.z();
 }
 
 /// Returns what the Gaussians come from: by part, in Morton order.

@@ -16,6 +16,8 @@ namespace redrive {
 /// An actor's Gaussians may lie so far beside its box where they are at most kShadowHeight_m above
 /// the lower bound: its shadow.
 constexpr float kShadow_m = 1, kShadowHeight_m = 0.4f;
+/// Likewise so far ahead of the box (x) in the dark: what headlights light.
+constexpr float kHeadlights_m = 8;
 
 struct DensifyOptions {
   std::size_t target = 0;     ///< number of Gaussians afterwards, at most
@@ -25,6 +27,7 @@ struct DensifyOptions {
   /// By actor: half sides of the box around its origin in which its Gaussians stay, but for its
   /// shadow, metres; those outside are removed. Empty: no bounds.
   std::span<const Eigen::Vector3f> actor_bounds;
+  float ahead_m = kShadow_m;  ///< kShadow_m or kHeadlights_m
 };
 
 /// Where the Gaussians of the world and of each actor are: in blocks of their own.

@@ -248,14 +248,9 @@ TEST(Densify, GrowsToTheTargetAtMost) {
   EXPECT_EQ(state.n, 96u);
 }
 
-TEST(Densify, KeepsOfAnActorWhatIsInItsBoxOrOnTheRoadBeside) {
+/// Expects which Gaussians of an actor within (2, 1, 0.8) m are kept, by position.
+void expect_kept(float ahead_m, const std::vector<std::pair<Eigen::Vector3f, bool>>& cases) {
   const Eigen::Vector3f bound(2, 1, 0.8f);
-  const std::vector<std::pair<Eigen::Vector3f, bool>> cases = {
-      {{1.9f, -0.9f, 0.7f}, true}, {{2.1f, 0, 0}, false},        {{0, -1.1f, 0}, false},
-      {{0, 0, 0.9f}, false},       {{2.9f, 0, -0.5f}, true},     {{0, -1.9f, -0.7f}, true},
-      {{3.1f, 0, -0.5f}, false},   {{0, 2.1f, -0.5f}, false},    {{2.5f, 0, -0.3f}, false},
-      {{0, 0, -0.9f}, false},      {{2.5f, 1.5f, -0.9f}, false},
-  };
   std::array<GaussianList, 2> lists = {random_list(16), random_list(cases.size())};
   for (std::size_t i = 0; i < cases.size(); ++i)
     for (int k = 0; k < 3; ++k)
@@ -267,6 +262,7 @@ TEST(Densify, KeepsOfAnActorWhatIsInItsBoxOrOnTheRoadBeside) {
   write_blocks(lists, layout, &numbers);
   DensifyOptions options;
   options.actor_bounds = {&bound, 1};
+  options.ahead_m = ahead_m;
   densify(options, 7, &layout, &numbers, &moments);
   EXPECT_EQ(layout.world, 16u);
   std::set<float> kept, expected;
@@ -277,6 +273,31 @@ TEST(Densify, KeepsOfAnActorWhatIsInItsBoxOrOnTheRoadBeside) {
   for (std::size_t i = 0; i < cases.size(); ++i)
     if (cases[i].second) expected.insert(static_cast<float>(i));
   EXPECT_EQ(kept, expected);
+}
+
+TEST(Densify, KeepsOfAnActorWhatIsInItsBoxOrOnTheRoadBeside) {
+  expect_kept(kShadow_m, {{{1.9f, -0.9f, 0.7f}, true},
+                          {{2.1f, 0, 0}, false},
+                          {{0, -1.1f, 0}, false},
+                          {{0, 0, 0.9f}, false},
+                          {{2.9f, 0, -0.5f}, true},
+                          {{0, -1.9f, -0.7f}, true},
+                          {{3.1f, 0, -0.5f}, false},
+                          {{-2.9f, 0, -0.5f}, true},
+                          {{-3.1f, 0, -0.5f}, false},
+                          {{0, 2.1f, -0.5f}, false},
+                          {{2.5f, 0, -0.3f}, false},
+                          {{0, 0, -0.9f}, false},
+                          {{2.5f, 1.5f, -0.9f}, false}});
+}
+
+TEST(Densify, KeepsOfAnActorWhatIsOnTheRoadAheadInTheDark) {
+  expect_kept(kHeadlights_m, {{{9.9f, 0, -0.5f}, true},
+                              {{10.1f, 0, -0.5f}, false},
+                              {{-3.1f, 0, -0.5f}, false},
+                              {{9, 1.9f, -0.5f}, true},
+                              {{9, 2.1f, -0.5f}, false},
+                              {{2.1f, 0, 0}, false}});
 }
 
 TEST(Densify, IsAFunctionOfTheKey) {

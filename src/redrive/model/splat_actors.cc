@@ -120,6 +120,11 @@ std::span<const float> SplatModel::blocks_of(std::int64_t id, const ActorBody* i
   return parameters.span().subspan(first * kBlockSize, (end - first) * kBlockSize);
 }
 
+float SplatModel::ahead_m() const {
+  constexpr float kDark = 0.25f;  // mean of the images, 0..1: 0.14 by night, from 0.35 on by day
+  return (background[0] + background[1] + background[2]) / 3 < kDark ? kHeadlights_m : kShadow_m;
+}
+
 void SplatModel::bound_actor_colours() {
   for (std::size_t block = layout().world_blocks(); block < layout().blocks(); ++block)
     for (int row = kColourRow; row < kHarmonicsRow; ++row)

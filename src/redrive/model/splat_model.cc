@@ -185,13 +185,15 @@ void SplatModel::initialize(std::uint64_t) {
 }
 
 void SplatModel::initialize_from(const TrainingSet& data, std::uint64_t seed, ThreadPool& pool) {
+  if (data.scene.background == Background::kNone) set_background(data);
   InitialGaussianOptions options = initial;
   options.max_gaussians = most_gaussians();
   std::vector<GaussianList> lists(1);
   std::size_t of_actors = 0;
   for (const MovingObject& actor : data.scene.actors) {
-    lists.push_back(
-        actor_gaussians(data, actor, options.voxel, random_key(seed, kStreamActors), pool));
+    lists.push_back(actor_gaussians(data, actor, options.voxel,
+                                    actor.deforms ? kShadow_m : ahead_m(),
+                                    random_key(seed, kStreamActors), pool));
     of_actors += lists.back().size();
   }
   const auto most_of_actors = static_cast<std::size_t>(kShareOfActors * most_gaussians());
@@ -202,7 +204,6 @@ void SplatModel::initialize_from(const TrainingSet& data, std::uint64_t seed, Th
   options.max_gaussians -= static_cast<int>(std::min(of_actors, most_of_actors));
   lists[0] = initial_gaussians(data, options, seed, pool);
   set_gaussians(lists, data.scene.actors);
-  if (data.scene.background == Background::kNone) set_background(data);
 }
 
 void SplatModel::set_background(const TrainingSet& data) {

@@ -148,6 +148,8 @@ struct SplatModel final : Model {
   };
   /// `poses` must outlive the result.
   DrawnActors drawn_actors(const ShutterPoses& poses) const;
+  /// How far ahead of an actor's box its Gaussians may be: farther in the dark.
+  float ahead_m() const;
   /// Sets the background to the mean colour of the images.
   void set_background(const TrainingSet& data);
   /// Most Gaussians that finish_training() adds; training leaves them free.

@@ -95,6 +95,7 @@ void SplatModel::finish_step(kernels::Backend& backend, const StepRequest& reque
   for (std::size_t a = 0, i = blocks_size() + gains.size(); a < actor_ids.size(); ++a, i += 3)
     bounds.emplace_back(parameters[i], parameters[i + 1], parameters[i + 2]);
   options.actor_bounds = bounds;
+  options.ahead_m = ahead_m();
   backend.gaussians().release();  // not beside what densify copies
   change_number(options, random_key(request.seed, kStreamDensify, static_cast<std::uint64_t>(step)),
                 adam);
