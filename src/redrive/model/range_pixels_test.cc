@@ -57,6 +57,17 @@ TEST(RangePixels, AreWhereTheCameraSeesTheReturn) {
   EXPECT_NEAR(found[0].log_range, std::log(std::sqrt(100 + 1.02 * 1.02 + 0.52 * 0.52)), 1e-5);
 }
 
+TEST(RangePixels, AreOneOfAPixelTheFirst) {
+  LidarScene scene;
+  scene.add_return({10.2, 1.04, -0.53}, 0);
+  scene.add_return({10, 1.02, -0.52}, 0);
+  scene.add_return({10, -1.02, -0.52}, 0);
+  const std::vector<RangePixel> found = scene.pixels(0);
+  ASSERT_EQ(found.size(), 2u);
+  EXPECT_NEAR(found[0].log_range, std::log(std::hypot(10.2, 1.04, 0.53)), 1e-5);
+  EXPECT_NE(found[0].x, found[1].x);
+}
+
 TEST(RangePixels, AreOfAboutTheTimeOfTheImage) {
   LidarScene scene;
   scene.add_return({10, 0, 0}, 0);
