@@ -18,17 +18,8 @@ TEST_F(EndToEnd, KilledAndResumedEndsAsUninterrupted) {
   const fs::path whole = folder_ / "whole", parts = folder_ / "parts";
   ASSERT_EQ(redrive(train_arguments(whole, kLong)).exit_code, kExitOk);
 
-  for (const std::size_t rows : {0u, 3u, 7u}) {  // 0: before the first checkpoint, perhaps
-    Program program(REDRIVE_BINARY, fs::exists(parts)
-                                        ? std::vector<std::string>{"resume", parts.string()}
-                                        : train_arguments(parts, kLong));
-    ASSERT_TRUE(wait_for_rows(parts, rows));
-    program.send(SIGKILL);
-    EXPECT_EQ(program.wait().signal, SIGKILL);
-  }
-  const ProgramResult ended = redrive({"resume", parts.string()});
-  ASSERT_EQ(ended.exit_code, kExitOk) << ended.err;
-  expect_same_end(whole, parts);
+  // 0: before the first checkpoint, perhaps.
+  expect_same_end_when_killed(whole, parts, train_arguments(parts, kLong), {0, 3, 7});
 
   EXPECT_EQ(redrive({"resume", parts.string()}).exit_code, kExitOk) << "nothing is left to do";
   expect_same_end(whole, parts);

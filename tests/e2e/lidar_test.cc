@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Drives with LiDAR and annotated vehicles.
-#include <signal.h>
-
 #include <array>
 #include <cmath>
 #include <cstdio>
@@ -87,17 +85,7 @@ TEST_F(EndToEndLidar, SplatsKilledAndResumedEndAsUninterrupted) {
   };
   const fs::path whole = folder_ / "whole", parts = folder_ / "parts";
   ASSERT_EQ(redrive(arguments(whole)).exit_code, kExitOk);
-  for (const std::size_t rows : {3u, 6u}) {
-    Program program(REDRIVE_BINARY, fs::exists(parts)
-                                        ? std::vector<std::string>{"resume", parts.string()}
-                                        : arguments(parts));
-    ASSERT_TRUE(wait_for_rows(parts, rows));
-    program.send(SIGKILL);
-    EXPECT_EQ(program.wait().signal, SIGKILL);
-  }
-  const ProgramResult ended = redrive({"resume", parts.string()});
-  ASSERT_EQ(ended.exit_code, kExitOk) << ended.err;
-  expect_same_end(whole, parts);
+  expect_same_end_when_killed(whole, parts, arguments(parts), {3, 6});
 }
 
 // The terminal, the report and eval's JSON show the same numbers.

@@ -2,12 +2,16 @@
 // Whether two runs ended alike, and how far a run is.
 #pragma once
 
+#include <signal.h>
+
 #include <algorithm>
 #include <chrono>
 #include <cstdint>
 #include <cstring>
 #include <span>
+#include <string>
 #include <thread>
+#include <vector>
 
 #include "redrive/train/run.h"
 #include "tests/e2e/end_to_end.h"
@@ -45,6 +49,24 @@ inline bool wait_for_rows(const fs::path& run, std::size_t rows) {
     std::this_thread::sleep_for(std::chrono::milliseconds(10));
   }
   return false;
+}
+
+/// Starts a training by `arguments`, kills it with SIGKILL once the run `parts` has so many rows of
+/// metrics, and resumes it, for each of `rows`; then resumes it to its end. Expects the end of
+/// `whole`.
+inline void expect_same_end_when_killed(const fs::path& whole, const fs::path& parts,
+                                        const std::vector<std::string>& arguments,
+                                        const std::vector<std::size_t>& rows) {
+  const std::vector<std::string> resume = {"resume", parts.string()};
+  for (const std::size_t n : rows) {
+    Program program(REDRIVE_BINARY, fs::exists(parts) ? resume : arguments);
+    ASSERT_TRUE(wait_for_rows(parts, n));
+    program.send(SIGKILL);
+    EXPECT_EQ(program.wait().signal, SIGKILL);
+  }
+  const ProgramResult ended = Program(REDRIVE_BINARY, resume).wait();
+  ASSERT_EQ(ended.exit_code, kExitOk) << ended.err;
+  expect_same_end(whole, parts);
 }
 
 }  // namespace redrive::testing

@@ -27,7 +27,7 @@ struct DensifyOptions {
   /// By actor: half sides of the box around its origin in which its Gaussians stay, but for its
   /// shadow, metres; those outside are removed. Empty: no bounds.
   std::span<const Eigen::Vector3f> actor_bounds;
-  float ahead_m = kShadow_m;  ///< kShadow_m or kHeadlights_m
+  float ahead_m = kShadow_m;  ///< ahead of the box on the road, where they stay, too
 };
 
 /// Where the Gaussians of the world and of each actor are: in blocks of their own.

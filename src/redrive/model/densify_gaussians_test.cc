@@ -248,7 +248,7 @@ TEST(Densify, GrowsToTheTargetAtMost) {
   EXPECT_EQ(state.n, 96u);
 }
 
-/// Expects which Gaussians of an actor within (2, 1, 0.8) m are kept, by position.
+/// Expects which Gaussians of an actor with half sides of (2, 1, 0.8) m are kept, by position.
 void expect_kept(float ahead_m, const std::vector<std::pair<Eigen::Vector3f, bool>>& cases) {
   const Eigen::Vector3f bound(2, 1, 0.8f);
   std::array<GaussianList, 2> lists = {random_list(16), random_list(cases.size())};

@@ -13,7 +13,8 @@ namespace redrive {
 
 namespace {
 
-constexpr std::size_t kReturnsOfChunk = 4096;  // some milliseconds of a spinning LiDAR
+constexpr std::size_t kReturnsOfChunk = 4096;    // some milliseconds of a spinning LiDAR
+constexpr std::int64_t kApart_ns = 150'000'000;  // of a return and an image that shows it, at most
 
 }  // namespace
 
@@ -37,7 +38,6 @@ std::vector<ReturnTimes::Range> ReturnTimes::ranges(std::int64_t first_ns,
 
 std::vector<RangePixel> find_range_pixels(const TrainingSet& data, const ReturnTimes& times,
                                           std::size_t of_view) {
-  constexpr std::int64_t kApart_ns = 150'000'000;
   constexpr int kCell = 8;          // pixels
   constexpr float kBehind = 0.14f;  // of the distance: farther is hidden, as a logarithm
   // Poses that are refined meanwhile would make the result depend on when it is computed.
@@ -114,6 +114,20 @@ std::vector<RangePixel> find_range_pixels(const TrainingSet& data, const ReturnT
   });
   all.shrink_to_fit();
   return all;
+}
+
+std::uint64_t range_pixel_bytes(const Scene& scene, std::uint64_t returns) {
+  constexpr double kShown = 1.0 / 3;  // share of the returns around the car that an image shows
+  constexpr double kSeconds = 2e-9 * kApart_ns;
+  const double seconds = scene.exposure(0, scene.frames.back().t_ns).t_s,
+               part = scene.metric ? std::min(1.0, kSeconds / std::max(seconds, kSeconds)) : 1;
+  const auto shown = static_cast<std::uint64_t>(kShown * part * static_cast<double>(returns));
+  std::uint64_t pixels = 0;
+  for (const View& view : scene.views) {
+    const Camera& camera = scene.rig[view.camera].camera;
+    if (!view.held_out) pixels += std::min(shown, std::uint64_t(camera.width) * camera.height);
+  }
+  return pixels * sizeof(RangePixel);
 }
 
 }  // namespace redrive

@@ -35,11 +35,13 @@ class ReturnTimes {
 };
 
 /// Returns the LiDAR returns that a view's image shows: those of about the time of its exposure, so
-/// that what moves is where it was, and not behind nearer ones; the first one of a pixel. `times`:
-/// of data.lidar.
-/// Poses are those that training began with (TrainingSet::initial). Returns on moving objects are
-/// where the object is by then.
+/// that what moves is where it was, and not behind nearer ones. A pixel has the first of its
+/// returns alone. `times`: of data.lidar. Poses are those that training began with
+/// (TrainingSet::initial). Returns on moving objects are where the object is by then.
 std::vector<RangePixel> find_range_pixels(const TrainingSet& data, const ReturnTimes& times,
                                           std::size_t of_view);
+
+/// Estimates the bytes of the range pixels of all training views, with so many returns.
+std::uint64_t range_pixel_bytes(const Scene& scene, std::uint64_t returns);
 
 }  // namespace redrive

@@ -268,18 +268,8 @@ std::uint64_t SplatModel::step_bytes() const {
 
 std::uint64_t SplatModel::lidar_bytes(const Scene& scene, std::uint64_t returns) const {
   if (lidar_rays == 0 || scene.frames.empty()) return 0;
-  // Of the returns of 0.3 s, an image shows about a third.
-  constexpr double kSeconds = 0.3, kShown = 1.0 / 3;
-  const double seconds = scene.exposure(0, scene.frames.back().t_ns).t_s,
-               part = scene.metric ? std::min(1.0, kSeconds / std::max(seconds, kSeconds)) : 1;
-  const auto shown = static_cast<std::uint64_t>(kShown * part * static_cast<double>(returns));
-  std::uint64_t bytes = surface_rate > 0 ? surface_planes_bytes(returns) : 0;
-  for (const View& view : scene.views) {
-    const Camera& camera = scene.rig[view.camera].camera;
-    const std::uint64_t pixels = std::uint64_t(camera.width) * camera.height;
-    if (!view.held_out && range_weight > 0) bytes += std::min(shown, pixels) * sizeof(RangePixel);
-  }
-  return bytes;
+  return (surface_rate > 0 ? surface_planes_bytes(returns) : 0) +
+         (range_weight > 0 ? range_pixel_bytes(scene, returns) : 0);
 }
 
 }  // namespace redrive

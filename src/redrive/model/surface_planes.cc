@@ -138,7 +138,7 @@ const SurfacePlane* SurfacePlanes::at(const Eigen::Vector3f& position, float dis
 }
 
 std::uint64_t surface_planes_bytes(std::uint64_t returns) {
-  constexpr std::uint64_t kTree = 16;  // of a point
+  constexpr std::uint64_t kTree = 16;  // bytes of the k-d tree for each point
   return std::min<std::uint64_t>(returns, kMostReturns) *
          (sizeof(Point) + sizeof(SurfacePlane) + kTree);
 }

@@ -196,8 +196,7 @@ TEST(FlattenGaussians, KeepsTheOrderOfAxes) {
     const Eigen::Quaternionf turned(block.at(0, kQuaternionRow), block.at(0, kQuaternionRow + 1),
                                     block.at(0, kQuaternionRow + 2),
                                     block.at(0, kQuaternionRow + 3));
-    // The three columns are the axes before, turned by a few degrees: none is another's or
-    // inverted.
+    // Each axis is the one before, turned by a few degrees.
     const Eigen::Matrix3f overlap = turn.toRotationMatrix().transpose() * turned.toRotationMatrix();
     for (int k = 0; k < 3; ++k) {
       EXPECT_GT(overlap(k, k), 0.9f) << k;

@@ -73,7 +73,7 @@ class Trainer {
     steps_ = total_steps(options_, steps_per_epoch_);
     check_same_begin();
     adapt_state();
-    malloc_trim(0);  // what preparation used
+    malloc_trim(0);  // returns what preparation has freed to the system
   }
 
   TrainEnd run(const std::atomic<bool>& stop) {
