@@ -77,15 +77,14 @@ endif()
 
 # Unit tests sit beside the source:
 #   redrive_test(camera SOURCES mei_test.cc DEPENDS redrive::camera
-#     [SANITIZE address|thread|none...] [GPU pattern] [TOGETHER])
+#     [SANITIZE address|thread|none...] [TOGETHER])
 # makes the program test_camera. A build with a sanitizer has only the tests that name it. SANITIZE
 # is `address` if it is not given: it is for what parses or indexes, `thread` for what runs on
 # several threads, and `none` for optimisations and trainings as a whole, whose parts have tests of
-# their own. Those of its tests that the GPU pattern names are labelled `gpu`. The paths of the
-# shipped samples and of the optional private recordings are compiled in; a test that needs the
-# latter skips visibly where they are not.
+# their own. The paths of the shipped samples and of the optional private recordings are compiled
+# in; a test that needs the latter skips visibly where they are not.
 function(redrive_test name)
-  cmake_parse_arguments(ARG "TOGETHER" "GPU" "SOURCES;DEPENDS;SANITIZE" ${ARGN})
+  cmake_parse_arguments(ARG "TOGETHER" "" "SOURCES;DEPENDS;SANITIZE" ${ARGN})
   if(ARG_UNPARSED_ARGUMENTS)
     message(FATAL_ERROR "redrive_test(${name}): unknown arguments ${ARG_UNPARSED_ARGUMENTS}")
   endif()
@@ -108,11 +107,5 @@ function(redrive_test name)
     REDRIVE_SAMPLES="${CMAKE_SOURCE_DIR}/samples" REDRIVE_SHARED="${CMAKE_SOURCE_DIR}/../shared"
     REDRIVE_SOURCE="${CMAKE_SOURCE_DIR}" REDRIVE_BINARY="${CMAKE_BINARY_DIR}/redrive")
   add_dependencies(tests test_${name})
-  set(others "")
-  if(ARG_GPU)
-    set(others TEST_FILTER "-${ARG_GPU}")
-    gtest_discover_tests(test_${name} TEST_FILTER "${ARG_GPU}" DISCOVERY_TIMEOUT 60
-      PROPERTIES TIMEOUT 600 LABELS gpu)
-  endif()
-  gtest_discover_tests(test_${name} ${others} DISCOVERY_TIMEOUT 60 PROPERTIES TIMEOUT 600)
+  gtest_discover_tests(test_${name} DISCOVERY_TIMEOUT 60 PROPERTIES TIMEOUT 600)
 endfunction()

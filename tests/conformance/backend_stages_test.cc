@@ -512,7 +512,7 @@ TEST_P(BackendStages, RendersOpaqueRays) {
   const NerfCase& nerf = cases()[1];
   for (const BatchSize& size : {BatchSize{1, 3}, {100, 48}, {33, 193}}) {
     SCOPED_TRACE(trace(size));
-    NerfBatch batch(nerf, GetParam().is_slow() ? 1 : size.n_rays, size.per_ray);
+    NerfBatch batch(nerf, GetParam().is_oracle() ? 1 : size.n_rays, size.per_ray);
     for (float& dt : batch.dt) dt *= 16;
     Composited rendered(batch.n_rays, batch.per_ray), all = rendered;
     backend->nerf().render_rays(nerf.field(), batch.rays(), batch.sampling(), rendered.out());
@@ -579,7 +579,7 @@ TEST_P(BackendStages, SameBitsAgainAndOnOneThread) {
   for (const std::size_t which : {1u, 2u}) {
     if (which >= cases().size()) continue;
     const NerfCase& nerf = cases()[which];
-    const NerfBatch batch(nerf, GetParam().is_slow() ? 7 : 100, GetParam().is_slow() ? 9 : 48);
+    const NerfBatch batch(nerf, GetParam().is_oracle() ? 7 : 100, GetParam().is_oracle() ? 9 : 48);
     const auto first = all_stages(*backend, nerf, batch), again = all_stages(*backend, nerf, batch),
                alone = all_stages(*single, nerf, batch);
     for (const auto& [stage, values] : first) {

@@ -20,15 +20,8 @@
 namespace redrive::kernels::conformance {
 namespace {
 
-/// Candidates that rasterise: not the devices.
-std::vector<Candidate> rasterisers() {
-  std::vector<Candidate> out = candidates();
-  std::erase_if(out, [](const Candidate& c) { return c.is_loop() || c.is_gpu(); });
-  return out;
-}
-
 class GaussianStagesTest : public BackendConformance {};
-INSTANTIATE_TEST_SUITE_P(Backends, GaussianStagesTest, testing::ValuesIn(rasterisers()), name_of);
+INSTANTIATE_TEST_SUITE_P(Backends, GaussianStagesTest, testing::ValuesIn(candidates()), name_of);
 
 struct GaussianCase {
   std::size_t n = 203;  // no multiple of a block

@@ -40,7 +40,6 @@ Program::Program(const std::filesystem::path& binary, const std::vector<std::str
   std::vector<char*> argv = {const_cast<char*>(name.c_str())};
   for (const std::string& argument : arguments) argv.push_back(const_cast<char*>(argument.c_str()));
   argv.push_back(nullptr);
-  setenv("CUDA_VISIBLE_DEVICES", "", 1);  // --backend auto takes the CPU: bit-equal reruns
   pid_ = fork();
   if (pid_ == 0) run_child(name.c_str(), argv.data(), out.c_str(), err.c_str(), file_limit_bytes);
   if (pid_ < 0) throw std::runtime_error("fork");

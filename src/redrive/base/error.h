@@ -20,7 +20,6 @@ enum ExitCode {
   kExitIo = 4,                ///< a file could not be written
   kExitInsufficientData = 5,  ///< the input is valid, but does not determine the result
   kExitPreflightFailed = 6,   ///< inspect --report: errors that training would learn
-  kExitDevice = 7,            ///< a GPU failed; checkpoints saved before are valid
   kExitInterrupted = 130      ///< Ctrl-C; a training saved its state, others wrote nothing
 };
 
@@ -37,9 +36,6 @@ class InputError : public std::runtime_error {
 class UsageError : public std::runtime_error {
  public:
   UsageError(std::string_view option, std::string_view value, std::string_view rule);
-
- protected:
-  explicit UsageError(const std::string& message) : std::runtime_error(message) {}
 };
 
 /// A file or folder that could not be written (disk full, permissions).
@@ -54,19 +50,6 @@ class InsufficientDataError : public std::runtime_error {
  public:
   InsufficientDataError(const std::filesystem::path& recording, std::string_view reason,
                         std::string_view means);
-};
-
-/// A device failed; the contents of its memory are lost. The message is the device's own.
-class DeviceError : public std::runtime_error {
- public:
-  using std::runtime_error::runtime_error;
-};
-
-/// A device ran out of memory during its work; other options need less.
-class DeviceMemoryError : public UsageError {
- public:
-  using UsageError::UsageError;
-  explicit DeviceMemoryError(const std::string& message) : UsageError(message) {}
 };
 
 /// Ctrl-C, or another signal, ended work that leaves nothing behind.

@@ -37,13 +37,18 @@ struct Result {
   bool memory_bound = false;  ///< limited by copies rather than arithmetic
 };
 
+/// The measured roofline of all threads (bench/peak.h).
+struct Ceilings {
+  double gflops = 0;         ///< a multiply-add counts as two
+  std::string arithmetic;    ///< the instruction set that was measured
+  double copy_gb_per_s = 0;  ///< 1e9 bytes, read and written
+};
+
 struct Report {
   std::string cpu, backend, isa;  ///< isa "none" for ref
   int threads = 0;
-  std::string gpu;             ///< empty for backends on the processor
-  kernels::Ceilings ceilings;  ///< measured in this run: the backend's own, or those of all threads
-                               ///< (bench/peak.h)
-  std::string commit;          ///< of the build; empty if unknown
+  Ceilings ceilings;   ///< measured in this run
+  std::string commit;  ///< of the build; empty if unknown
   std::vector<Result> results;
 };
 

@@ -9,7 +9,6 @@
 
 #include "redrive/base/error.h"
 #include "redrive/bench/peak.h"
-#include "redrive/kernels/device/cuda_backend.h"
 
 namespace redrive::bench {
 namespace {
@@ -58,23 +57,6 @@ TEST(Bench, ReportsTheFilteredBenchmarks) {
                           "gflops", "percent_of_roofline", "limit"})
     EXPECT_TRUE(json["results"][0].contains(key)) << key;
   EXPECT_EQ(json["machine"]["backend"], "ref");
-}
-
-TEST(Bench, MeasuresTheRooflineOfADevice) {
-  for (const bool tensor_cores : {true, false}) {
-    const auto backend = kernels::make_loop_backend(nullptr, tensor_cores);
-    const Report report = run(*backend, {"kernel/grid_network_forward", 1}, [](const Result&) {});
-    EXPECT_EQ(report.ceilings.arithmetic, tensor_cores ? "bf16 mma" : "fp32 fma");
-    EXPECT_GT(report.ceilings.gflops, 1e-3);
-    EXPECT_LT(report.ceilings.gflops, 1e3) << "of one thread's loops";
-    EXPECT_GT(report.ceilings.copy_gb_per_s, 0.01);
-    EXPECT_LT(report.ceilings.copy_gb_per_s, 1e4);
-    const Result& r = report.results[0];
-    EXPECT_FALSE(r.memory_bound) << "a thousand products per sample of 36 features";
-    EXPECT_NEAR(r.percent_of_roofline, 100 * r.gflops / report.ceilings.gflops,
-                1e-9 * r.percent_of_roofline);
-    EXPECT_EQ(report.gpu, "") << "the processor is no GPU";
-  }
 }
 
 TEST(Peak, CopiesAreMeasured) {

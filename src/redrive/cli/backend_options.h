@@ -6,13 +6,11 @@
 
 #include "redrive/base/error.h"
 #include "redrive/kernels/backend.h"
-#include "redrive/train/run.h"
 
 namespace redrive {
 
 inline void add_backend_options(CLI::App& command, kernels::BackendChoice* choice) {
-  command.add_option("--backend", choice->name,
-                     "auto, ref (plain loops), cpu or cuda (default: auto)");
+  command.add_option("--backend", choice->name, "auto, ref (plain loops) or cpu (default: auto)");
   command.add_option("--isa", choice->isa,
                      "instruction set of the cpu backend: auto, avx2, avx512, avx512-bf16 or "
                      "amx-bf16 (default: auto)");
@@ -26,13 +24,6 @@ inline std::unique_ptr<kernels::Backend> make_checked_backend(
   if (choice.threads < 0 || choice.threads > 1024)
     throw UsageError("--threads", std::to_string(choice.threads), "must be in 0..1024");
   return kernels::make_backend(choice);
-}
-
-/// Creates a backend that renders the run's model.
-inline std::unique_ptr<kernels::Backend> make_backend_of(const Run& run,
-                                                         kernels::BackendChoice choice) {
-  choice.rasterises = find_method(run.options.method)->rasterises;
-  return make_checked_backend(choice);
 }
 
 }  // namespace redrive

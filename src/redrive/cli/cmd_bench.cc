@@ -7,7 +7,6 @@
 #include "redrive/bench/bench.h"
 #include "redrive/cli/backend_options.h"
 #include "redrive/cli/command.h"
-#include "redrive/kernels/device/cuda_backend.h"
 
 namespace redrive {
 
@@ -33,7 +32,6 @@ Action configure_bench(CLI::App& command) {
     // Progress goes to stderr where stdout is for a script.
     std::FILE* out = s->json ? stderr : stdout;
     std::fprintf(out, "%s, %s\n", describe(*backend).c_str(), cpu_model_name().c_str());
-    if (backend->name() == "cuda") std::fprintf(out, "%s\n", kernels::cuda_description().c_str());
     std::fprintf(out, "%-30s %10s %10s %11s %10s %9s %8s %7s  %s\n", "name", "median ms", "min ms",
                  "Msamples/s", "GFLOP", "GFLOP/s", "MB", "% roof", "limit");
     const bench::Report report = bench::run(*backend, s->options, [&](const bench::Result& r) {

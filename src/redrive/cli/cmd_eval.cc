@@ -18,7 +18,6 @@
 #include "redrive/eval/other_cameras.h"
 #include "redrive/render/divided_model.h"
 #include "redrive/render/open_to_render.h"
-#include "redrive/train/memory.h"
 
 namespace redrive {
 namespace {
@@ -128,9 +127,8 @@ int run_eval(EvalCommandOptions options) {
   if (!options.cameras.empty()) refuse_divided(options.run, "eval --cameras");
   if (!options.edited.empty()) refuse_divided(options.run, "eval --edited");
   const Run run = open_to_render(options.run);
-  const auto backend = make_backend_of(run, options.backend);
+  const auto backend = make_checked_backend(options.backend);
   if (!options.json) std::printf("%s\n", kernels::describe(*backend).c_str());
-  check_device_memory(run, *backend, work_of_evaluation(run, !options.cameras.empty()));
   options.eval.progress = image_progress("scored");
   if (!options.edited.empty()) {
     const auto scores = score_edited(run, *backend, options.edited, options.eval);

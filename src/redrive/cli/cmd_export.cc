@@ -33,7 +33,6 @@
 #include "redrive/scene/lidar_returns.h"
 #include "redrive/scene/load_views.h"
 #include "redrive/scene/moving_objects.h"
-#include "redrive/train/memory.h"
 #include "redrive/train/run.h"
 #include "redrive/view/scene_page.h"
 
@@ -180,8 +179,7 @@ int export_ply(const ExportCommandOptions& options) {
   const Source source = open_source(options);
   std::string bytes;
   if (source.is_run) {
-    const auto backend = make_backend_of(source.run, options.backend);
-    check_device_memory(source.run, *backend, source.run.state.model->rendering_work());
+    const auto backend = make_checked_backend(options.backend);
     const std::vector<PlyPoint> points = field_points(source.run, *backend, kMaxExportedPoints);
     if (points.empty())
       throw InputError(options.from, "", "", "the field has no opaque surface in its images");
@@ -217,8 +215,7 @@ int export_mesh(const ExportCommandOptions& options) {
   const auto write = mesh_writer(options.out);
   if (const auto obstacle = mesh_obstacle()) throw UsageError("--to", "mesh", *obstacle);
   const Run run = open_to_render(options.from);
-  const auto backend = make_backend_of(run, options.backend);
-  check_device_memory(run, *backend, run.state.model->rendering_work());
+  const auto backend = make_checked_backend(options.backend);
   const FieldMesh field = field_mesh(
       run, *backend,
       {options.voxel_m, allowed_memory(run.options, memory_bytes()), image_progress("rendered")});

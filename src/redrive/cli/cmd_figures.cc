@@ -11,7 +11,6 @@
 #include "redrive/cli/image_progress.h"
 #include "redrive/render/open_to_render.h"
 #include "redrive/report/report.h"
-#include "redrive/train/memory.h"
 
 namespace redrive {
 namespace {
@@ -41,9 +40,8 @@ int run_figures(FiguresCommandOptions options) {
                            run.recording.root.string());
     options.figures.compared = &*compared;
   }
-  const auto backend = make_backend_of(run, options.backend);
+  const auto backend = make_checked_backend(options.backend);
   std::printf("%s\n", kernels::describe(*backend).c_str());
-  check_device_memory(run, *backend, work_of_evaluation(run));
   options.figures.eval.progress = image_progress("scored");
   options.figures.written = [](const std::filesystem::path& file) {
     std::printf("%s\n", file.c_str());

@@ -33,7 +33,7 @@ struct PlanArguments {
   std::string recording;
   std::map<std::string, std::vector<std::string>> given;
   std::string blocks;  ///< metres or auto; empty: the drive is not divided
-  int machines = 1, cores = 0, gpus = 0;
+  int machines = 1, cores = 0;
   bool json = false;
 };
 
@@ -144,7 +144,7 @@ std::string bytes_text(double bytes) {
 }
 
 void print(const Scene& scene, const TrainingPlan& plan, const TrainingRates& rates,
-           const Machines& machines, int gpus) {
+           const Machines& machines) {
   std::int64_t images = 0;
   for (const View& view : scene.views) images += !view.held_out;
   std::printf("drive      %zu frames over %.0f m, %zu cameras, %lld images for training\n",
@@ -173,7 +173,6 @@ void print(const Scene& scene, const TrainingPlan& plan, const TrainingRates& ra
   std::printf("time       %s; %.1f core hours; efficiency %.0f %%, limited by %s\n",
               time_text(plan.seconds).c_str(), plan.core_seconds / 3600, 100 * plan.efficiency,
               plan.limit.c_str());
-  if (gpus > 0) std::printf("GPUs       none is used: no GPU rasterises Gaussians yet\n");
   std::printf("memory     %s a machine\n", gib_text(plan.memory_bytes).c_str());
   std::printf("disk       %s written, %s read\n",
               bytes_text(static_cast<double>(plan.writes_bytes)).c_str(),
@@ -184,12 +183,8 @@ void print(const Scene& scene, const TrainingPlan& plan, const TrainingRates& ra
 
 int run_plan(const PlanArguments& arguments) {
   TrainOptions options = options_of(arguments);
-  if (arguments.gpus > 0 && !find_method(options.method)->rasterises)
-    throw UsageError("--gpus", std::to_string(arguments.gpus),
-                     "must be 0: rates are measured on processors alone");
-  if (options.backend == "auto") options.backend = "cpu";
-  const kernels::BackendGroup group = make_backends(options);
-  kernels::Backend& backend = *group.backends.front();
+  const auto owned = make_backend(options);
+  kernels::Backend& backend = *owned;
   const Recording recording = open_recording(options);
   resolve_cameras(&options, recording);
   const Scene scene = make_scene(recording, scene_options(options));
@@ -218,7 +213,7 @@ int run_plan(const PlanArguments& arguments) {
   TrainingPlan plan = planned_with(threads);
   while (plan.cores_per_rank > threads) plan = planned_with(threads = plan.cores_per_rank);
   if (!arguments.json) {
-    print(scene, plan, rates, machines, arguments.gpus);
+    print(scene, plan, rates, machines);
     return kExitOk;
   }
   nlohmann::json json = to_json(plan);
@@ -266,10 +261,6 @@ Action configure_plan(CLI::App& command) {
       .add_option("--cores", arguments->cores,
                   "cores of each machine, 1..4096 (default: those of --threads here)")
       ->check(CLI::Range(1, 4096));
-  command
-      .add_option("--gpus", arguments->gpus,
-                  "GPUs of each machine, 0..64; splat has no use for them (default: 0)")
-      ->check(CLI::Range(0, 64));
   command.add_flag("--json", arguments->json, "prints the plan as JSON");
   return [arguments] { return run_plan(*arguments); };
 }

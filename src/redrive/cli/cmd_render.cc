@@ -24,7 +24,6 @@
 #include "redrive/render/renderer.h"
 #include "redrive/render/view_pose.h"
 #include "redrive/scene/edit_actors.h"
-#include "redrive/train/memory.h"
 #include "redrive/train/run.h"
 
 namespace redrive {
@@ -178,9 +177,8 @@ int render_one(const RenderOptions& options) {
                      turned_sensor(camera.body_from_sensor, kRadiansPerDegree * options.yaw_deg,
                                    kRadiansPerDegree * options.pitch_deg),
                      axes, shift_m);
-  const auto backend = make_backend_of(run, options.backend);
+  const auto backend = make_checked_backend(options.backend);
   std::printf("%s\n", kernels::describe(*backend).c_str());
-  check_device_memory(run, *backend, run.state.model->rendering_work());
   const RayTable rays = make_ray_table(camera.camera, backend->threads());
   const RenderedImage image =
       render_image(*backend, *run.state.model, rays,
@@ -234,9 +232,8 @@ int render_poses(const RenderOptions& options) {
     exposures.push_back(exposure_of(options, run, camera.name, poses.views[i].frame_id));
   }
 
-  const auto backend = make_backend_of(run, options.backend);
+  const auto backend = make_checked_backend(options.backend);
   std::printf("%s\n", kernels::describe(*backend).c_str());
-  check_device_memory(run, *backend, run.state.model->rendering_work());
   for (std::size_t i = 0; i < poses.views.size(); ++i) {
     const fs::path file = out / poses.views[i].file;
     const RenderedImage image =

@@ -15,9 +15,8 @@
 namespace redrive {
 namespace {
 
-constexpr const char* kChangeable[] = {"epochs", "max-steps",  "max-seconds",
-                                       "memory", "gpu-memory", "backend",
-                                       "isa",    "gpus",       "threads"};
+constexpr const char* kChangeable[] = {"epochs",  "max-steps", "max-seconds", "memory",
+                                       "backend", "isa",       "threads"};
 
 struct ResumeArguments {
   std::string run;
@@ -65,19 +64,19 @@ int lead_resuming(const ResumeArguments& arguments, ProcessGroup& processes) {
   const bool together = arguments.data_parallel && processes.size() > 1;
   TrainOptions here = run.options;
   if (together) here.threads = block_resources(processes, run.options).threads;
-  const kernels::BackendGroup group = make_backends(here);
+  const auto backend = make_backend(here);
   const std::atomic<bool>& stop = stop_on_signal();
-  if (together) check_together(processes, run, group);
+  if (together) check_together(processes, run);
   const std::optional<std::uint64_t> cache =
-      check_run_memory(run, group, together ? processes.on_machine() : 1, together);
+      check_run_memory(run, backend->threads(), together ? processes.on_machine() : 1, together);
   const TrainingData training = [&] {
-    ThreadPool pool(group.backends.front()->threads());
+    ThreadPool pool(backend->threads());
     return load_training_data(run, pool, cache);
   }();
   if (!arguments.given.empty()) write_config(run.paths, run.options, run.state.model.get());
-  print_summary(run, training, group);
-  if (together) return lead_together(processes, &run, training, group);
-  return train_to_end(&run, training, group, stop, arguments.live);
+  print_summary(run, training, *backend);
+  if (together) return lead_together(processes, &run, training, *backend);
+  return train_to_end(&run, training, *backend, stop, arguments.live);
 }
 
 int run_resume(const ResumeArguments& arguments) {

@@ -129,8 +129,8 @@ int lead_training(const TrainArguments& arguments, ProcessGroup& processes) {
     throw UsageError("--view", "", "shows one run; --blocks makes several, see redrive view RUN");
   TrainOptions here = run.options;
   here.threads = block_resources(processes, run.options).threads;
-  const kernels::BackendGroup group = make_backends(here);
-  const int threads = group.backends.front()->threads();
+  const auto backend = make_backend(here);
+  const int threads = backend->threads();
   run.recording = open_recording(run.options);
   if (!arguments.blocks.empty()) check_divisible(arguments.blocks, run.options, run.recording);
   const std::optional<ExternalPoses> poses = load_external_poses(&run, threads);
@@ -143,9 +143,9 @@ int lead_training(const TrainArguments& arguments, ProcessGroup& processes) {
   record_hyperparameters(*run.state.model, &run.options);
   const std::atomic<bool>& stop = stop_on_signal();
   const bool together = arguments.data_parallel && processes.size() > 1;
-  if (together) check_together(processes, run, group);
+  if (together) check_together(processes, run);
   const std::optional<std::uint64_t> cache =
-      check_run_memory(run, group, together ? processes.on_machine() : 1, together);
+      check_run_memory(run, threads, together ? processes.on_machine() : 1, together);
   const TrainingData training = [&] {
     ThreadPool pool(threads);
     return prepare_training_data(&run, pool, cache);
@@ -159,9 +159,9 @@ int lead_training(const TrainArguments& arguments, ProcessGroup& processes) {
       },
       run.state.model.get());
   const RunLock lock(run.paths.root);
-  print_summary(run, training, group);
-  if (together) return lead_together(processes, &run, training, group);
-  return train_to_end(&run, training, group, stop, arguments.live);
+  print_summary(run, training, *backend);
+  if (together) return lead_together(processes, &run, training, *backend);
+  return train_to_end(&run, training, *backend, stop, arguments.live);
 }
 
 int run_train(const TrainArguments& arguments) {

@@ -13,7 +13,6 @@
 #include "redrive/cli/training.h"
 #include "redrive/cli/view_server.h"
 #include "redrive/cli/without_model.h"
-#include "redrive/train/memory.h"
 #include "redrive/view/run_watch.h"
 #include "redrive/view/traffic.h"
 #include "redrive/view/viewer.h"
@@ -37,10 +36,8 @@ int run_view(const ViewOptions& options) {
   std::optional<view::RunWatch> watch;
   if (is_run) watch.emplace(options.run);
   auto run = is_run ? watch->run() : std::make_shared<const Run>(open_without_model(options.run));
-  const auto backend =
-      is_run ? make_backend_of(*run, options.backend) : make_checked_backend(options.backend);
+  const auto backend = make_checked_backend(options.backend);
   std::printf("%s\n", kernels::describe(*backend).c_str());
-  if (is_run) check_device_memory(*run, *backend, run->state.model->rendering_work());
   const view::FirstEdit edit = view::first_edit(run->scene, options.actors, options.edit);
   for (const std::string& remark : edit.remarks)
     std::printf("%s: %s\n", options.edit.c_str(), remark.c_str());

@@ -19,8 +19,6 @@ Failure current_failure() {
     return {kExitInsufficientData, error.what()};
   } catch (const IoError& error) {
     return {kExitIo, error.what()};
-  } catch (const DeviceError& error) {
-    return {kExitDevice, error.what()};
   } catch (const Interrupted& error) {
     return {kExitInterrupted, error.what()};
   } catch (const std::filesystem::filesystem_error& error) {  // a name too long, a loop of links

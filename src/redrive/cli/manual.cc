@@ -22,7 +22,6 @@ constexpr std::pair<ExitCode, const char*> kExitCodes[] = {
     {kExitIo, "a file could not be written"},
     {kExitInsufficientData, "the input is valid, but does not determine what was asked for"},
     {kExitPreflightFailed, "inspect --report found a fault that training would learn"},
-    {kExitDevice, "a GPU failed; the last checkpoint is whole"},
     {kExitInterrupted, "interrupted by Ctrl-C; the state was saved"},
 };
 

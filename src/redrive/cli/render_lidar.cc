@@ -17,7 +17,6 @@
 #include "redrive/math/angles.h"
 #include "redrive/recording/las.h"
 #include "redrive/render/lidar_scan.h"
-#include "redrive/train/memory.h"
 
 namespace redrive {
 namespace {
@@ -174,9 +173,8 @@ int render_lidar(const RenderOptions& options) {
     throw InputError(run.recording.root, "frame id", std::to_string(last_id),
                      "KITTI has files of a line for every number; a million fit");
   const SensorMotion motion = sensor_motion(options, request, run);
-  const auto backend = make_backend_of(run, options.backend);
+  const auto backend = make_checked_backend(options.backend);
   std::printf("%s\n", kernels::describe(*backend).c_str());
-  check_device_memory(run, *backend, run.state.model->rendering_work());
   ThreadPool pool(backend->threads());
   ScanCounts counts;
   /// Nothing where the recorded revolution of a frame is missing.

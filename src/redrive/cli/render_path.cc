@@ -17,7 +17,6 @@
 #include "redrive/image/video.h"
 #include "redrive/render/camera_path.h"
 #include "redrive/render/renderer.h"
-#include "redrive/train/memory.h"
 
 namespace redrive {
 namespace {
@@ -92,9 +91,8 @@ int render_path(const RenderOptions& options) {
       chosen_exposure(options, run).value_or(path_exposure(path, run.scene, camera));
   Camera lens = own_lens ? *path.lens : run.scene.rig[camera].camera;
 
-  const auto backend = make_backend_of(run, options.backend);
+  const auto backend = make_checked_backend(options.backend);
   std::printf("%s\n", kernels::describe(*backend).c_str());
-  check_device_memory(run, *backend, run.state.model->rendering_work());
   const std::atomic<bool>& stop = stop_on_signal();
   const int images = path.images();
   const auto progress = image_progress("rendered");

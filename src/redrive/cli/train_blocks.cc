@@ -55,9 +55,9 @@ class BlockTrainer {
     create_block(*whole_, block);
     const RunLock lock(whole_->folder(block));
     Run run = open_block(*whole_, block);
-    const auto [backends, training] = set_up_training(group_, run, false);
-    print_summary(run, training, backends);
-    const TrainEnd end = train_on(&run, training, backends, stop_);
+    const auto [backend, training] = set_up_training(group_, run, false);
+    print_summary(run, training, *backend);
+    const TrainEnd end = redrive::train(&run, training, *backend, stop_);
     std::printf("block %s %s: step %lld after %.1f s of training\n", block.name.c_str(),
                 end == TrainEnd::kFinished ? "finished" : "stopped, saved",
                 static_cast<long long>(run.state.step), run.state.seconds);
@@ -105,10 +105,10 @@ BlockResources block_resources(const ProcessGroup& group, const TrainOptions& op
 TrainingSetup set_up_training(const ProcessGroup& group, Run& run, bool data_parallel) {
   TrainOptions here = run.options;
   here.threads = block_resources(group, run.options).threads;
-  kernels::BackendGroup backends = make_backends(here);
-  const auto cache = check_run_memory(run, backends, group.on_machine(), data_parallel);
+  std::unique_ptr<kernels::Backend> backend = make_backend(here);
+  const auto cache = check_run_memory(run, backend->threads(), group.on_machine(), data_parallel);
   ThreadPool pool(here.threads);
-  return {std::move(backends), load_training_data(run, pool, cache)};
+  return {std::move(backend), load_training_data(run, pool, cache)};
 }
 
 int with_processes(const std::filesystem::path& root,

@@ -4,9 +4,10 @@
 #pragma once
 
 #include <functional>
+#include <memory>
 
 #include "redrive/base/process_group.h"
-#include "redrive/kernels/backend_group.h"
+#include "redrive/kernels/backend.h"
 #include "redrive/train/divided_run.h"
 #include "redrive/train/training_data.h"
 
@@ -15,9 +16,9 @@ namespace redrive {
 /// Returns the threads and the memory that a process may use: its part where several share them.
 BlockResources block_resources(const ProcessGroup& group, const TrainOptions& options);
 
-/// Backends and data of a run that a process of the group trains with its part of the machine.
+/// Backend and data of a run that a process of the group trains with its part of the machine.
 struct TrainingSetup {
-  kernels::BackendGroup backends;
+  std::unique_ptr<kernels::Backend> backend;
   TrainingData training;
 };
 TrainingSetup set_up_training(const ProcessGroup& group, Run& run, bool data_parallel);

@@ -20,25 +20,21 @@ void add_data_parallel_option(CLI::App& command, bool* data_parallel) {
                    "step, and their gradients are averaged");
 }
 
-void check_together(const ProcessGroup& processes, const Run& run,
-                    const kernels::BackendGroup& backends) {
+void check_together(const ProcessGroup& processes, const Run& run) {
   const std::string what = std::to_string(processes.size()) + " processes";
   if (run.state.model->uses_error_map())
     throw UsageError("--data-parallel", what,
                      "is not for --method " + run.options.method +
                          " with rays drawn by their errors, which processes do not exchange");
-  if (backends.backends.front()->free_memory())
-    throw UsageError("--data-parallel", what,
-                     "is for processors; --gpus lets several GPUs compute steps together");
 }
 
 int lead_together(ProcessGroup& processes, Run* run, const TrainingData& training,
-                  const kernels::BackendGroup& backends) {
+                  kernels::Backend& backend) {
   std::printf("%d processes compute each step together\n", processes.size());
   std::fflush(stdout);
   start_together(processes);
   try {
-    return train_to_end(run, training, backends, stop_on_signal(), {}, &processes);
+    return train_to_end(run, training, backend, stop_on_signal(), {}, &processes);
   } catch (...) {  // they wait for this process
     processes.abort(print_failure());
   }
@@ -48,8 +44,8 @@ void follow_together(ProcessGroup& processes, const std::filesystem::path& root)
   PrefixedOutput::set_silent(true);
   try {
     Run run = open_run(root, /*to_resume=*/true);
-    const auto [backends, training] = set_up_training(processes, run, true);
-    train_on(&run, training, backends, stop_on_signal(), nullptr, &processes);
+    const auto [backend, training] = set_up_training(processes, run, true);
+    train(&run, training, *backend, stop_on_signal(), nullptr, &processes);
   } catch (...) {
     PrefixedOutput::set_silent(false);
     std::this_thread::sleep_for(std::chrono::seconds(1));  // process 0 may be about to say the same

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // --data-parallel of train and resume: the processes that a launcher started compute the steps of
-// one run together (train/data_parallel_group.h).
+// one run together (train/data_parallel.h).
 #pragma once
 
 #include <filesystem>
 
 #include "redrive/base/process_group.h"
 #include "redrive/cli/command.h"
-#include "redrive/kernels/backend_group.h"
+#include "redrive/kernels/backend.h"
 #include "redrive/train/run.h"
 #include "redrive/train/training_data.h"
 
@@ -16,13 +16,12 @@ namespace redrive {
 void add_data_parallel_option(CLI::App& command, bool* data_parallel);
 
 /// Throws UsageError where several processes have no use for the run, or cannot share its steps.
-void check_together(const ProcessGroup& processes, const Run& run,
-                    const kernels::BackendGroup& backends);
+void check_together(const ProcessGroup& processes, const Run& run);
 
 /// Trains a run, as process 0, whose folder is complete. Prints how it ended and returns the exit
 /// code. An error ends all processes.
 int lead_together(ProcessGroup& processes, Run* run, const TrainingData& training,
-                  const kernels::BackendGroup& backends);
+                  kernels::Backend& backend);
 
 /// Trains the run in `root` along, as another process, which writes and prints nothing but an
 /// error, which ends all processes.

@@ -40,42 +40,23 @@ const std::atomic<bool>& stop_on_signal() {
 
 void stop_training() { stop_flag = true; }
 
-kernels::BackendGroup make_backends(const TrainOptions& options) {
-  return kernels::make_backend_group(
-      {options.backend, options.isa, options.threads, find_method(options.method)->rasterises},
-      options.gpus);
+std::unique_ptr<kernels::Backend> make_backend(const TrainOptions& options) {
+  return kernels::make_backend({options.backend, options.isa, options.threads});
 }
 
-std::optional<std::uint64_t> check_run_memory(const Run& run, const kernels::BackendGroup& group,
-                                              int processes, bool data_parallel) {
-  const kernels::Backend& backend = *group.backends.front();
-  const MemoryEstimate need = estimate_memory(run, backend.threads(), data_parallel);
+std::optional<std::uint64_t> check_run_memory(const Run& run, int threads, int processes,
+                                              bool data_parallel) {
+  const MemoryEstimate need = estimate_memory(run, threads, data_parallel);
   const std::uint64_t allowed =
       allowed_memory(run.options, memory_bytes()) / static_cast<std::uint64_t>(processes);
   check_memory(need, allowed, run.options);
-  const std::optional<std::uint64_t> cache = image_cache_bytes(need, allowed);
   std::printf("%s\n", describe_memory(need, allowed).c_str());
   std::fflush(stdout);
-  std::optional<std::uint64_t> free;  // of the GPU with the least
-  for (const auto& gpu : group.backends)
-    if (const auto here = gpu->free_memory()) free = std::min(free.value_or(*here), *here);
-  const auto of_gpu = estimate_device_memory(run, backend, need);
-  if (!free || !of_gpu) return cache;
-  const std::uint64_t allowed_there = allowed_gpu_memory(run.options, *free);
-  std::printf("%s: %s\n", group.backends.size() > 1 ? "each GPU" : "GPU",
-              memory_text(of_gpu->total(), allowed_there).c_str());
-  std::fflush(stdout);
-  check_memory(*of_gpu, allowed_there, run.options);
-  return cache;
+  return image_cache_bytes(need, allowed);
 }
 
-void print_summary(const Run& run, const TrainingData& training,
-                   const kernels::BackendGroup& group) {
-  std::printf("%s", kernels::describe(*group.backends.front()).c_str());
-  if (group.backends.size() > 1)
-    std::printf(" gpus=%zu, %s a step each", group.backends.size(),
-                run.state.model->describe_batch().c_str());
-  std::printf("\n");
+void print_summary(const Run& run, const TrainingData& training, const kernels::Backend& backend) {
+  std::printf("%s\n", kernels::describe(backend).c_str());
   for (const Finding& finding : run.recording.findings)
     std::printf("note: %s: %s\n", finding.subject.c_str(), finding.what.c_str());
   const char* unit = run.recording.metric ? " m" : "";
@@ -141,13 +122,6 @@ int report_end(const Run& run, TrainEnd end) {
 
 }  // namespace
 
-TrainEnd train_on(Run* run, const TrainingData& training, const kernels::BackendGroup& group,
-                  const std::atomic<bool>& stop, StepObserver* observer, ProcessGroup* processes) {
-  std::vector<kernels::Backend*> backends;
-  for (const auto& backend : group.backends) backends.push_back(backend.get());
-  return train(run, training, backends, group.reduction.get(), stop, observer, processes);
-}
-
 void add_live_view_options(CLI::App& command, LiveViewOptions* options) {
   CLI::Option* const view = command.add_flag(
       "--view", options->view,
@@ -161,14 +135,14 @@ void check_live_view(const LiveViewOptions& options) {
   check_address(options.server);
 }
 
-int train_to_end(Run* run, const TrainingData& training, const kernels::BackendGroup& group,
+int train_to_end(Run* run, const TrainingData& training, kernels::Backend& backend,
                  const std::atomic<bool>& stop, const LiveViewOptions& options,
                  ProcessGroup* processes) {
   const auto train_with = [&](StepObserver* observer) {
-    return report_end(*run, train_on(run, training, group, stop, observer, processes));
+    return report_end(*run, train(run, training, backend, stop, observer, processes));
   };
   if (!options.view) return train_with(nullptr);
-  view::LiveView live(run, *group.backends.front(), stop);
+  view::LiveView live(run, backend, stop);
   const auto server = start_view_server(options.server, &live.viewer());
   live.use(*server);
   const int code = train_with(&live);

@@ -6,7 +6,7 @@
 #include <atomic>
 
 #include "redrive/cli/view_server.h"
-#include "redrive/kernels/backend_group.h"
+#include "redrive/kernels/backend.h"
 #include "redrive/train/trainer.h"
 #include "redrive/train/training_data.h"
 
@@ -22,24 +22,18 @@ const std::atomic<bool>& stop_on_signal();
 /// Sets that flag: training ends as after Ctrl-C.
 void stop_training();
 
-/// Returns the backends that the options choose. Throws UsageError.
-kernels::BackendGroup make_backends(const TrainOptions& options);
+/// Returns the backend that the options choose. Throws UsageError.
+std::unique_ptr<kernels::Backend> make_backend(const TrainOptions& options);
 
-/// Prints how much memory the run needs of what --memory and --gpu-memory allow. Returns the bytes
-/// of a cache of images (train/training_data.h) where not all fit. Throws UsageError if the run
-/// needs more than is allowed with the smallest cache, too. `processes`: that train on this
-/// machine, each with its part of --memory.
-std::optional<std::uint64_t> check_run_memory(const Run& run, const kernels::BackendGroup& group,
-                                              int processes = 1, bool data_parallel = false);
+/// Prints how much memory the run needs of what --memory allows. Returns the bytes of a cache of
+/// images (train/training_data.h) where not all fit. Throws UsageError if the run needs more than
+/// is allowed with the smallest cache, too. `processes`: that train on this machine, each with its
+/// part of --memory.
+std::optional<std::uint64_t> check_run_memory(const Run& run, int threads, int processes = 1,
+                                              bool data_parallel = false);
 
 /// Prints backend, cameras with their masks, frames, pixels, training and held-out views.
-void print_summary(const Run& run, const TrainingData& training,
-                   const kernels::BackendGroup& group);
-
-/// Trains on the group's backends until the end of the run or `stop`. `processes`: as train().
-TrainEnd train_on(Run* run, const TrainingData& training, const kernels::BackendGroup& group,
-                  const std::atomic<bool>& stop, StepObserver* observer = nullptr,
-                  ProcessGroup* processes = nullptr);
+void print_summary(const Run& run, const TrainingData& training, const kernels::Backend& backend);
 
 /// --view of train and resume.
 struct LiveViewOptions {
@@ -53,7 +47,7 @@ void check_live_view(const LiveViewOptions& options);
 
 /// Trains, prints how it ended and how to resume, and returns the exit code. With --view the page
 /// stays until `stop`.
-int train_to_end(Run* run, const TrainingData& training, const kernels::BackendGroup& group,
+int train_to_end(Run* run, const TrainingData& training, kernels::Backend& backend,
                  const std::atomic<bool>& stop, const LiveViewOptions& options,
                  ProcessGroup* processes = nullptr);
 

@@ -102,23 +102,6 @@ Score score_image(kernels::Backend& backend, const RenderedImage& rendered,
           median_depth_error(rendered, mask, depth_m), 1,          left_out};
 }
 
-DeviceWork work_of_evaluation(const Run& run, bool other_cameras) {
-  DeviceWork work = run.state.model->rendering_work();
-  // Assumes that novel views and other cameras are no larger.
-  const auto pixels = [](const RigCamera& rig) {
-    return std::int64_t{rig.camera.width} * rig.camera.height;
-  };
-  const Camera& largest = std::ranges::max_element(run.scene.rig, {}, pixels)->camera;
-  work.scored_width = largest.width;
-  work.scored_height = largest.height;
-  if (run.state.poses.refines() &&
-      (other_cameras || std::ranges::any_of(run.scene.views, &View::held_out))) {
-    work.step_pixels = kMaxAlignedRays;
-    work.pose_gradients = true;
-  }
-  return work;
-}
-
 Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions& options) {
   Evaluation evaluation;
   Scene scene = run.scene;

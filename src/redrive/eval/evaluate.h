@@ -15,7 +15,6 @@
 #include "redrive/eval/lidar_score.h"
 #include "redrive/eval/novel_ground_truth.h"
 #include "redrive/eval/view_alignment.h"
-#include "redrive/model/device_memory.h"
 #include "redrive/render/renderer.h"
 #include "redrive/train/pose_changes.h"
 #include "redrive/train/run.h"
@@ -92,9 +91,6 @@ Score score_image(kernels::Backend& backend, const RenderedImage& rendered,
 
 /// Renders and scores the run. Throws InputError as load_view and load_lidar_returns.
 Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions& options = {});
-
-/// Returns the largest device work of an evaluation of the run's model, or of score_other_cameras.
-DeviceWork work_of_evaluation(const Run& run, bool other_cameras = false);
 
 /// Returns {"inside": SCORE, "outside": SCORE, "objects": {ID: {"type", "psnr_db", "ssim",
 /// "images"}}}; SCORE as of evaluation_to_json.

@@ -45,10 +45,6 @@ void Backend::update_error_map(std::span<const std::uint32_t> cells, std::span<c
   redrive::update_error_map(cells, squares, errors);
 }
 
-GaussianStages& Backend::gaussians() {
-  throw UsageError("--backend", name(), "does not rasterise Gaussians; use --backend cpu");
-}
-
 ImageScore Backend::score(const ImagePair& images) {
   ThreadPool one(1);
   return score_on_host(images, one);

@@ -61,24 +61,11 @@ struct ImageScore {
   double flip = 0;  ///< optim/flip.h, mean over the pixels; in [0, 1], 0 for equal images
 };
 
-/// A device's measured roofline.
-struct Ceilings {
-  double gflops = 0;         ///< a multiply-add counts as two
-  std::string arithmetic;    ///< the instruction that was measured
-  double copy_gb_per_s = 0;  ///< 1e9 bytes, read and written, within the device's memory
-};
-
-/// Memory that a counting backend was asked for (Backend::counting).
-struct MemoryCount {
-  std::uint64_t now = 0, most = 0;
-  bool all_active = false;  ///< result of GridStages::compact_rays: all rays, or all but one
-};
-
 class Backend {
  public:
   virtual ~Backend() = default;
 
-  virtual std::string name() const = 0;        ///< "ref", "cpu", "cuda"
+  virtual std::string name() const = 0;        ///< "ref", "cpu"
   virtual std::optional<Isa> isa() const = 0;  ///< cpu only
   virtual int threads() const = 0;
 
@@ -96,16 +83,6 @@ class Backend {
   virtual void download(std::span<const float> /*part*/) {}
   /// Updates the resident copy of a part after the host has changed it.
   virtual void upload(std::span<const float> /*part*/) {}
-  /// Waits until all stages have run; only time measurements need it.
-  virtual void wait() {}
-  /// The device in words; nothing for backends on the host.
-  virtual std::optional<std::string> device() const { return std::nullopt; }
-  virtual std::optional<std::uint64_t> free_memory() { return std::nullopt; }  ///< bytes
-  /// Measures the roofline, which takes some tenths of a second.
-  virtual std::optional<Ceilings> ceilings() { return std::nullopt; }
-  /// A backend whose stages compute nothing and count the memory that they would take; downloads
-  /// give 0. `count` must outlive it and all that is resident on it.
-  virtual std::unique_ptr<Backend> counting(MemoryCount* /*count*/) const { return nullptr; }
 
   // ---- vectors; the defaults run on the host
   virtual void fill(std::span<float> numbers, float value);
@@ -153,8 +130,7 @@ class Backend {
   // ---- stages of one method
   virtual NerfStages& nerf() = 0;
   virtual GridStages& grid() = 0;
-  /// UsageError: this backend does not rasterise; the default.
-  virtual GaussianStages& gaussians();
+  virtual GaussianStages& gaussians() = 0;
 };
 
 /// Numbers of any type as the memory functions take them.
@@ -175,13 +151,11 @@ void download(Backend& backend, const std::vector<T>& numbers) {
   backend.download(as_floats(std::span<const T>(numbers)));
 }
 
-/// --backend and --isa. `name` "auto": if `isa` is "auto" too, cuda where there is a GPU that
-/// passes its self-test (self_test.h); else cpu where the processor has AVX2, else ref.
+/// --backend and --isa. `name` "auto": cpu where the processor has AVX2, else ref.
 struct BackendChoice {
-  std::string name = "auto";  ///< auto, ref, cpu, cuda
+  std::string name = "auto";  ///< auto, ref, cpu
   std::string isa = "auto";   ///< auto, avx2, avx512, avx512-bf16, amx-bf16
   int threads = 0;            ///< 0: all that the process may use
-  bool rasterises = false;    ///< chooses a backend that does (Backend::gaussians)
 };
 /// UsageError: the choice is impossible, and why.
 std::unique_ptr<Backend> make_backend(const BackendChoice& choice);

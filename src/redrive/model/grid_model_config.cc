@@ -140,11 +140,10 @@ void GridModel::visit_hyperparameters(HyperparameterVisitor& visit) {
            "the others see every pixel once an epoch",
            0, 0.9}),
       error_rays);
-  visit(
-      option("lidar-rays",
-             {"lidar_rays",
-              "LiDAR rays of a step besides, of each GPU, where there are any; 0: none", 0, 65536}),
-      lidar_rays);
+  visit(option(
+            "lidar-rays",
+            {"lidar_rays", "LiDAR rays of a step besides, where there are any; 0: none", 0, 65536}),
+        lidar_rays);
   visit(option("learning-rate",
                Hyperparameter{"learning_rate", "of Adam, at the start", 0, 1}.exclusive()),
         initial_rate);

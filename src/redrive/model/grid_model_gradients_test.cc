@@ -5,7 +5,6 @@
 
 #include <gtest/gtest.h>
 
-#include "redrive/kernels/device/cuda_backend.h"
 #include "redrive/model/grid_model.h"
 #include "redrive/model/tiny_grid_model_testing.h"
 
@@ -240,7 +239,6 @@ TEST(GridModelGradients, AreTheSameOnEveryBackend) {
   std::vector<float> expected(model.size());
   const TinyLosses losses = losses_of(model, batch, &expected, *kernels::make_ref_backend());
   std::vector<std::unique_ptr<kernels::Backend>> backends;
-  backends.push_back(kernels::make_loop_backend());
   for (const Isa isa : all_isas())
     if (!isa_obstacle(isa)) backends.push_back(kernels::make_cpu_backend(isa, 2));
   for (const auto& backend : backends) {

@@ -11,7 +11,6 @@
 
 #include "redrive/base/rng.h"
 #include "redrive/field/activation.h"
-#include "redrive/kernels/device/cuda_backend.h"
 #include "redrive/model/tiny_grid_model_testing.h"
 
 namespace redrive {

@@ -38,7 +38,7 @@ struct Method {
   bool refines_poses = false;      ///< default of --refine-poses for drives
   bool random_background = false;  ///< trains transparent images on random backgrounds
   bool contracts_space = false;    ///< represents space beyond the cube of a bounded recording
-  bool rasterises = false;         ///< needs Backend::gaussians, which GPUs do not have
+  bool rasterises = false;         ///< draws Gaussians instead of marching along rays
 };
 
 /// Returns all methods, in the order of the help text.

@@ -128,15 +128,6 @@ struct StepBuffers {
   std::unique_ptr<MethodBuffers> method;  ///< created by the method's first step
 };
 
-/// Sizes of device work whose memory is counted before it begins (device_memory.h).
-struct DeviceWork {
-  int step_pixels = 0, lidar_rays = 0;  ///< of the largest step
-  int tile_pixels = 0;                  ///< rendered at a time
-  bool pose_gradients = false;
-  bool trains = false;                      ///< allocates gradients and Adam's moments
-  int scored_width = 0, scored_height = 0;  ///< of the largest scored image
-};
-
 struct ExportOptions {
   int sh_degree = 1;  ///< of the colours' spherical harmonics, at most: 0 or 1
   /// Object whose Gaussians are written instead of the world's, in the axes of its box
@@ -251,8 +242,7 @@ class Model : public Configurable {
     render_to(backend, rays, world_from_camera, exposure, &image);
     return image;
   }
-  /// Renders single rays in world metres, whatever their origins, as a LiDAR's beams. The work is
-  /// that of rendering_work().
+  /// Renders single rays in world metres, whatever their origins, as a LiDAR's beams.
   virtual RenderedRays trace(kernels::Backend& backend, const kernels::Rays& rays) const = 0;
   /// Adds objects that move to rays that trace() has rendered: each is where it is at the ray's
   /// own time, t_ns [rays.n]. Methods that draw none add nothing.
@@ -267,16 +257,9 @@ class Model : public Configurable {
   virtual std::vector<ExportFormat> export_formats() const { return {}; }
 
   // ---- Memory
-  virtual std::uint64_t step_bytes()
-      const = 0;  ///< estimate of the host's for a step, without gradients
-  /// Estimate of the host's for steps, beside LidarReturns, with so many of them.
+  virtual std::uint64_t step_bytes() const = 0;  ///< estimate for a step, without gradients
+  /// Estimate for steps, beside LidarReturns, with so many of them.
   virtual std::uint64_t lidar_bytes(const Scene&, std::uint64_t /*returns*/) const { return 0; }
-  virtual DeviceWork training_work()
-      const = 0;  ///< without pose gradients; with LiDAR where it is used
-  virtual DeviceWork rendering_work() const = 0;
-  /// Runs a step and a rendering of these sizes on a backend that only counts memory.
-  virtual void rehearse(kernels::Backend& counting, const DeviceWork& work,
-                        std::span<float> gradients, Workspace* workspace) const = 0;
 
   Buffer<float> parameters;
 };

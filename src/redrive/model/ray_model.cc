@@ -97,8 +97,7 @@ void RayModel::check_batch(int samples_per_ray, const HyperparameterFailure& fai
 }
 
 void RayModel::visit_batch(HyperparameterVisitor& visit) {
-  visit(Hyperparameter{"batch_rays", "rays of a step, of each GPU", 1, 65536}.as_option("batch"),
-        batch_rays);
+  visit(Hyperparameter{"batch_rays", "rays of a step", 1, 65536}.as_option("batch"), batch_rays);
 }
 
 std::int64_t RayModel::steps_per_epoch(const TrainingSet& data, int world_size) const {
@@ -248,52 +247,6 @@ RenderedRays RayModel::trace(kernels::Backend& backend, const kernels::Rays& ray
 
 std::uint64_t RayModel::step_bytes() const {
   return std::uint64_t(max_rays_per_step() + lidar_rays) * samples_per_ray() * kBytesPerSample;
-}
-
-DeviceWork RayModel::training_work() const {
-  return {.step_pixels = max_rays_per_step(), .lidar_rays = lidar_rays, .trains = true};
-}
-
-DeviceWork RayModel::rendering_work() const { return {.tile_pixels = max_tile_rays(*this)}; }
-
-namespace {
-
-/// Returns rays with all optional arrays of a batch, of arbitrary values.
-RayBatch make_counting_batch(int n, bool refines) {
-  RayBatch batch;
-  batch.n = n;
-  batch.refines = refines;
-  const std::size_t rays = n;
-  batch.origin.resize(3 * rays);
-  batch.direction.resize(3 * rays);
-  batch.target.resize(3 * rays);
-  batch.pixel_angle.resize(rays);
-  batch.exposure.resize(rays);
-  batch.weight.resize(rays);
-  return batch;
-}
-
-}  // namespace
-
-void RayModel::rehearse(kernels::Backend& counting, const DeviceWork& work,
-                        std::span<float> gradients, Workspace* workspace) const {
-  if (work.step_pixels > 0)
-    this->gradients(counting, make_counting_batch(work.step_pixels, work.pose_gradients), 0, 0,
-                    gradients, workspace);
-  if (work.lidar_rays > 0) {
-    RayBatch lidar = make_counting_batch(work.lidar_rays, false);
-    lidar.range_m.resize(work.lidar_rays);
-    range_gradients(counting, lidar, 0, 0, gradients, workspace);
-  }
-  if (work.tile_pixels > 0) {
-    RayBatch tile = make_counting_batch(work.tile_pixels, false);
-    for (int ray = 0; ray <= work.tile_pixels; ++ray) tile.group.push_back(ray);
-    std::vector<float> image(5 * static_cast<std::size_t>(work.tile_pixels));
-    const std::span<float> all(image);
-    const std::size_t n = work.tile_pixels;
-    render_rays(counting, tile, {all.first(3 * n), all.subspan(3 * n, n), all.last(n), {}},
-                workspace);
-  }
 }
 
 }  // namespace redrive

@@ -81,10 +81,6 @@ struct RayModel : Model {
   /// As the rays of LiDAR returns in training, with kLidarBeamAngle_rad.
   RenderedRays trace(kernels::Backend& backend, const kernels::Rays& rays) const override;
   std::uint64_t step_bytes() const override;
-  DeviceWork training_work() const override;
-  DeviceWork rendering_work() const override;
-  void rehearse(kernels::Backend& counting, const DeviceWork& work, std::span<float> gradients,
-                Workspace* workspace) const override;
 
  protected:
   void visit_batch(HyperparameterVisitor& visit);  ///< batch_rays

@@ -113,12 +113,6 @@ struct SplatModel final : Model {
   std::vector<ExportFormat> export_formats() const override;
   std::uint64_t step_bytes() const override;
   std::uint64_t lidar_bytes(const Scene& scene, std::uint64_t returns) const override;
-  DeviceWork training_work() const override {
-    return {.step_pixels = window_pixels, .trains = true};
-  }
-  DeviceWork rendering_work() const override { return {.tile_pixels = window_pixels}; }
-  void rehearse(kernels::Backend&, const DeviceWork&, std::span<float>, Workspace*) const override {
-  }
 
   /// Whether an object of this id was trained and has Gaussians.
   bool has_body(std::int64_t id) const { return !blocks_of(id, nullptr).empty(); }

@@ -50,7 +50,6 @@ class DividedModel final : public Model {
   std::string describe() const override;
   bool uses_lidar() const override { return like_->uses_lidar(); }
   bool draws_actors() const override { return like_->draws_actors(); }
-  DeviceWork rendering_work() const override { return like_->rendering_work(); }
 
   /// Draws an object that a block did not train on, such as one that an edit moved there, as the
   /// block has it that gave it most Gaussians. Blends colours and opacity by BlockWay::weights at
@@ -86,11 +85,6 @@ class DividedModel final : public Model {
   double learning_rate(const Schedule&) const override { refuse(); }
   std::string describe_schedule(std::int64_t) const override { return {}; }
   std::uint64_t step_bytes() const override { return 0; }
-  DeviceWork training_work() const override { refuse(); }
-  void rehearse(kernels::Backend& counting, const DeviceWork& work, std::span<float> gradients,
-                Workspace* workspace) const override {
-    like_->rehearse(counting, work, gradients, workspace);
-  }
 
  private:
   /// An exposure of the drive in a block, and what its image is multiplied by.

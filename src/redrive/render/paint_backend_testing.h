@@ -5,6 +5,7 @@
 #include <array>
 #include <functional>
 #include <memory>
+#include <stdexcept>
 
 #include <gtest/gtest.h>
 
@@ -69,6 +70,9 @@ class PaintBackend : public kernels::Backend, public kernels::NerfStages {
   }
   kernels::NerfStages& nerf() override { return *this; }
   kernels::GridStages& grid() override { throw std::logic_error("no test paints a grid field"); }
+  kernels::GaussianStages& gaussians() override {
+    throw std::logic_error("no test paints Gaussians");
+  }
   void photometric_loss(std::span<const float>, std::span<const float>, std::span<float>,
                         double*) override {
     unexpected();

@@ -1,58 +1,116 @@
 // SPDX-License-Identifier: Apache-2.0
-// For tests of data-parallel steps: backends side by side with an all-reduce on the host, and runs
-// that draw small batches.
+// For tests of data-parallel steps: processes, which are threads here, and runs that draw small
+// batches.
 #pragma once
 
 #include <algorithm>
+#include <condition_variable>
+#include <deque>
+#include <exception>
 #include <filesystem>
+#include <functional>
 #include <memory>
+#include <mutex>
 #include <span>
+#include <stdexcept>
 #include <string>
 #include <string_view>
+#include <thread>
 #include <utility>
 #include <vector>
 
 #include <gtest/gtest.h>
 
-#include "redrive/kernels/device/cuda_backend.h"
 #include "redrive/model/tiny_grid_model_testing.h"
-#include "redrive/train/data_parallel_group.h"
+#include "redrive/train/data_parallel.h"
 #include "redrive/train/train_testing.h"
 #include "redrive/train/training_data.h"
 
 namespace redrive {
 
-/// Sums in the order of the backends.
-class HostMean final : public kernels::AllReduce {
+/// Where processes, threads here, wait for each other.
+class Meeting {
  public:
-  explicit HostMean(const std::vector<kernels::Backend*>& backends) : backends_(backends) {}
-  void mean(std::span<const std::span<float>> parts) override {
-    ASSERT_EQ(parts.size(), backends_.size());
-    for (std::size_t r = 0; r < parts.size(); ++r) backends_[r]->download(parts[r]);
-    for (std::size_t i = 0; i < parts[0].size(); ++i) {
-      float sum = 0;
-      for (const std::span<float> part : parts) sum += part[i];
-      for (const std::span<float> part : parts) part[i] = sum / static_cast<float>(parts.size());
+  explicit Meeting(int n) : doubles(static_cast<std::size_t>(n)), floats(doubles.size()) {}
+
+  /// Returns when all have arrived. Throws std::runtime_error once one has failed.
+  void arrive() {
+    std::unique_lock lock(mutex_);
+    const std::size_t round = rounds_;
+    if (++here_ == doubles.size()) {
+      here_ = 0;
+      ++rounds_;
+      changed_.notify_all();
     }
-    for (std::size_t r = 0; r < parts.size(); ++r) backends_[r]->upload(parts[r]);
+    changed_.wait(lock, [&] { return rounds_ != round || failed_; });
+    if (rounds_ == round) throw std::runtime_error("another process failed");
+  }
+  void fail() {
+    const std::scoped_lock lock(mutex_);
+    failed_ = true;
+    changed_.notify_all();
+  }
+
+  std::vector<std::span<const double>> doubles;
+  std::vector<std::span<float>> floats;
+
+ private:
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  std::size_t here_ = 0, rounds_ = 0;
+  bool failed_ = false;
+};
+
+class ThreadGroup final : public ProcessGroup {
+ public:
+  ThreadGroup(Meeting* meeting, int rank) : meeting_(*meeting), rank_(rank) {}
+  int rank() const override { return rank_; }
+  int size() const override { return static_cast<int>(meeting_.floats.size()); }
+  void all_gather(std::span<const double> own, std::span<double> all) override {
+    meeting_.doubles[rank_] = own;
+    meeting_.arrive();
+    for (std::size_t r = 0; r < meeting_.doubles.size(); ++r)
+      std::ranges::copy(meeting_.doubles[r], all.begin() + std::ssize(own) * std::ptrdiff_t(r));
+    meeting_.arrive();
+  }
+  void mean(std::span<float> numbers) override {
+    meeting_.floats[rank_] = numbers;
+    meeting_.arrive();
+    std::vector<float> means(numbers.size());
+    for (std::size_t i = 0; i < numbers.size(); ++i) {
+      for (const std::span<float> part : meeting_.floats) means[i] += part[i];
+      means[i] /= static_cast<float>(size());
+    }
+    meeting_.arrive();
+    std::ranges::copy(means, numbers.begin());
+    meeting_.arrive();
   }
 
  private:
-  const std::vector<kernels::Backend*>& backends_;
+  Meeting& meeting_;
+  int rank_;
 };
 
-/// Emulated devices, of which `troubled` injects faults.
-struct Loops {
-  std::vector<std::unique_ptr<kernels::Backend>> owned;
-  std::vector<kernels::Backend*> all;
-
-  explicit Loops(int n, int troubled = -1, kernels::InjectedFaults* faults = nullptr) {
-    for (int r = 0; r < n; ++r) {
-      owned.push_back(kernels::make_loop_backend(nullptr, true, r == troubled ? faults : nullptr));
-      all.push_back(owned.back().get());
-    }
-  }
-};
+/// Runs work(rank, group) of each process. Throws the first error, once all have ended.
+inline void run_processes(int n, const std::function<void(int, ProcessGroup&)>& work) {
+  Meeting meeting(n);
+  std::mutex mutex;
+  std::exception_ptr first;
+  std::vector<std::thread> threads;
+  for (int rank = 0; rank < n; ++rank)
+    threads.emplace_back([&, rank] {
+      ThreadGroup group(&meeting, rank);
+      try {
+        work(rank, group);
+      } catch (...) {
+        const std::scoped_lock lock(mutex);
+        if (!first) first = std::current_exception();
+        meeting.fail();
+      }
+    });
+  for (std::thread& thread : threads) thread.join();
+  if (first) std::rethrow_exception(first);
+}
 
 /// A run and its training set.
 struct GroupRun {
@@ -62,23 +120,19 @@ struct GroupRun {
   LidarReturns returns;
   std::unique_ptr<LidarSampler> lidar;
 
-  GroupRun(redrive::Run from, double cell_error = -1)
+  explicit GroupRun(redrive::Run from)
       : run(std::move(from)),
         data([this] {
           ThreadPool pool(1);
           return load_training_data(run, pool);
         }()),
-        sampler(run.scene, data.images, 1) {
-    if (cell_error < 0) return;
-    run.state.cell_errors = Buffer<float>(sampler.cells().size());
-    std::ranges::fill(run.state.cell_errors.span(), static_cast<float>(cell_error));
-  }
+        sampler(run.scene, data.images, 1) {}
   TrainingSet set() const { return {run.scene, data.images, returns, sampler, lidar.get()}; }
-  /// Rays that each rank draws uniformly and by the error map.
-  void draw(int uniform, int error_rays = 0) {
+  /// Rays that each rank draws.
+  void draw(int rays) {
     auto& model = dynamic_cast<RayModel&>(*run.state.model);
-    model.batch_rays = uniform + error_rays;
-    model.error_rays = (error_rays + 0.5) / model.batch_rays;
+    model.batch_rays = rays;
+    model.error_rays = 0;
     if (auto* grid = dynamic_cast<GridModel*>(&model)) grid->max_batch_factor = 1;
   }
   /// Adds LiDAR rays to each rank's batch, of returns 3 m ahead.
@@ -101,31 +155,47 @@ struct GroupRun {
 
 class DataParallelTest : public TrainingTest {
  protected:
-  GroupRun group_run(const std::string& name, bool grid = true, double cell_error = -1) {
-    const TrainOptions options = tiny_options(1);
-    const auto folder = folder_.path / name;
-    return {grid ? tiny_grid_run(folder, folder_.path, options)
-                 : tiny_run(folder, folder_.path, options),
-            cell_error};
-  }
-  redrive::Run grid_run(const std::string& name, int max_steps) {
+  redrive::Run fresh_run(const std::string& name, bool grid, int max_steps = 1) {
     TrainOptions options = tiny_options(max_steps);
     options.checkpoint_every = 4;
-    return tiny_grid_run(folder_.path / name, folder_.path, options);
+    const auto folder = folder_.path / name;
+    if (!grid) return tiny_run(folder, folder_.path, options);
+    redrive::Run run = tiny_grid_run(folder, folder_.path, options);
+    dynamic_cast<RayModel&>(*run.state.model).error_rays = 0;
+    return run;
   }
-  TrainEnd train_by(redrive::Run* run, const std::vector<kernels::Backend*>& backends,
-                    kernels::AllReduce* all_reduce) {
-    ThreadPool pool(1);
-    return train(run, load_training_data(*run, pool), backends, all_reduce, never_);
+  /// Fresh runs of n processes, each in a folder of its own.
+  std::vector<redrive::Run> fresh_runs(int n, const std::string& name, bool grid,
+                                       int max_steps = 1) {
+    std::vector<redrive::Run> runs;
+    for (int rank = 0; rank < n; ++rank)
+      runs.push_back(fresh_run(name + std::to_string(rank), grid, max_steps));
+    return runs;
+  }
+  static std::deque<GroupRun> with_data(std::vector<redrive::Run> runs) {
+    std::deque<GroupRun> out;  // whose elements refer to themselves
+    for (redrive::Run& run : runs) out.emplace_back(std::move(run));
+    return out;
+  }
+  /// Trains the runs, one in each process; `interference` with the steps of the last one. Returns
+  /// how they ended.
+  TrainEnd train_together(std::vector<redrive::Run>* runs, Interference* interference = nullptr) {
+    std::vector<TrainEnd> ends(runs->size());
+    run_processes(static_cast<int>(runs->size()), [&](int rank, ProcessGroup& processes) {
+      redrive::Run& run = (*runs)[static_cast<std::size_t>(rank)];
+      const bool last = interference && rank + 1 == processes.size();
+      ThreadPool pool(1);
+      const auto inner = processor_backend(1);
+      Interference nothing;
+      InterferingBackend backend(*inner, last ? interference : &nothing);
+      const TrainingData data = load_training_data(run, pool);
+      ends[static_cast<std::size_t>(rank)] =
+          train(&run, data, backend, last ? interference->stop : never_, nullptr, &processes);
+    });
+    for (const TrainEnd end : ends) EXPECT_EQ(end, ends.front());
+    return ends.front();
   }
 };
-
-inline void fetch_state(kernels::Backend& backend, const TrainState& state) {
-  const Buffer<float>& parameters = state.model->parameters;
-  for (const Buffer<float>* numbers :
-       {&parameters, &state.adam.first_moment, &state.adam.second_moment, &state.cell_errors})
-    backend.download(*numbers);
-}
 
 inline double loss_of(const StepResult& result, std::string_view term) {
   for (const LossTerm& one : result.loss_terms)

@@ -138,10 +138,6 @@ struct StripModel final : Model {
     return {std::vector<float>(n, 1), std::vector<float>(n, 1)};
   }
   std::uint64_t step_bytes() const override { return 1000; }
-  DeviceWork training_work() const override { return {.step_pixels = 1, .trains = true}; }
-  DeviceWork rendering_work() const override { return {.tile_pixels = 1}; }
-  void rehearse(kernels::Backend&, const DeviceWork&, std::span<float>, Workspace*) const override {
-  }
 
  private:
   std::size_t slot_of(int channel, int x, int width) const {
@@ -240,7 +236,7 @@ TEST_F(ImageMethodTest, SupportsPoseRefinementRestartsAndTheRunFolder) {
   run.paths = create_run(folder_.path / "run", run.options, {}, run.state.model.get());
   EXPECT_GT(estimate_memory(run, 2).total(), 0u);
   ThreadPool pool(2);
-  train(&run, prepare_training_data(&run, pool), {backend_.get()}, nullptr, never_);
+  train(&run, prepare_training_data(&run, pool), *backend_, never_);
 
   const nlohmann::json config = read_json(run.paths.config());
   EXPECT_EQ(config.at("strips"), 4);

@@ -26,7 +26,6 @@ std::uint64_t pixels(const Camera& camera) { return std::uint64_t(camera.width) 
 constexpr const char* kOfImages = "--downscale, --frames or --cameras (images and their rays: ";
 constexpr const char* kOfLidar = "--frames or --lidar-rays 0 (LiDAR: ";
 constexpr const char* kOfSearch = "--frames or --masks none (search for moving objects: ";
-std::string step_option(const Model& model) { return "--batch (" + model.describe_batch() + ": "; }
 
 /// Bytes with a description, largest first.
 std::string what_to_lower(std::vector<std::pair<std::uint64_t, std::string>> parts) {
@@ -49,10 +48,7 @@ MemoryEstimate estimate_memory(const Run& run, int threads, bool data_parallel) 
                       state = sizeof(float) * (2 * in_step + 3 * others);
   MemoryEstimate need;
   need.program = kProgram + std::uint64_t(threads) * kThread;
-  const auto gpus =
-      static_cast<std::uint64_t>(run.options.gpus);  // each with its own state and step
-  need.state = gpus * state;
-  need.saving = (gpus > 1 ? 2 : 1) * state;  // or while copied to the other ranks
+  need.state = need.saving = state;
 
   // Image8 and the lists of unmasked, or of opaque and transparent pixels (UsedPixels): a bit per
   // pixel and a count every 64.
@@ -121,27 +117,8 @@ MemoryEstimate estimate_memory(const Run& run, int threads, bool data_parallel) 
     need.of_lidar = model.lidar_bytes(scene, used);
     need.sorting = bytes + points * sizeof(Eigen::Vector3d) + used * kCloudPoint;
   }
-  need.step =
-      gpus * (sizeof(float) * (others + (data_parallel ? in_step : 0)) + model.step_bytes());
-  need.step_option = step_option(model);
-  return need;
-}
-
-std::optional<DeviceMemoryEstimate> estimate_device_memory(const Run& run,
-                                                           const kernels::Backend& backend,
-                                                           const MemoryEstimate& host) {
-  const Model& model = *run.state.model;
-  DeviceWork work = model.training_work();
-  if (host.lidar == 0) work.lidar_rays = 0;
-  work.pose_gradients = run.state.poses.refines();
-  const auto bytes = count_device_bytes(backend, model, work);
-  if (!bytes) return std::nullopt;
-  DeviceMemoryEstimate need;
-  need.state = 4 * sizeof(float) * model.size();
-  need.images = host.images + host.rays;
-  need.lidar = host.lidar;
-  need.step = *bytes - need.state;
-  need.step_option = step_option(model);
+  need.step = sizeof(float) * (others + (data_parallel ? in_step : 0)) + model.step_bytes();
+  need.step_option = "--batch (" + model.describe_batch() + ": ";
   return need;
 }
 
@@ -184,30 +161,6 @@ void check_memory(const MemoryEstimate& need, std::uint64_t allowed, const Train
                          {need.lidar + std::max(need.sorting, need.of_lidar), kOfLidar},
                          {need.search, kOfSearch},
                          {need.step, need.step_option}}));
-}
-
-void check_memory(const DeviceMemoryEstimate& need, std::uint64_t allowed,
-                  const TrainOptions& options) {
-  if (need.total() <= allowed) return;
-  throw UsageError(
-      "--gpu-memory", options.gpu_memory,
-      memory_text(need.total(), allowed) + " on the GPU; lower " +
-          what_to_lower(
-              {{need.images, kOfImages}, {need.lidar, kOfLidar}, {need.step, need.step_option}}));
-}
-
-void check_device_memory(const Run& run, kernels::Backend& backend, const DeviceWork& work) {
-  const auto bytes = count_device_bytes(backend, *run.state.model, work);
-  const auto free = backend.free_memory();
-  if (!bytes || !free) return;
-  DeviceMemoryEstimate need;
-  need.step = *bytes;
-  const std::uint64_t allowed = allowed_gpu_memory(run.options, *free);
-  if (need.total() > allowed)
-    throw UsageError("--backend", backend.name(),
-                     memory_text(need.total(), allowed) + " on the GPU (the run's --gpu-memory " +
-                         run.options.gpu_memory +
-                         "); other programs may use it; --backend cpu needs none");
 }
 
 }  // namespace redrive

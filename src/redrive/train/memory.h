@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Estimates of the memory of training, before any image is loaded, and of a GPU's memory for
-// rendering.
+// Estimates of the memory of training, before any image is loaded.
 #pragma once
 
 #include <algorithm>
@@ -8,7 +7,6 @@
 #include <optional>
 #include <string>
 
-#include "redrive/model/device_memory.h"
 #include "redrive/train/run.h"
 
 namespace redrive {
@@ -51,23 +49,6 @@ std::optional<std::uint64_t> image_cache_bytes(const MemoryEstimate& need, std::
 /// Number of threads beside training's that decode images.
 int image_decoders(int threads);
 
-/// Bytes that a run takes of a GPU, which also has the data that batches are gathered from.
-struct DeviceMemoryEstimate {
-  std::uint64_t state = 0;   ///< parameters, gradients and moments
-  std::uint64_t images = 0;  ///< of all training views, and the directions of their pixels
-  std::uint64_t lidar = 0;   ///< all returns
-  std::uint64_t step = 0;    ///< a batch's working memory and that of the networks
-  std::string step_option;   ///< that lowers it: "--batch (2048 rays: "
-  std::uint64_t total() const {
-    const std::uint64_t sum = state + images + lidar + step;
-    return sum + sum / 20;
-  }
-};
-/// Returns nothing where the backend works in the host's memory. `host`: of the same run.
-std::optional<DeviceMemoryEstimate> estimate_device_memory(const Run& run,
-                                                           const kernels::Backend& backend,
-                                                           const MemoryEstimate& host);
-
 /// "1.3 GiB", of bytes.
 std::string gib_text(std::uint64_t bytes);
 /// "needs about 1.3 GiB of 16.8 GiB allowed", of bytes.
@@ -77,10 +58,5 @@ std::string memory_text(std::uint64_t needed, std::uint64_t allowed);
 std::string describe_memory(const MemoryEstimate& need, std::uint64_t allowed);
 /// Throws UsageError naming the options to lower if more is needed than allowed.
 void check_memory(const MemoryEstimate& need, std::uint64_t allowed, const TrainOptions& options);
-void check_memory(const DeviceMemoryEstimate& need, std::uint64_t allowed,
-                  const TrainOptions& options);
-/// Throws UsageError if `work` on a finished run's model needs more memory of the device than the
-/// run's options allow.
-void check_device_memory(const Run& run, kernels::Backend& backend, const DeviceWork& work);
 
 }  // namespace redrive

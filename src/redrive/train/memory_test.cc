@@ -5,7 +5,6 @@
 #include <gtest/gtest.h>
 
 #include "redrive/base/error.h"
-#include "redrive/kernels/device/cuda_backend.h"
 #include "redrive/model/range_pixels.h"
 #include "redrive/model/surface_planes.h"
 #include "redrive/recording/aimotive.h"
@@ -79,19 +78,6 @@ TEST_F(MemoryEstimateTest, GrowsWithTheModelAndTheBatch) {
   EXPECT_GT(of(options).state, one.state);
 }
 
-TEST_F(MemoryEstimateTest, CountsAStateAndAStepForEachGpu) {
-  TrainOptions options = tiny_options(1);
-  const MemoryEstimate one = of(options);
-  options.gpus = 2;
-  const std::uint64_t step = of(options).step - one.step;
-  EXPECT_GT(step, one.state / 3) << "gradients, and rays";
-  options.gpus = 3;
-  const MemoryEstimate three = of(options);
-  EXPECT_EQ(three.state, 3 * one.state);
-  EXPECT_EQ(three.step, one.step + 2 * step);
-  EXPECT_EQ(three.images, one.images);
-}
-
 TEST_F(MemoryEstimateTest, RejectsMoreThanAllowedNamingTheOptionToLower) {
   TrainOptions options = tiny_options(1);
   MemoryEstimate need;
@@ -162,83 +148,6 @@ TEST_F(MemoryEstimateTest, CountsTheSearchForMovingObjects) {
   EXPECT_LT(large.total(), 5 * kGiB) << "what is loaded afterwards is not there yet";
   options.masks = "none";
   EXPECT_EQ(of(options).search, 0u);
-}
-
-TEST_F(MemoryEstimateTest, OfAGpuIsTheStateTheImagesAndAStep) {
-  const auto of_gpu = [&](const TrainOptions& options) {
-    const redrive::Run run = run_of(options);
-    return *estimate_device_memory(run, *kernels::make_loop_backend(), estimate_memory(run, 2));
-  };
-  for (const char* method : {"nerf", "grid"}) {
-    TrainOptions options = tiny_options(1);
-    options.method = method;
-    const DeviceMemoryEstimate one = of_gpu(options);
-    const redrive::Run run = run_of(options);
-    EXPECT_EQ(one.state, 16 * run.state.model->size()) << "four floats per parameter";
-    EXPECT_EQ(one.images, estimate_memory(run, 2).images + estimate_memory(run, 2).rays);
-    const std::uint64_t colours =
-        64u * 12 * 4 * sizeof(float);  // and densities of all samples: a lower bound for a batch
-    EXPECT_GT(one.step, colours);
-    options.set("batch_rays", 256);
-    const DeviceMemoryEstimate more = of_gpu(options);
-    EXPECT_GT(more.step, one.step + 3 * colours);
-    EXPECT_EQ(more.state, one.state);
-  }
-  const redrive::Run run = run_of(tiny_options(1));
-  MemoryEstimate with_lidar = estimate_memory(run, 2);
-  with_lidar.lidar = kGiB;
-  EXPECT_EQ(estimate_device_memory(run, *kernels::make_loop_backend(), with_lidar)->lidar, kGiB);
-  EXPECT_FALSE(estimate_device_memory(run, *kernels::make_ref_backend(), estimate_memory(run, 2)));
-}
-
-TEST_F(MemoryEstimateTest, RejectsMoreThanAGpuAllowsNamingTheOptionToLower) {
-  TrainOptions options = tiny_options(1);
-  EXPECT_EQ(allowed_gpu_memory(options, 10 * kGiB), 9 * kGiB);
-  options.gpu_memory = "2GiB";
-  EXPECT_EQ(allowed_gpu_memory(options, 10 * kGiB), 2 * kGiB);
-  options.gpu_memory = "all";
-  EXPECT_THROW(validate(options), UsageError);
-  options.gpu_memory = "90%";
-  DeviceMemoryEstimate need;
-  need.state = need.images = kGiB;
-  need.step = 2 * kGiB;
-  need.step_option = "--batch (64 rays: ";
-  check_memory(need, 5 * kGiB, options);
-  try {
-    check_memory(need, 4 * kGiB, options);
-    ADD_FAILURE() << "not rejected";
-  } catch (const UsageError& error) {
-    EXPECT_THAT(
-        error.what(),
-        HasSubstr("--gpu-memory 90%: needs about 4.2 GiB of 4.0 GiB allowed on the GPU; lower "
-                  "--batch (64 rays: 2.0 GiB), --downscale"));
-  }
-  need.lidar = 3 * kGiB;
-  try {
-    check_memory(need, 4 * kGiB, options);
-    ADD_FAILURE() << "not rejected";
-  } catch (const UsageError& error) {
-    EXPECT_THAT(error.what(),
-                HasSubstr("lower --frames or --lidar-rays 0 (LiDAR: 3.0 GiB), --batch"));
-  }
-}
-
-TEST_F(MemoryEstimateTest, RejectsRenderingOnAFullGpu) {
-  const redrive::Run run = run_of(tiny_options(1));
-  const DeviceWork tile{.tile_pixels = 100};
-  kernels::InjectedFaults faults;
-  const auto backend = kernels::make_loop_backend(nullptr, true, &faults);
-  check_device_memory(run, *backend, tile);  // unlimited memory
-  faults.free_memory = kGiB;
-  check_device_memory(run, *backend, tile);
-  faults.free_memory = 4 * run.state.model->size();  // the parameters only
-  try {
-    check_device_memory(run, *backend, tile);
-    ADD_FAILURE() << "not rejected";
-  } catch (const UsageError& error) {
-    EXPECT_THAT(error.what(),
-                AllOf(HasSubstr("--backend loop: needs about"), HasSubstr("--gpu-memory 90%")));
-  }
 }
 
 }  // namespace

@@ -337,16 +337,9 @@ std::vector<TrainField> make_fields() {
            "memory that training may use; a run that needs more is rejected before it begins: "
            "bytes, "
            "a number of GiB such as 6GiB, or a percentage of the machine's or control group's"),
-      text("gpu-memory", &O::gpu_memory, {},
-           "GPU memory that training and rendering may use; more is rejected before it begins: "
-           "bytes, a number of GiB, or a percentage of the free GPU memory"),
-      text("backend", &O::backend, {"auto", "ref", "cpu", "cuda"}, "backend that computes"),
+      text("backend", &O::backend, {"auto", "ref", "cpu"}, "backend that computes"),
       text("isa", &O::isa, {"auto", "avx2", "avx512", "avx512-bf16", "amx-bf16"},
            "instruction set of the cpu backend"),
-      number(
-          "gpus", &O::gpus, Range<int>{1, 64},
-          "GPUs of this machine for data parallelism: a step of N GPUs is one of N times the rays; "
-          "needs NCCL"),
   };
 }
 

@@ -199,7 +199,6 @@ void validate(const TrainOptions& options) {
     throw UsageError("--holdout-every", "1", "would leave nothing to train on; 0 or 2 and more");
   parse_frame_range(options.frames);
   allowed_memory(options, 1'000'000'000);
-  allowed_gpu_memory(options, 1'000'000'000);
   const std::set<std::string> distinct(options.cameras.begin(), options.cameras.end());
   if (distinct.size() != options.cameras.size() || distinct.count(""))
     throw UsageError("--cameras", "", "must be names of cameras, each once, separated by commas");
@@ -243,34 +242,21 @@ SceneOptions scene_options(const TrainOptions& options) {
   return scene;
 }
 
-namespace {
-
-/// Parses an amount of memory: bytes, GiB, or a percentage of `all` bytes, which `what` describes.
-std::uint64_t allowed_of(const char* option, const std::string& text, std::uint64_t all,
-                         const char* what) {
+std::uint64_t allowed_memory(const TrainOptions& options, std::uint64_t machine) {
   constexpr double kGiB = 1024.0 * 1024 * 1024;
+  const std::string& text = options.memory;
   double value = 0;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
   const std::string unit(end, text.data() + text.size());
   const double bytes = unit == ""      ? value
                        : unit == "GiB" ? kGiB * value
-                                       : 0.01 * value * static_cast<double>(all);
+                                       : 0.01 * value * static_cast<double>(machine);
   if (error != std::errc() || !(bytes >= 1 && bytes < 1e18) ||
       (unit != "" && unit != "GiB" && unit != "%"))
     throw UsageError(
-        option, text,
-        std::string("must be bytes, or a number with GiB or % (of ") + what + ") behind it");
+        "--memory", text,
+        "must be bytes, or a number with GiB or % (of the machine's memory) behind it");
   return static_cast<std::uint64_t>(bytes);
-}
-
-}  // namespace
-
-std::uint64_t allowed_memory(const TrainOptions& options, std::uint64_t machine) {
-  return allowed_of("--memory", options.memory, machine, "the machine's memory");
-}
-
-std::uint64_t allowed_gpu_memory(const TrainOptions& options, std::uint64_t free) {
-  return allowed_of("--gpu-memory", options.gpu_memory, free, "what the GPU has free");
 }
 
 std::int64_t total_steps(const TrainOptions& options, std::int64_t steps_per_epoch) {

@@ -56,11 +56,9 @@ struct TrainOptions {
   std::uint64_t seed = 1;
   int checkpoint_every = 1000;  ///< steps; also at the end and on Ctrl-C
   // resources
-  int threads = 0;                 ///< 0: all
-  std::string memory = "70%";      ///< that training may use: bytes, or a number with GiB or %
-  std::string gpu_memory = "90%";  ///< likewise GPU memory; % of the free memory
+  int threads = 0;             ///< 0: all
+  std::string memory = "70%";  ///< that training may use: bytes, or a number with GiB or %
   std::string backend = "auto", isa = "auto";
-  int gpus = 1;  ///< 1..64 ranks, each with its own batch
 
   /// Sets a hyperparameter by name.
   template <class T>
@@ -134,8 +132,6 @@ bool refines_poses(const TrainOptions& options, const Scene& scene);
 /// Returns the bytes that --memory allows on a machine with `machine` bytes: "6000000000", "6GiB"
 /// or "70%". Throws UsageError.
 std::uint64_t allowed_memory(const TrainOptions& options, std::uint64_t machine);
-/// Returns the bytes that --gpu-memory allows on a GPU with `free` bytes free. Throws UsageError.
-std::uint64_t allowed_gpu_memory(const TrainOptions& options, std::uint64_t free);
 
 /// Returns the steps of the whole run: epochs, or max_steps if that is less.
 std::int64_t total_steps(const TrainOptions& options, std::int64_t steps_per_epoch);

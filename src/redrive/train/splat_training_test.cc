@@ -143,7 +143,7 @@ Streamed train_streamed(const std::filesystem::path& root, TrainOptions options,
   run.paths = create_run(root, run.options, {}, run.state.model.get());
   ThreadPool pool(backend.threads());
   out.data.emplace(prepare_training_data(&run, pool, cache_bytes));
-  train(&run, *out.data, {&backend}, nullptr, never);
+  train(&run, *out.data, backend, never);
   return out;
 }
 
@@ -190,7 +190,7 @@ TEST_F(SplatTrainingTest, AnImageThatBreaksWhileItTrainsIsNamed) {
   const std::filesystem::path broken = run.scene.views[3].image;
   folder_.write(broken.filename(), "no image");
   try {
-    train(&run, data, {backend_.get()}, nullptr, never_);
+    train(&run, data, *backend_, never_);
     ADD_FAILURE() << "no error";
   } catch (const InputError& error) {
     EXPECT_THAT(error.what(), testing::HasSubstr(broken.string()));
@@ -281,7 +281,7 @@ TEST_F(SplatTrainingTest, TheRunFolderIsComplete) {
   run.paths = create_run(folder_.path / "run", run.options, {}, run.state.model.get());
   EXPECT_GT(estimate_memory(run, 2).total(), 0u);
   ThreadPool pool(2);
-  train(&run, prepare_training_data(&run, pool), {backend_.get()}, nullptr, never_);
+  train(&run, prepare_training_data(&run, pool), *backend_, never_);
 
   const redrive::Run opened = open_run(run.paths.root);
   EXPECT_TRUE(same_weights(opened.state, run.state));

@@ -79,6 +79,7 @@ class InterferingBackend : public kernels::Backend, public kernels::NerfStages {
   }
   kernels::NerfStages& nerf() override { return *this; }
   kernels::GridStages& grid() override { return inner_.grid(); }
+  kernels::GaussianStages& gaussians() override { return inner_.gaussians(); }
   void photometric_loss(std::span<const float> rgb, std::span<const float> target,
                         std::span<float> d_rgb, double* loss) override {
     ++step_;
@@ -228,7 +229,7 @@ inline bool same_weights(const TrainState& a, const TrainState& b) {
          bit_equal(a.cell_errors, b.cell_errors);
 }
 
-/// Returns the fastest backend of the processor, which is deterministic bit by bit, unlike a GPU.
+/// Returns the fastest backend of this machine, which is deterministic bit by bit.
 inline std::unique_ptr<kernels::Backend> processor_backend(int threads) {
   return best_isa() ? kernels::make_cpu_backend(*best_isa(), threads) : kernels::make_ref_backend();
 }

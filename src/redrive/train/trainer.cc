@@ -21,7 +21,7 @@
 #include "redrive/base/rng.h"
 #include "redrive/model/surface_planes.h"
 #include "redrive/rays/lidar_sampler.h"
-#include "redrive/train/data_parallel_group.h"
+#include "redrive/train/data_parallel.h"
 #include "redrive/train/loss_watch.h"
 #include "redrive/train/pose_refiner.h"
 #include "redrive/train/progress.h"
@@ -46,9 +46,10 @@ double decibels(double mse) { return -10 * std::log10(std::max(mse, 1e-10)); }
 /// State of one call of train().
 class Trainer {
  public:
-  Trainer(Run* run, const TrainingData& data, const std::vector<kernels::Backend*>& backends,
-          kernels::AllReduce* all_reduce, StepObserver* observer, ProcessGroup* processes)
+  Trainer(Run* run, const TrainingData& data, kernels::Backend& backend, StepObserver* observer,
+          ProcessGroup* processes)
       : run_(*run),
+        backend_(backend),
         processes_(processes),
         writes_(!processes || processes->rank() == 0),
         observer_(observer),
@@ -65,11 +66,10 @@ class Trainer {
               data.lidar.n > 0 && run->state.model->uses_lidar() ? &lidar_sampler_ : nullptr,
               &run->scene},
         refinement_(pose_refinement(run->options)),
-        group_(backends, all_reduce, &run->state, processes),
         saved_seconds_(run->state.seconds) {
     if (state_.step == 0) begin_from_data();
     find_surfaces();
-    steps_per_epoch_ = state_.model->steps_per_epoch(data_, group_.size());
+    steps_per_epoch_ = state_.model->steps_per_epoch(data_, processes ? processes->size() : 1);
     steps_ = total_steps(options_, steps_per_epoch_);
     check_same_begin();
     adapt_state();
@@ -129,7 +129,7 @@ class Trainer {
   void begin_from_data() {
     Model& model = *state_.model;
     const auto begin = std::chrono::steady_clock::now();
-    ThreadPool pool(group_.first().backend.threads());
+    ThreadPool pool(backend_.threads());
     model.initialize_from(data_, state_.seed, pool);
     state_.seconds += seconds_since(begin);
     if (state_.adam.size() != model.size()) state_.adam = model.zero_moments();
@@ -139,14 +139,14 @@ class Trainer {
   void find_surfaces() {
     if (!state_.model->uses_surfaces(data_)) return;
     const auto begin = std::chrono::steady_clock::now();
-    ThreadPool pool(group_.first().backend.threads());
+    ThreadPool pool(backend_.threads());
     surfaces_.emplace(run_.scene, data_.lidar, pool);
     if (state_.step == 0) state_.seconds += seconds_since(begin);
   }
 
   void finish_training() {
     const auto begin = std::chrono::steady_clock::now();
-    state_.model->finish_training(group_.first().backend, data_, &state_.adam);
+    state_.model->finish_training(backend_, data_, &state_.adam);
     state_.seconds += of_processes(seconds_since(begin)).front();
   }
 
@@ -167,7 +167,7 @@ class Trainer {
   void check_same_begin() {
     if (!processes_) return;
     nlohmann::json options = options_to_json(options_);
-    for (const char* own : {"threads", "memory", "gpu-memory"}) options.erase(own);
+    for (const char* own : {"threads", "memory"}) options.erase(own);
     std::uint64_t hash = std::hash<std::string>()(options.dump());
     for (const std::uint64_t number : {state_.seed, static_cast<std::uint64_t>(state_.step),
                                        static_cast<std::uint64_t>(sampler_.pixels())})
@@ -195,7 +195,6 @@ class Trainer {
       state_.cell_errors = Buffer<float>(cells);
       std::ranges::fill(state_.cell_errors.span(), kInitialError);
     }
-    group_.begin();
     update_poses();
   }
 
@@ -221,7 +220,8 @@ class Trainer {
     request.pose_gradients = refines();
     request.colour_variance = watches_colours(number);
     if (surfaces_) request.surfaces = &*surfaces_;
-    const StepResult result = group_.step(data_, request, learning_rate(number));
+    const StepResult result = train_step({backend_, processes_}, data_, request,
+                                         learning_rate(number), &state_, &buffers_);
     if (request.pose_gradients && result.finite) {
       refine_poses(scene_, result.views, pose_rates(pose_rate()), refinement_, &state_.poses);
       update_poses();
@@ -253,9 +253,6 @@ class Trainer {
     save_due_ = false;
     if (!writes_) return;
     sync_metrics(run_.paths);
-    for (const Buffer<float>* numbers : {&state_.model->parameters, &state_.adam.first_moment,
-                                         &state_.adam.second_moment, &state_.cell_errors})
-      group_.first().backend.download(*numbers);
     save_checkpoint(run_.paths.checkpoint(), state_);
   }
 
@@ -412,6 +409,7 @@ class Trainer {
   }
 
   Run& run_;
+  kernels::Backend& backend_;
   ProcessGroup* processes_;  // that compute steps together; may be null
   const bool writes_;
   StepObserver* observer_;
@@ -424,7 +422,7 @@ class Trainer {
   TrainingSet data_;
   std::optional<SurfacePlanes> surfaces_;  // planes of LiDAR returns, if Model::uses_surfaces()
   PoseRefinement refinement_;
-  DataParallelGroup group_;
+  StepBuffers buffers_;
   double saved_seconds_;        // state_.seconds at the last checkpoint
   bool save_due_ = false;       // since then
   bool last_was_high_ = false;  // the last whole window; false at every checkpoint
@@ -436,22 +434,9 @@ class Trainer {
 
 }  // namespace
 
-TrainEnd train(Run* run, const TrainingData& data, const std::vector<kernels::Backend*>& backends,
-               kernels::AllReduce* all_reduce, const std::atomic<bool>& stop,
-               StepObserver* observer, ProcessGroup* processes) {
-  const auto how_to_go_on = [&](const std::exception& error) {
-    return "step " + std::to_string(run->state.step) + ": " + error.what() +
-           "; the last checkpoint stands, go on from it with: redrive resume " +
-           run->paths.root.string();
-  };
-  try {
-    return Trainer(run, data, backends, all_reduce, observer, processes).run(stop);
-  } catch (
-      const DeviceError& error) {  // a checkpoint is downloaded completely before it is written
-    throw DeviceError(how_to_go_on(error));
-  } catch (const DeviceMemoryError& error) {
-    throw DeviceMemoryError(how_to_go_on(error));
-  }
+TrainEnd train(Run* run, const TrainingData& data, kernels::Backend& backend,
+               const std::atomic<bool>& stop, StepObserver* observer, ProcessGroup* processes) {
+  return Trainer(run, data, backend, observer, processes).run(stop);
 }
 
 TrainEnd train(Run* run, kernels::Backend& backend, const std::atomic<bool>& stop,
@@ -460,7 +445,7 @@ TrainEnd train(Run* run, kernels::Backend& backend, const std::atomic<bool>& sto
     ThreadPool pool(backend.threads());
     return load_training_data(*run, pool);
   }();
-  return train(run, data, {&backend}, nullptr, stop, observer);
+  return train(run, data, backend, stop, observer);
 }
 
 }  // namespace redrive

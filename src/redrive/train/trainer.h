@@ -6,7 +6,7 @@
 #include <atomic>
 
 #include "redrive/base/process_group.h"
-#include "redrive/kernels/backend_group.h"
+#include "redrive/kernels/backend.h"
 #include "redrive/train/run.h"
 #include "redrive/train/training_data.h"
 
@@ -29,12 +29,11 @@ enum class TrainEnd { kFinished, kInterrupted };
 /// rolls back to the last checkpoint.
 TrainEnd train(Run* run, kernels::Backend& backend, const std::atomic<bool>& stop,
                StepObserver* observer = nullptr);
-/// Trains likewise with loaded data, data-parallel on `backends`; all_reduce may be null for one.
-/// `processes`: null, or those that call this for the same run at the same time, with one backend
-/// each (DataParallelGroup); process 0 alone writes, and its clock counts. Throws UsageError in
-/// each of them if they begin with different parameters.
-TrainEnd train(Run* run, const TrainingData& data, const std::vector<kernels::Backend*>& backends,
-               kernels::AllReduce* all_reduce, const std::atomic<bool>& stop,
-               StepObserver* observer = nullptr, ProcessGroup* processes = nullptr);
+/// Trains likewise with loaded data. `processes`: null, or those that call this for the same run at
+/// the same time (train/data_parallel.h); process 0 alone writes, and its clock counts. Throws
+/// UsageError in each of them if they begin with different parameters.
+TrainEnd train(Run* run, const TrainingData& data, kernels::Backend& backend,
+               const std::atomic<bool>& stop, StepObserver* observer = nullptr,
+               ProcessGroup* processes = nullptr);
 
 }  // namespace redrive
