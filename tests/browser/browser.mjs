@@ -19,7 +19,7 @@ export function findBrowser(modules) {
   if (!chromium) skip("there is no chromium (scripts/setup installs it)");
   if (!fs.existsSync(path.join(modules, "puppeteer-core")))
     skip("npm could not install puppeteer-core when this was built");
-  const puppeteer = createRequire(path.join(modules, "x.js"))("puppeteer-core");
+  const puppeteer = createRequire(path.resolve(modules, "x.js"))("puppeteer-core");
   return (flags) => puppeteer.launch({
     executablePath: chromium, headless: true,
     args: ["--no-sandbox", "--disable-dev-shm-usage", ...flags]});
@@ -32,17 +32,19 @@ export async function openPage(browser) {
   return page;
 }
 
-/** PSNR of two PNGs, in dB. */
+/** PSNR of two PNGs, in dB; the second one is scaled to the size of the first. */
 export function psnr(page, pngs) {
   return page.evaluate(async (texts) => {
-    const pixels = await Promise.all(texts.map(async (text) => {
+    const images = await Promise.all(texts.map(async (text) => {
       const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
-      const image = await createImageBitmap(new Blob([bytes], {type: "image/png"}));
-      const context = new OffscreenCanvas(image.width, image.height).getContext("2d");
-      context.drawImage(image, 0, 0);
-      return context.getImageData(0, 0, image.width, image.height).data;
+      return createImageBitmap(new Blob([bytes]));
     }));
-    if (pixels[0].length !== pixels[1].length) return 0;
+    const [{width, height}] = images;
+    const pixels = images.map((image) => {
+      const context = new OffscreenCanvas(width, height).getContext("2d");
+      context.drawImage(image, 0, 0, width, height);
+      return context.getImageData(0, 0, width, height).data;
+    });
     let sum = 0;
     for (let i = 0; i < pixels[0].length; ++i)
       if (i % 4 !== 3) sum += (pixels[0][i] - pixels[1][i]) ** 2;
@@ -51,8 +53,9 @@ export function psnr(page, pngs) {
 }
 
 /** Starts the program and returns it with the address that it prints. */
-export async function serve(redrive, words) {
-  const program = spawn(redrive, [...words, "--port", "0"], {stdio: ["ignore", "pipe", "pipe"]});
+export async function serve(redrive, words, env = process.env) {
+  const program =
+    spawn(redrive, [...words, "--port", "0"], {stdio: ["ignore", "pipe", "pipe"], env});
   let printed = "";
   const address = await new Promise((resolve, reject) => {
     program.stdout.on("data", (bytes) => {

@@ -38,7 +38,10 @@ export async function psnrOfPage(page, file) {
     canvas.getContext("2d").drawImage(bitmap, 0, 0);
     return canvas.toDataURL("image/png").split(",")[1];
   });
-  return psnr(page, [Buffer.from(shown, "base64"), fs.readFileSync(file)]);
+  const files = [Buffer.from(shown, "base64"), fs.readFileSync(file)];
+  const sizes = files.map((png) => [png.readUInt32BE(16), png.readUInt32BE(20)]);
+  assert.deepEqual(sizes[0], sizes[1]);
+  return psnr(page, files);
 }
 
 /** Renders by the command that the page gives, into `file`; `edit` takes the place of its

@@ -9,6 +9,7 @@ import os from "node:os";
 import path from "node:path";
 import {findBrowser, openPage, serve, status} from "./browser.mjs";
 import {dragTests} from "./viewer_drags.mjs";
+import {seenTests} from "./viewer_seen.mjs";
 import {psnrOfPage, renderAsThePageSays, runParts, set, settled, text}
   from "./viewer_page.mjs";
 
@@ -75,8 +76,8 @@ const tests = {
     await page.keyboard.up("w");
     await settled(page);
     await page.click("#orbit");
-    await page.waitForFunction(() => window.redriveView.target !== null);
-    const target = await page.evaluate(() => [...window.redriveView.target]);
+    await page.waitForFunction(() => window.redriveView.orbit !== null);
+    const target = await page.evaluate(() => [...window.redriveView.orbit.point]);
     const box = await (await page.$("#canvas")).boundingBox();
     const middle = {x: box.x + box.width / 2, y: box.y + box.height / 2};
     await page.mouse.move(middle.x, middle.y);
@@ -339,6 +340,8 @@ const tests = {
 
   ...dragTests({set, settled, labels: keyLabels}),
 
+  ...seenTests({redrive, folder, street, camera}),
+
   async "fits a narrow page"(page) {
     await page.setViewport({width: 360, height: 740});
     await settled(page);
@@ -375,9 +378,10 @@ const tests = {
       await serve(redrive, [...trainWords(path.join(folder, "live"), 100000), "--view"]);
     try {
       await page.goto(live);
+      assert.match(await text(page, "wait"), /redrive|Training/); // and no black image
       const label = (pattern) => page.waitForFunction((source) => new RegExp(source).test(
         document.getElementById("training-label")?.textContent ?? ""), {}, pattern);
-      await label("^step [1-9]\\d*, \\d+ s of training$");
+      await label("^step [1-9]\\d* of 100000, \\d+ s of training$");
       await page.waitForSelector("#training polyline.psnr"); // 50 steps
       await page.click("#pause");
       await label("paused$");
@@ -400,6 +404,24 @@ const tests = {
     await settled(page);
     assert.match(await text(page, "curve-label"), /^PSNR of training rays/);
     assert.equal(await page.$eval("#pause", (button) => button.offsetParent), null);
+  },
+
+  async "opens by a file that this user alone can read"() {
+    const opened = path.join(folder, "opened");
+    fs.mkdirSync(path.join(folder, "bin"));
+    fs.writeFileSync(path.join(folder, "bin", "xdg-open"),
+      `#!/bin/sh\nprintf '%s ' "$@" $(stat -c %a "$1") >${opened}.part\n` +
+      `mv ${opened}.part ${opened}\n`, {mode: 0o755});
+    const {program, address} = await serve(redrive, ["view", street, "--open"],
+      {...process.env, PATH: `${path.join(folder, "bin")}:${process.env.PATH}`});
+    while (!fs.existsSync(opened)) await new Promise((resolve) => setTimeout(resolve, 50));
+    const [file, mode, ...more] = fs.readFileSync(opened, "utf8").trim().split(" ");
+    assert.deepEqual([mode, more], ["600", []]);
+    assert.ok(!file.includes(new URL(address).pathname), "the token is in no argument");
+    assert.ok(fs.readFileSync(file, "utf8").includes(`url=${address}"`));
+    program.kill("SIGINT");
+    await new Promise((resolve) => program.on("exit", resolve));
+    assert.ok(!fs.existsSync(file));
   },
 
   async "refuses strangers"(_page, address) {

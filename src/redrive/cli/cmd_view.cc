@@ -45,8 +45,8 @@ int run_view(const ViewOptions& options) {
   view::Viewer::Look look;
   if (watch) look = [&watch] { return watch->look(); };
   view::Viewer viewer(std::move(run), *backend, look, edit);
-  const auto server = start_view_server(options.server, &viewer);
-  viewer.serve(*server, stop);
+  const ViewServer started = start_view_server(options.server, &viewer);
+  viewer.serve(*started.server, stop);
   return kExitOk;
 }
 

@@ -143,8 +143,8 @@ int train_to_end(Run* run, const TrainingData& training, kernels::Backend& backe
   };
   if (!options.view) return train_with(nullptr);
   view::LiveView live(run, backend, stop);
-  const auto server = start_view_server(options.server, &live.viewer());
-  live.use(*server);
+  const ViewServer started = start_view_server(options.server, &live.viewer());
+  live.use(*started.server);
   const int code = train_with(&live);
   live.serve(*run);
   return code;

@@ -8,6 +8,9 @@
 #include <algorithm>
 #include <array>
 #include <cstdio>
+#include <memory>
+#include <string>
+#include <vector>
 
 #include "redrive/base/error.h"
 #include "redrive/view/access.h"
@@ -19,9 +22,9 @@ namespace {
 
 constexpr int kUsualViewPort = 7007;
 
-/// Opens the address in the user's browser, if there is xdg-open.
-void open_browser(const std::string& address) {
-  std::string program = "xdg-open", argument = address;
+/// Opens a file in the user's browser, if there is xdg-open.
+void open_browser(const std::string& file) {
+  std::string program = "xdg-open", argument = file;
   const std::array<char*, 3> arguments = {program.data(), argument.data(), nullptr};
   posix_spawn_file_actions_t quiet;
   posix_spawn_file_actions_init(&quiet);
@@ -83,21 +86,34 @@ void check_address(const ViewServerOptions& options) {
   const view::Server listens(server, nullptr);
 }
 
-std::unique_ptr<view::Server> start_view_server(const ViewServerOptions& options,
-                                                view::ServerEvents* events) {
+ViewServer start_view_server(const ViewServerOptions& options, view::ServerEvents* events) {
   view::ServerOptions with_page;
   with_page.listen = options.listen;
   with_page.token = view::random_token();
   with_page.page = view::page_files();
   with_page.max_message_bytes = view::kMaxMessageBytes;
-  auto server = listen_at(std::move(with_page), options.port, events);
+  ViewServer started{listen_at(std::move(with_page), options.port, events), nullptr};
+  const view::Server& server = *started.server;
+  std::vector<std::string> addresses = server.outside_addresses();
+  if (!addresses.empty())
+    std::fprintf(stderr,
+                 "redrive: --listen %s lets other machines in, without encryption: whoever sees "
+                 "the traffic on its way learns the address below\n",
+                 options.listen.c_str());
+  if (std::ranges::find(addresses, server.address()) == addresses.end())
+    addresses.push_back(server.address());
+  for (const std::string& address : addresses) std::printf("%s\n", address.c_str());
   std::printf(
-      "%s\nWhoever has this address sees the run, pauses its training and saves paths in it. "
-      "Ctrl-C ends.\n",
-      server->address().c_str());
+      "Whoever has this address sees the run, pauses its training and saves paths in it. Ctrl-C "
+      "ends.\n");
   std::fflush(stdout);
-  if (options.open) open_browser(server->address());
-  return server;
+  if (options.open) try {
+      started.redirect = std::make_unique<view::RedirectFile>(server.address());
+      open_browser(started.redirect->path().string());
+    } catch (const IoError& error) {
+      std::fprintf(stderr, "redrive: --open: %s; open the address yourself\n", error.what());
+    }
+  return started;
 }
 
 }  // namespace redrive

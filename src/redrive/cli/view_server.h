@@ -7,6 +7,7 @@
 
 #include <CLI/App.hpp>
 
+#include "redrive/view/redirect_file.h"
 #include "redrive/view/server.h"
 
 namespace redrive {
@@ -28,8 +29,13 @@ void check_page(const std::string& option, const std::string& value);
 /// Throws UsageError where the server could not listen.
 void check_address(const ViewServerOptions& options);
 
+/// The server of a page and the file that --open had a browser open.
+struct ViewServer {
+  std::unique_ptr<view::Server> server;
+  std::unique_ptr<view::RedirectFile> redirect;
+};
+
 /// Listens, prints the address and opens it. Throws UsageError as view::Server.
-std::unique_ptr<view::Server> start_view_server(const ViewServerOptions& options,
-                                                view::ServerEvents* events);
+ViewServer start_view_server(const ViewServerOptions& options, view::ServerEvents* events);
 
 }  // namespace redrive

@@ -75,54 +75,92 @@ bool TrainingDepth::sees(const Eigen::Vector3d& point_in_camera) const {
   return surface_m > 0 && point_in_camera.norm() <= (1 + kRangeTolerance) * surface_m;
 }
 
-Coverage::Coverage(const Run& run, kernels::Backend& backend) : far_m_(run.scene.far_m) {
+Coverage::Coverage(const Run& run, kernels::Backend& backend, bool at_once)
+    : run_(run), backend_(backend), exclusions_(read_exclusions(run)), far_m_(run.scene.far_m) {
   const Scene& scene = run.scene;
   for (const MovingObject& actor : scene.actors)
     half_size_m_[actor.id] = actor.size_m / 2 + Eigen::Vector3d::Constant(kBoxMargin_m);
-  const Exclusions left_out = read_exclusions(run);
   for (int c = 0; c < static_cast<int>(scene.rig.size()); ++c) {
     std::vector<const View*> training;
     for (const View& view : scene.views)
       if (view.camera == c && !view.held_out) training.push_back(&view);
-    const RayTable table = small_table(scene.rig[c].camera);
     for (const std::size_t i :
          evenly_spaced(training.size(), std::max<std::size_t>(1, kMaxViews / scene.rig.size())))
-      views_.push_back(render_depth(run, backend, *training[i], left_out, table));
+      to_render_.push_back(training[i]);
   }
+  std::ranges::reverse(to_render_);
+  while (at_once && step()) {
+  }
+}
+
+bool Coverage::step() {
+  if (!to_render_.empty()) {
+    const View& view = *to_render_.back();
+    to_render_.pop_back();
+    views_.push_back(render_depth(run_, backend_, view, *exclusions_,
+                                  small_table(run_.scene.rig[view.camera].camera)));
+  }
+  if (to_render_.empty()) exclusions_.reset();
+  return !to_render_.empty();
+}
+
+/// Whether a training image saw a point that a camera sees, in its axes. `middle`: its pose in the
+/// middle row.
+bool Coverage::sees(const Eigen::Vector3d& point_in_camera, const ShutterPoses& world_from_camera,
+                    const Rigid3d& middle) const {
+  const auto shows = [&](const ShutterPoses::Actor& actor) {
+    const auto own = half_size_m_.find(actor.body);
+    if (!actor.imported && own == half_size_m_.end()) return false;
+    const Eigen::Vector3d half_m =
+        actor.imported ? Eigen::Vector3d(actor.imported->size_m.array() / 2 + kBoxMargin_m)
+                       : own->second;
+    return ((actor_from_camera(actor) * point_in_camera).cwiseAbs().array() <= half_m.array())
+        .all();
+  };
+  const auto actor = std::ranges::find_if(world_from_camera.actors(), shows);
+  const bool is_static = actor == world_from_camera.actors().end();
+  return std::ranges::any_of(views_, [&](const TrainingDepth& view) {
+    if (is_static) return view.sees(view.camera_from_world * (middle * point_in_camera));
+    const auto there = view.camera_from_actor.find(actor->body);
+    return !actor->imported && there != view.camera_from_actor.end() &&
+           view.sees(there->second * (actor_from_camera(*actor) * point_in_camera));
+  });
+}
+
+/// Calls see(pixel, whether a training image saw it) for the valid pixels of every stride-th row
+/// and column.
+void Coverage::for_each_pixel(int stride, const Camera& camera,
+                              const ShutterPoses& world_from_camera, const RenderedImage& rendered,
+                              const std::function<void(std::size_t, bool)>& see) const {
+  REDRIVE_CHECK_OP(rendered.width, ==, camera.width);
+  REDRIVE_CHECK_OP(rendered.height, ==, camera.height);
+  const Rigid3d middle = world_from_camera.at(0.5);
+  for (int y = 0; y < rendered.height; y += stride)
+    for (int x = 0; x < rendered.width; x += stride) {
+      const std::size_t i = static_cast<std::size_t>(y) * rendered.width + x;
+      if (!rendered.valid[i]) continue;
+      const auto direction = camera.unproject(Eigen::Vector2d(x, y));
+      see(i,
+          direction && sees(range_of(rendered, i, far_m_) * *direction, world_from_camera, middle));
+    }
 }
 
 std::vector<std::uint8_t> Coverage::seen(const Camera& camera,
                                          const ShutterPoses& world_from_camera,
                                          const RenderedImage& rendered) const {
-  REDRIVE_CHECK_OP(rendered.width, ==, camera.width);
-  REDRIVE_CHECK_OP(rendered.height, ==, camera.height);
   std::vector<std::uint8_t> seen(rendered.depth.size(), 0);
-  const Rigid3d middle = world_from_camera.at(0.5);
-  for (std::size_t i = 0; i < seen.size(); ++i) {
-    if (!rendered.valid[i]) continue;
-    const Eigen::Vector2d pixel(static_cast<double>(i % rendered.width),
-                                static_cast<double>(i / rendered.width));
-    const auto direction = camera.unproject(pixel);
-    if (!direction) continue;
-    const Eigen::Vector3d point = range_of(rendered, i, far_m_) * *direction;
-    const auto shows = [&](const ShutterPoses::Actor& actor) {
-      const auto own = half_size_m_.find(actor.body);
-      if (!actor.imported && own == half_size_m_.end()) return false;
-      const Eigen::Vector3d half_m =
-          actor.imported ? Eigen::Vector3d(actor.imported->size_m.array() / 2 + kBoxMargin_m)
-                         : own->second;
-      return ((actor_from_camera(actor) * point).cwiseAbs().array() <= half_m.array()).all();
-    };
-    const auto actor = std::ranges::find_if(world_from_camera.actors(), shows);
-    const bool is_static = actor == world_from_camera.actors().end();
-    seen[i] = std::ranges::any_of(views_, [&](const TrainingDepth& view) {
-      if (is_static) return view.sees(view.camera_from_world * (middle * point));
-      const auto there = view.camera_from_actor.find(actor->body);
-      return !actor->imported && there != view.camera_from_actor.end() &&
-             view.sees(there->second * (actor_from_camera(*actor) * point));
-    });
-  }
+  for_each_pixel(1, camera, world_from_camera, rendered,
+                 [&](std::size_t pixel, bool is_seen) { seen[pixel] = is_seen; });
   return seen;
+}
+
+double Coverage::seen_share(const Camera& camera, const ShutterPoses& world_from_camera,
+                            const RenderedImage& rendered) const {
+  constexpr int kStride = 8;
+  std::size_t valid = 0, seen = 0;
+  for_each_pixel(kStride, camera, world_from_camera, rendered,
+                 [&](std::size_t, bool is_seen) { ++valid, seen += is_seen; });
+  return valid == 0 ? 0 : static_cast<double>(seen) / static_cast<double>(valid);
 }
 
 PointObservers::PointObservers(const Run& run, kernels::Backend& backend)

@@ -4,7 +4,9 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <map>
+#include <optional>
 #include <vector>
 
 #include "redrive/render/renderer.h"
@@ -29,9 +31,13 @@ struct TrainingDepth {
 /// Finds what the training images saw.
 class Coverage {
  public:
-  /// Renders the depth of at most kMaxViews training views, evenly spaced over each camera. Throws
-  /// InputError as read_exclusions.
-  Coverage(const Run& run, kernels::Backend& backend);
+  /// Renders the depth of at most kMaxViews training views, evenly spaced over each camera; one in
+  /// each step() where not `at_once`: run and backend must outlive these. Throws InputError as
+  /// read_exclusions.
+  Coverage(const Run& run, kernels::Backend& backend, bool at_once = true);
+
+  /// Renders the next view. Returns whether there are more.
+  bool step();
 
   /// Returns [height, width]: 1 where some training image saw the surface in `rendered`, else 0. A
   /// ray that hits no surface (opacity below 1/2) ends at the far limit. A surface within a moving
@@ -39,9 +45,24 @@ class Coverage {
   std::vector<std::uint8_t> seen(const Camera& camera, const ShutterPoses& world_from_camera,
                                  const RenderedImage& rendered) const;
 
+  /// Returns the share of the valid pixels that seen() has, 0 to 1, from every eighth row and
+  /// column.
+  double seen_share(const Camera& camera, const ShutterPoses& world_from_camera,
+                    const RenderedImage& rendered) const;
+
   static constexpr int kMaxViews = 64;
 
  private:
+  bool sees(const Eigen::Vector3d& point_in_camera, const ShutterPoses& world_from_camera,
+            const Rigid3d& middle) const;
+  void for_each_pixel(int stride, const Camera& camera, const ShutterPoses& world_from_camera,
+                      const RenderedImage& rendered,
+                      const std::function<void(std::size_t, bool)>& see) const;
+
+  const Run& run_;
+  kernels::Backend& backend_;
+  std::optional<Exclusions> exclusions_;  ///< until all views are rendered
+  std::vector<const View*> to_render_;    ///< the next one last
   std::vector<TrainingDepth> views_;
   std::map<std::int64_t, Eigen::Vector3d> half_size_m_;  ///< of moving objects, with a margin
   double far_m_ = 0;

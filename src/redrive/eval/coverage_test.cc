@@ -91,6 +91,18 @@ TEST_F(CoverageTest, OccludedAndOutsidePixelsAreNotSeen) {
   }
 }
 
+TEST_F(CoverageTest, ViewsAreRenderedOneByOneToo) {
+  Rigid3d pose = Rigid3d::Identity();
+  const RenderedImage image = render_image(walls_, *run_.state.model, front_camera(), pose);
+  Coverage coverage(run_, walls_, /*at_once=*/false);
+  EXPECT_EQ(coverage.seen_share(front_camera(), pose, image), 0);
+  while (coverage.step()) {
+  }
+  EXPECT_EQ(coverage.seen_share(front_camera(), pose, image), 1);
+  EXPECT_EQ(coverage.seen(front_camera(), pose, image),
+            Coverage(run_, walls_).seen(front_camera(), pose, image));
+}
+
 TEST_F(CoverageTest, MaskedPixelsAreNotSeen) {
   mask_below(10);
   std::vector<std::uint8_t> right(kColumns, 1);

@@ -75,6 +75,13 @@ std::optional<Eigen::Matrix3d> world_from_local_axes(const Rigid3d& global_from_
   return global_from_world.linear().transpose() * ecef_from_local;
 }
 
+Eigen::Vector3d up_in_world(const Scene& scene) {
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  if (!scene.metric)
+    for (const View& view : scene.views) sum -= scene.world_from_camera(view).linear().col(1);
+  return sum.norm() > 1e-3 ? sum.normalized() : Eigen::Vector3d::UnitZ();
+}
+
 Rigid3d shifted_camera(const Rigid3d& global_from_world, const Rigid3d& world_from_body,
                        const Rigid3d& body_from_sensor, ShiftAxes axes,
                        const Eigen::Vector3d& shift_m) {

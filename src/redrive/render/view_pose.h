@@ -47,6 +47,10 @@ Exposure exposure_at(const Recording& recording, const Scene& scene, const std::
 std::optional<Eigen::Matrix3d> world_from_local_axes(const Rigid3d& global_from_world,
                                                      const Rigid3d& world_from_body);
 
+/// Returns the world's direction up, of length 1: z where the world is metric, else that of the
+/// mean camera.
+Eigen::Vector3d up_in_world(const Scene& scene);
+
 /// Returns world_from_camera of a camera on the body, translated by shift_m along `axes`. Throws
 /// UsageError where the local axes do not exist.
 Rigid3d shifted_camera(const Rigid3d& global_from_world, const Rigid3d& world_from_body,

@@ -2,6 +2,8 @@
 #include "redrive/view/access.h"
 
 #include <arpa/inet.h>
+#include <ifaddrs.h>
+#include <net/if.h>
 #include <sys/random.h>
 
 #include <algorithm>
@@ -26,6 +28,23 @@ bool is_ip_address(const std::string& name) {
   std::array<unsigned char, sizeof(in6_addr)> address;
   return inet_pton(AF_INET, name.c_str(), address.data()) == 1 ||
          inet_pton(AF_INET6, name.c_str(), address.data()) == 1;
+}
+
+/// Returns the IP address of an interface in use that other machines may reach; else nothing.
+std::string host_of(const ifaddrs& interface) {
+  if (!interface.ifa_addr || !(interface.ifa_flags & IFF_UP) ||
+      (interface.ifa_flags & IFF_LOOPBACK))
+    return "";
+  const int family = interface.ifa_addr->sa_family;
+  const void* address = nullptr;
+  if (family == AF_INET)
+    address = &reinterpret_cast<const sockaddr_in*>(interface.ifa_addr)->sin_addr;
+  if (family == AF_INET6) {
+    const in6_addr& six = reinterpret_cast<const sockaddr_in6*>(interface.ifa_addr)->sin6_addr;
+    if (!IN6_IS_ADDR_LINKLOCAL(&six)) address = &six;  // those need the name of an interface
+  }
+  std::array<char, INET6_ADDRSTRLEN> text{};
+  return address && inet_ntop(family, address, text.data(), text.size()) ? text.data() : "";
 }
 
 }  // namespace
@@ -57,6 +76,20 @@ bool is_own_host(std::string_view host, std::string_view listen) {
 bool is_own_origin(std::string_view origin, std::string_view host) {
   constexpr std::string_view scheme = "http://";
   return !host.empty() && origin.starts_with(scheme) && origin.substr(scheme.size()) == host;
+}
+
+std::vector<std::string> outside_hosts(const std::string& listen) {
+  if (listen.starts_with("127.") || listen == "::1") return {};
+  if (listen != "0.0.0.0" && listen != "::") return {listen};
+  std::vector<std::string> hosts;
+  ifaddrs* all = nullptr;
+  if (getifaddrs(&all) != 0) return {};
+  for (const ifaddrs* interface = all; interface; interface = interface->ifa_next)
+    if (const std::string host = host_of(*interface);
+        !host.empty() && (listen == "::" || host.find(':') == std::string::npos))
+      hosts.push_back(host);
+  freeifaddrs(all);
+  return hosts;
 }
 
 Target parse_target(std::string_view target) {

@@ -4,6 +4,7 @@
 
 #include <string>
 #include <string_view>
+#include <vector>
 
 namespace redrive::view {
 
@@ -20,6 +21,10 @@ bool is_own_host(std::string_view host, std::string_view listen);
 
 /// Whether the Origin of a request is the page that `host` served.
 bool is_own_origin(std::string_view origin, std::string_view host);
+
+/// Returns the addresses under which other machines reach a server that listens on `listen`, an IP
+/// address: those of all interfaces for 0.0.0.0 and ::, none for loopback.
+std::vector<std::string> outside_hosts(const std::string& listen);
 
 /// What a request's target asks for: the token, and what stands after it ("" for the page itself).
 /// Nothing for a target of another form.

@@ -40,13 +40,13 @@ LiveView::LiveView(Run* run, kernels::Backend& backend, const std::atomic<bool>&
   annotated_ = run->scene.actors;
   const Loan loan(run, shown_.get());
   viewer_ = std::make_unique<Viewer>(shown_, backend);
-  viewer_->set_training({true, run->state.step, run->state.seconds});
+  viewer_->set_training({true, run->state.step, run->state.seconds, false, run->options.max_steps});
 }
 
 /// Shows what was trained since; the model has been lent.
 void LiveView::refresh(const Run& run) {
   refresh_at_ = Clock::now() + kRefresh;
-  viewer_->set_training({true, run.state.step, run.state.seconds});
+  viewer_->set_training({true, run.state.step, run.state.seconds, false, run.options.max_steps});
   viewer_->show_again();
 }
 

@@ -16,16 +16,19 @@ namespace redrive::view {
 
 class LoopbackClient {
  public:
-  explicit LoopbackClient(int port, int receive_buffer = 0) {
+  explicit LoopbackClient(int port, int receive_buffer = 0, bool connects = true) : port_(port) {
     socket_ = ::socket(AF_INET, SOCK_STREAM, 0);
     if (receive_buffer > 0)
       ::setsockopt(socket_, SOL_SOCKET, SO_RCVBUF, &receive_buffer, sizeof receive_buffer);
     const timeval timeout{10, 0};
     ::setsockopt(socket_, SOL_SOCKET, SO_RCVTIMEO, &timeout, sizeof timeout);
     ::setsockopt(socket_, SOL_SOCKET, SO_SNDTIMEO, &timeout, sizeof timeout);
+    if (connects) connect();
+  }
+  void connect() {
     sockaddr_in address{};
     address.sin_family = AF_INET;
-    address.sin_port = htons(static_cast<std::uint16_t>(port));
+    address.sin_port = htons(static_cast<std::uint16_t>(port_));
     address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
     if (::connect(socket_, reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0)
       throw std::runtime_error("cannot connect");
@@ -132,7 +135,7 @@ class LoopbackClient {
     return true;
   }
 
-  int socket_ = -1;
+  int port_ = 0, socket_ = -1;
   std::string left_;  ///< received, not yet read
 };
 

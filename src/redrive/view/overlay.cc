@@ -107,10 +107,11 @@ std::vector<OverlayLine> object_lines(const Placement& placement, const MovingOb
   LinePen pen = pen_of(placement, &lines);
   draw_box("object", object.type + " " + std::to_string(object.id), object.size_m, *world_from_box,
            &pen);
-  const Eigen::Vector3d handle = handle_in_box(object.size_m);
-  pen.begin("handle");
-  pen.to(*world_from_box * Eigen::Vector3d(0, 0, handle.z()));
-  pen.to(*world_from_box * handle);
+  if (const auto handle = handle_in_box(placement, *world_from_box, object.size_m)) {
+    pen.begin("handle");
+    pen.to(*world_from_box * Eigen::Vector3d(0, 0, handle->z()));
+    pen.to(*world_from_box * *handle);
+  }
   return lines;
 }
 

@@ -53,7 +53,8 @@ class Overlay {
 };
 
 /// Returns the box of a moving object at the placement's time ("object"), and a line on the road
-/// from its middle to the point that turns it ("handle"); nothing where it is not there.
+/// from its middle to the point that turns it ("handle"), where there is one; nothing where it is
+/// not there.
 std::vector<OverlayLine> object_lines(const Placement& placement, const MovingObject& object);
 
 /// Returns the lengths of the runs of used and masked pixels in turn, row by row, the first one of

@@ -9,6 +9,7 @@
 #include "redrive/model/gaussian_spz.h"
 #include "redrive/model/splat_model.h"
 #include "redrive/render/camera_path.h"
+#include "redrive/render/view_pose.h"
 #include "redrive/report/html.h"
 #include "redrive/view/page.h"
 
@@ -20,14 +21,6 @@ void fill(std::string_view mark, std::string_view with, std::string* text) {
   const std::size_t at = text->find(mark);
   REDRIVE_CHECK(at != std::string::npos);
   text->replace(at, mark.size(), with);
-}
-
-/// Returns the world's direction up: z where the world is metric, else that of the mean camera.
-Eigen::Vector3d up_of(const Scene& scene, const std::vector<PathKey>& keys) {
-  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
-  if (!scene.metric)
-    for (const PathKey& key : keys) sum -= key.world_from_camera.linear().col(1);
-  return sum.norm() > 1e-3 ? sum.normalized() : Eigen::Vector3d::UnitZ();
 }
 
 /// Returns the name of a run's folder; "run/" is run.
@@ -53,7 +46,7 @@ std::string scene_page(const Run& run, int sh_degree) {
   for (const PathKey& key : path.keys)
     drive.push_back(
         {{"t_s", key.t_s}, {"camera_to_world", camera_to_world_json(key.world_from_camera)}});
-  const Eigen::Vector3d up = up_of(run.scene, path.keys);
+  const Eigen::Vector3d up = up_in_world(run.scene);
   const nlohmann::json scene = {
       {"fov", fov_of(camera.camera)},
       {"screen_variance", kScreenVariance},

@@ -1,8 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/view/server.h"
 
+#include <algorithm>
 #include <chrono>
+#include <cstdio>
 #include <deque>
+#include <functional>
+#include <limits>
+#include <list>
 #include <map>
 #include <optional>
 #include <thread>
@@ -10,6 +15,7 @@
 
 #include <boost/asio/ip/tcp.hpp>
 #include <boost/asio/post.hpp>
+#include <boost/asio/steady_timer.hpp>
 #include <boost/beast/core.hpp>
 #include <boost/beast/http.hpp>
 #include <boost/beast/websocket.hpp>
@@ -28,8 +34,11 @@ using asio::ip::tcp;
 using ErrorCode = beast::error_code;
 using Request = http::request<http::empty_body>;
 
-constexpr std::chrono::seconds kRequestTimeout{10};
+constexpr std::chrono::seconds kStrangerTimeout{3}, kRequestTimeout{10};
+constexpr std::chrono::milliseconds kAcceptAgain{200};  // after want of descriptors, say
 constexpr std::uint32_t kMaxHeaderBytes = 8192;
+constexpr std::size_t kHeadBytes = 14;         // of a frame, at most
+constexpr std::size_t kReadAhead = 64 * 1024;  // bytes of the next messages that a read may take
 
 std::string_view view_of(beast::string_view text) { return {text.data(), text.size()}; }
 
@@ -37,19 +46,40 @@ std::string_view view_of(beast::string_view text) { return {text.data(), text.si
 struct Shared {
   ServerOptions options;
   ServerEvents* events = nullptr;
-  int connections = 0;
+  int known = 0;                                ///< connections that have shown the token
+  std::list<class Connection*> strangers = {};  ///< those that have not, the oldest one first
   ClientId last_client = 0;
-  std::map<ClientId, std::weak_ptr<class Client>> clients;
+  std::map<ClientId, std::weak_ptr<class Client>> clients = {};
 };
+
+/// Reports the bytes that a stream reads, as its rate policy, and limits nothing.
+class Meter {
+ public:
+  explicit Meter(std::function<void(std::size_t)> on_read) : on_read_(std::move(on_read)) {}
+
+ private:
+  friend class beast::rate_policy_access;
+  static constexpr std::size_t kAll = std::numeric_limits<std::size_t>::max();
+  std::size_t available_read_bytes() const noexcept { return kAll; }
+  std::size_t available_write_bytes() const noexcept { return kAll; }
+  void transfer_read_bytes(std::size_t bytes) const { on_read_(bytes); }
+  void transfer_write_bytes(std::size_t) const noexcept {}
+  void on_timer() const noexcept {}
+
+  std::function<void(std::size_t)> on_read_;
+};
+using MeteredStream = beast::basic_stream<tcp, asio::any_io_executor, Meter>;
 
 /// A page's WebSocket.
 class Client : public std::enable_shared_from_this<Client> {
  public:
-  Client(beast::tcp_stream stream, Shared* shared)
-      : socket_(std::move(stream)), shared_(*shared), id_(++shared->last_client) {}
+  Client(tcp::socket socket, Shared* shared)
+      : socket_(Meter([this](std::size_t bytes) { count(0, bytes); }), std::move(socket)),
+        shared_(*shared),
+        id_(++shared->last_client) {}
 
   ~Client() {
-    --shared_.connections;
+    --shared_.known;
     if (shared_.clients.erase(id_) > 0) shared_.events->closed(id_);
   }
 
@@ -58,6 +88,7 @@ class Client : public std::enable_shared_from_this<Client> {
     socket_.set_option(websocket::stream_base::timeout{
         kRequestTimeout, std::chrono::seconds(shared_.options.idle_seconds), true});
     socket_.read_message_max(shared_.options.max_message_bytes);
+    socket_.control_callback([this](websocket::frame_type, beast::string_view) { count(1, 0); });
     socket_.async_accept(request, [self = shared_from_this()](ErrorCode error) {
       if (error) return;
       self->shared_.clients[self->id_] = self;
@@ -91,8 +122,10 @@ class Client : public std::enable_shared_from_this<Client> {
       if (error || self->closing_) return;
       if (!self->socket_.got_text())
         return self->close(websocket::close_code::unknown_data, "texts only");
-      if (self->is_flood()) return self->close(websocket::close_code::policy_error, "too fast");
       const auto data = self->buffer_.cdata();
+      self->unexplained_ -= std::min(self->unexplained_, data.size());
+      self->count(1, 0);
+      if (self->floods_) return;
       self->shared_.events->received(self->id_,
                                      {static_cast<const char*>(data.data()), data.size()});
       self->buffer_.consume(self->buffer_.size());
@@ -100,10 +133,22 @@ class Client : public std::enable_shared_from_this<Client> {
     });
   }
 
-  bool is_flood() {
+  /// Counts messages, and bytes that were read; closes the client where they are too many for a
+  /// second. Frames without content are in no message: their bytes remain.
+  void count(int messages, std::size_t bytes) {
     const auto now = std::chrono::steady_clock::now();
-    if (now - second_ >= std::chrono::seconds(1)) second_ = now, received_ = 0;
-    return ++received_ > shared_.options.max_messages_per_second;
+    if (now - second_ >= std::chrono::seconds(1)) second_ = now, received_ = 0, unexplained_ = 0;
+    received_ += messages;
+    unexplained_ += bytes;
+    const ServerOptions& options = shared_.options;
+    const std::size_t most = options.max_message_bytes + kReadAhead +
+                             kHeadBytes * static_cast<std::size_t>(options.max_messages_per_second);
+    if (floods_ || (received_ <= options.max_messages_per_second && unexplained_ <= most)) return;
+    floods_ = true;
+    // Not within the reading that counts.
+    asio::post(socket_.get_executor(), [self = shared_from_this()] {
+      self->close(websocket::close_code::policy_error, "too fast");
+    });
   }
 
   void write() {
@@ -116,31 +161,39 @@ class Client : public std::enable_shared_from_this<Client> {
                         });
   }
 
-  websocket::stream<beast::tcp_stream> socket_;
+  websocket::stream<MeteredStream> socket_;
   Shared& shared_;
   const ClientId id_;
   beast::flat_buffer buffer_;
   std::deque<Message> queue_;  ///< the first is being written
   std::chrono::steady_clock::time_point second_{};
-  int received_ = 0;  ///< messages since second_
-  bool closing_ = false;
+  int received_ = 0;             ///< messages since second_
+  std::size_t unexplained_ = 0;  ///< bytes since second_ that were in no message
+  bool floods_ = false, closing_ = false;
 };
 
 /// A connection until it ends or becomes a Client.
 class Connection : public std::enable_shared_from_this<Connection> {
  public:
   Connection(tcp::socket socket, Shared* shared) : stream_(std::move(socket)), shared_(*shared) {
-    ++shared_.connections;
+    place_ = shared_.strangers.insert(shared_.strangers.end(), this);
   }
   ~Connection() {
-    if (!upgraded_) --shared_.connections;
+    leave_strangers();
+    if (known_ && !upgraded_) --shared_.known;
+  }
+
+  /// Ends the connection.
+  void drop() {
+    leave_strangers();
+    stream_.close();
   }
 
   void read() {
     parser_.emplace();
     parser_->header_limit(kMaxHeaderBytes);
     parser_->body_limit(0);
-    stream_.expires_after(kRequestTimeout);
+    stream_.expires_after(known_ ? kRequestTimeout : kStrangerTimeout);
     http::async_read(stream_, buffer_, *parser_,
                      [self = shared_from_this()](ErrorCode error, std::size_t) {
                        if (!error) self->answer(self->parser_->release());
@@ -156,6 +209,8 @@ class Connection : public std::enable_shared_from_this<Connection> {
     if (!target.valid || !equal_in_constant_time(target.token, shared_.options.token))
       return refuse(request, http::status::not_found,
                     "no such page; redrive view prints the address with its token\n");
+    if (!known_ && !become_known())
+      return refuse(request, http::status::service_unavailable, "too many connections\n");
     const std::string_view origin = view_of(request[http::field::origin]);
     const bool is_socket = target.file == "socket";
     // Browsers name the origin of every WebSocket; a foreign page that guessed the token has none.
@@ -169,13 +224,25 @@ class Connection : public std::enable_shared_from_this<Connection> {
     refuse(request, http::status::not_found, "no such file\n");
   }
 
+  void leave_strangers() {
+    if (place_) shared_.strangers.erase(*std::exchange(place_, std::nullopt));
+  }
+
+  /// Takes a place of those that have shown the token, if there is one.
+  bool become_known() {
+    if (shared_.known >= shared_.options.max_connections) return false;
+    leave_strangers();
+    ++shared_.known;
+    return known_ = true;
+  }
+
   void upgrade(const Request& request) {
     if (!websocket::is_upgrade(request))
       return refuse(request, http::status::upgrade_required, "a WebSocket\n");
     if (static_cast<int>(shared_.clients.size()) >= shared_.options.max_clients)
       return refuse(request, http::status::service_unavailable, "too many viewers\n");
     upgraded_ = true;
-    std::make_shared<Client>(std::move(stream_), &shared_)->start(request);
+    std::make_shared<Client>(stream_.release_socket(), &shared_)->start(request);
   }
 
   void serve(const Request& request, const PageFile& file) {
@@ -228,10 +295,16 @@ class Connection : public std::enable_shared_from_this<Connection> {
 
   beast::tcp_stream stream_;
   Shared& shared_;
-  bool upgraded_ = false;
+  std::optional<std::list<Connection*>::iterator> place_;  ///< among the strangers
+  bool known_ = false, upgraded_ = false;
   beast::flat_buffer buffer_{kMaxHeaderBytes};
   std::optional<http::request_parser<http::empty_body>> parser_;
 };
+
+std::string page_address(std::string host, int port, const std::string& token) {
+  if (host.find(':') != std::string::npos) host = "[" + host + "]";
+  return "http://" + host + ":" + std::to_string(port) + "/" + token + "/";
+}
 
 }  // namespace
 
@@ -249,7 +322,7 @@ struct Server::Impl {
     if (error) throw UsageError("--port", named, "cannot be listened on: " + error.message());
     port = acceptor.local_endpoint().port();
     accept();
-    thread = std::thread([this] { context.run(); });
+    thread = std::thread([this] { run(); });
   }
 
   ~Impl() {
@@ -257,15 +330,38 @@ struct Server::Impl {
     thread.join();
   }
 
+  /// Serves until the context is stopped. What a handler throws, as for want of memory, ends its
+  /// own connection, which it held.
+  void run() {
+    for (;;) try {
+        context.run();
+        return;
+      } catch (const std::exception& error) {
+        std::fprintf(stderr, "redrive: the viewer closed a connection: %s\n", error.what());
+      }
+  }
+
   void accept() {
     acceptor.async_accept([this](ErrorCode error, tcp::socket socket) {
       if (error == asio::error::operation_aborted) return;
-      if (!error && shared.connections < shared.options.max_connections) {
+      if (error) return pause();
+      try {
+        while (shared.strangers.size() >=
+               static_cast<std::size_t>(std::max(1, shared.options.max_strangers)))
+          shared.strangers.front()->drop();
         socket.set_option(tcp::no_delay(true), error);
         std::make_shared<Connection>(std::move(socket), &shared)->read();
+      } catch (const std::exception&) {  // no memory for this one
       }
       accept();
     });
+  }
+
+  /// Accepts again in a while, where there are no descriptors, say. A stranger gives its own.
+  void pause() {
+    if (!shared.strangers.empty()) shared.strangers.front()->drop();
+    retry.expires_after(kAcceptAgain);
+    retry.async_wait([this](ErrorCode) { accept(); });
   }
 
   /// Runs `action` on the client, on the server's thread, if it is still there.
@@ -282,6 +378,7 @@ struct Server::Impl {
   int port = 0;
   asio::io_context context{1};
   tcp::acceptor acceptor{context};
+  asio::steady_timer retry{context};
   std::thread thread;
 };
 
@@ -294,9 +391,14 @@ int Server::port() const { return impl_->port; }
 std::string Server::address() const {
   const ServerOptions& options = impl_->shared.options;
   const bool any = options.listen == "0.0.0.0" || options.listen == "::";
-  std::string host = any ? "127.0.0.1" : options.listen;
-  if (host.find(':') != std::string::npos) host = "[" + host + "]";
-  return "http://" + host + ":" + std::to_string(port()) + "/" + options.token + "/";
+  return page_address(any ? "127.0.0.1" : options.listen, port(), options.token);
+}
+
+std::vector<std::string> Server::outside_addresses() const {
+  std::vector<std::string> addresses;
+  for (const std::string& host : outside_hosts(impl_->shared.options.listen))
+    addresses.push_back(page_address(host, port(), impl_->shared.options.token));
+  return addresses;
 }
 
 void Server::send_text(ClientId client, std::string text) {

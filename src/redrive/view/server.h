@@ -8,6 +8,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <vector>
 
 namespace redrive::view {
 
@@ -25,15 +26,17 @@ struct ServerOptions {
   std::span<const PageFile> page;
   std::size_t max_message_bytes = 4096;  ///< a client that sends more is closed
   int max_clients = 16;                  ///< WebSockets; more are refused
-  int max_connections = 64;              ///< of any kind; more are closed at once
-  int max_messages_per_second = 500;     ///< a client that sends more is closed
-  int max_queued = 16;                   ///< messages to a client that does not read
-  int idle_seconds = 30;                 ///< a client that does not answer pings is closed
+  int max_connections = 64;              ///< that have shown the token; more are refused
+  int max_strangers = 32;                ///< that have not; another one ends the oldest of them
+  int max_messages_per_second = 500;  ///< with pings and pongs; a client that sends more is closed
+  int max_queued = 16;                ///< messages to a client that does not read
+  int idle_seconds = 30;              ///< a client that does not answer pings is closed
 };
 
 using ClientId = std::uint64_t;
 
-/// Called on the server's thread, one call at a time. Must return soon.
+/// Called on the server's thread, one call at a time. Must return soon. What a call throws is
+/// printed and ends its client alone.
 class ServerEvents {
  public:
   virtual ~ServerEvents() = default;
@@ -54,6 +57,8 @@ class Server {
 
   int port() const;
   std::string address() const;  ///< of the page: "http://127.0.0.1:7007/TOKEN/"
+  /// Returns the page's addresses for other machines; none where it listens on loopback alone.
+  std::vector<std::string> outside_addresses() const;
 
   /// Sends a message, from any thread. Nothing happens if the client has gone. A client with
   /// max_queued messages before this one is closed.

@@ -2,10 +2,15 @@
 // The server over loopback: what it serves, what it refuses, and clients that misbehave.
 #include "redrive/view/server.h"
 
+#include <sys/resource.h>
+#include <unistd.h>
+
 #include <array>
 #include <atomic>
 #include <chrono>
+#include <ctime>
 #include <mutex>
+#include <new>
 #include <thread>
 #include <vector>
 
@@ -27,6 +32,7 @@ class EchoEvents : public ServerEvents {
  public:
   void opened(ClientId) override { ++open; }
   void received(ClientId client, std::string_view text) override {
+    if (text == "throw") throw std::bad_alloc();
     ++messages;
     last = client;
     if (server) server.load()->send_text(client, "echo " + std::string(text));
@@ -201,8 +207,91 @@ TEST_F(ServerTest, LimitsClientsAndConnections) {
   EXPECT_THAT(
       LoopbackClient(server_->port()).upgrade("/0123456789abcdef/socket", host_, "http://" + host_),
       StartsWith("HTTP/1.1 503"));
-  const LoopbackClient third(server_->port());
-  EXPECT_TRUE(comes([&] { return get("/0123456789abcdef/").empty(); }));
+  LoopbackClient third(server_->port());
+  EXPECT_THAT(third.get("/0123456789abcdef/", host_), StartsWith("HTTP/1.1 200"));
+  EXPECT_TRUE(comes([&] { return get("/0123456789abcdef/").starts_with("HTTP/1.1 503"); }));
+}
+
+TEST_F(ServerTest, StrangersLockNobodyOut) {
+  std::vector<std::unique_ptr<LoopbackClient>> strangers;
+  for (int i = 0; i < 200; ++i) {
+    strangers.push_back(std::make_unique<LoopbackClient>(server_->port()));
+    strangers.back()->send("GET /");  // and no more
+    if (i % 20 == 19) {
+      EXPECT_THAT(get("/0123456789abcdef/"), StartsWith("HTTP/1.1 200")) << i;
+    }
+  }
+  expect_service();
+}
+
+TEST_F(ServerTest, AHandlerThatThrowsCostsItsClientAlone) {
+  const auto bystander = open_socket();
+  auto client = open_socket();
+  client->send_message("throw");
+  EXPECT_FALSE(client->receive_message());
+  client.reset();
+  EXPECT_TRUE(comes([&] { return events_.open == 1; }));
+  bystander->send_message("x");
+  EXPECT_EQ(bystander->receive_message()->payload, "echo x");
+  expect_service();
+}
+
+TEST_F(ServerTest, PingsAndFramesWithoutContentCount) {
+  options_.max_messages_per_second = 50;
+  start();
+  const auto ends = [](LoopbackClient& client, const std::string& frame) {
+    std::string frames;
+    for (int i = 0; i < 100; ++i) frames += frame;
+    for (int i = 0; i < 1000 && client.send(frames); ++i) {
+    }
+    std::optional<LoopbackClient::Message> message;
+    do message = client.receive_message();
+    while (message && message->opcode != 8);
+    return !client.send(frames) || !client.receive_message();
+  };
+  const std::string mask(4, '\0');
+  auto pings = open_socket(), empty = open_socket();
+  EXPECT_TRUE(ends(*pings, std::string("\x89\x80", 2) + mask));
+  empty->send(std::string("\x01\x80", 2) + mask);  // the first frame of a text that goes on
+  EXPECT_TRUE(ends(*empty, std::string("\x00\x80", 2) + mask));
+  EXPECT_EQ(events_.messages, 0);
+  pings.reset();
+  empty.reset();
+  EXPECT_TRUE(comes([&] { return events_.open == 0; }));
+  expect_service();
+}
+
+TEST_F(ServerTest, WaitsForDescriptors) {
+  rlimit before{};
+  ASSERT_EQ(getrlimit(RLIMIT_NOFILE, &before), 0);
+  auto owner = open_socket();
+  LoopbackClient late(server_->port(), 0, /*connects=*/false);
+  std::vector<int> taken;
+  for (int file = 0; (file = dup(STDERR_FILENO)) >= 0 && file < 200;) taken.push_back(file);
+  rlimit low = before;
+  low.rlim_cur = static_cast<rlim_t>(taken.back());  // not one more
+  ASSERT_EQ(setrlimit(RLIMIT_NOFILE, &low), 0);
+  late.connect();
+  const clock_t start = clock();
+  owner->send_message("x");
+  EXPECT_EQ(owner->receive_message()->payload, "echo x");
+  std::this_thread::sleep_for(std::chrono::seconds(1));
+  EXPECT_LT(static_cast<double>(clock() - start) / CLOCKS_PER_SEC, 0.5) << "it waits, idle";
+  ASSERT_EQ(setrlimit(RLIMIT_NOFILE, &before), 0);
+  for (const int file : taken) close(file);
+  EXPECT_THAT(late.get("/0123456789abcdef/", host_), StartsWith("HTTP/1.1 200"));
+}
+
+TEST_F(ServerTest, NamesItsAddressesForOtherMachines) {
+  EXPECT_TRUE(server_->outside_addresses().empty());
+  options_.listen = "0.0.0.0";
+  start();
+  EXPECT_THAT(server_->address(), StartsWith("http://127.0.0.1:"));
+  for (const std::string& address : server_->outside_addresses()) {
+    EXPECT_THAT(address, AllOf(StartsWith("http://"), Not(HasSubstr("0.0.0.0")),
+                               Not(HasSubstr("127.0.0.1"))));
+    EXPECT_TRUE(address.ends_with(":" + std::to_string(server_->port()) + "/0123456789abcdef/"));
+  }
 }
 
 TEST_F(ServerTest, SaysWhereItCannotListen) {

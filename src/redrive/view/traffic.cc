@@ -17,7 +17,9 @@
 namespace redrive::view {
 namespace {
 
-constexpr double kHandle_m = 1;                         // ahead of the object
+constexpr double kHandle_m = 1;                         // from the object's corners
+constexpr double kHandleMargin = 0.025;                 // of the image's width, from its outline
+constexpr double kNearestTurn_m = 0.2;                  // to the middle, from where a drag turns
 constexpr double kMaxDragged_m = 200;                   // from the camera
 constexpr std::size_t kMaxEdit = kMaxMessageBytes / 2;  // quotes take two bytes in a message
 
@@ -65,23 +67,38 @@ ActorChange change_of(const TrafficEdit& edit, std::int64_t id) {
   return added == edit.added.end() ? ActorChange{} : added->change;
 }
 
-/// Returns where a point goes, in the axes of a plane, that is dragged on this plane by a part of
-/// the image; nothing where that is beyond the horizon.
-std::optional<Eigen::Vector3d> slide(const Placement& placement, const Rigid3d& world_from_plane,
-                                     const Eigen::Vector3d& in_plane, const Eigen::Vector2d& by) {
-  const Rigid3d plane_from_camera =
-      world_from_plane.inverse(Eigen::Isometry) * placement.world_from_camera;
-  const auto pixel =
-      placement.camera.project(plane_from_camera.inverse(Eigen::Isometry) * in_plane);
-  if (!pixel) return std::nullopt;
-  const auto direction = placement.camera.unproject(
-      *pixel + by.cwiseProduct(Eigen::Vector2d(placement.camera.width, placement.camera.height)));
+/// Returns the point of a plane at `height` in its axes that a pixel shows; nothing beyond the
+/// horizon or too far away.
+std::optional<Eigen::Vector3d> on_plane(const Placement& placement, const Rigid3d& plane_from_world,
+                                        double height, const Eigen::Vector2d& pixel) {
+  const auto direction = placement.camera.unproject(pixel);
   if (!direction) return std::nullopt;
+  const Rigid3d plane_from_camera = plane_from_world * placement.world_from_camera;
   const Eigen::Vector3d eye = plane_from_camera.translation(),
                         ray = plane_from_camera.linear() * *direction;
-  const double range_m = (in_plane.z() - eye.z()) / ray.z();
+  const double range_m = (height - eye.z()) / ray.z();
   if (!(range_m > 0 && range_m < kMaxDragged_m)) return std::nullopt;
   return eye + range_m * ray;
+}
+
+std::optional<Eigen::Vector2d> pixel_of(const Placement& placement,
+                                        const Eigen::Vector3d& in_world) {
+  return placement.camera.project(placement.world_from_camera.inverse(Eigen::Isometry) * in_world);
+}
+
+/// Whether a point lies outside of the convex hull of others, by at least `margin`.
+bool is_outside(const Eigen::Vector2d& point, const std::vector<Eigen::Vector2d>& others,
+                double margin) {
+  constexpr int kDirections = 64;
+  for (int i = 0; i < kDirections; ++i) {
+    const double angle_rad = 2 * M_PI * i / kDirections;
+    const Eigen::Vector2d direction(std::cos(angle_rad), std::sin(angle_rad));
+    if (std::ranges::all_of(others, [&](const Eigen::Vector2d& other) {
+          return direction.dot(point - other) >= margin;
+        }))
+      return true;
+  }
+  return false;
 }
 
 }  // namespace
@@ -185,8 +202,31 @@ std::optional<ObjectOnRay> object_on_ray(const Scene& traffic, std::int64_t t_ns
   return nearest;
 }
 
-Eigen::Vector3d handle_in_box(const Eigen::Vector3d& size_m) {
-  return {size_m.x() / 2 + kHandle_m, 0, -size_m.z() / 2};
+std::optional<Eigen::Vector3d> handle_in_box(const Placement& placement,
+                                             const Rigid3d& world_from_box,
+                                             const Eigen::Vector3d& size_m) {
+  const Camera& camera = placement.camera;
+  const double margin = kHandleMargin * camera.width;
+  std::vector<Eigen::Vector2d> outline;
+  for (int corner = 0; corner < 8; ++corner) {
+    const Eigen::Vector3d sides(corner & 1 ? 0.5 : -0.5, corner & 2 ? 0.5 : -0.5,
+                                corner & 4 ? 0.5 : -0.5);
+    if (const auto pixel = pixel_of(placement, world_from_box * sides.cwiseProduct(size_m)))
+      outline.push_back(*pixel);
+  }
+  const double radius_m = size_m.head<2>().norm() / 2 + kHandle_m;
+  for (const double wider : {1.0, 1.5, 2.0})
+    for (const double angle_deg : {0, 45, -45, 90, -90, 135, -135, 180}) {
+      const double angle_rad = kRadiansPerDegree * angle_deg;
+      const Eigen::Vector3d handle(wider * radius_m * std::cos(angle_rad),
+                                   wider * radius_m * std::sin(angle_rad), -size_m.z() / 2);
+      const auto pixel = pixel_of(placement, world_from_box * handle);
+      if (pixel && pixel->x() > margin && pixel->x() < camera.width - margin &&
+          pixel->y() > margin && pixel->y() < camera.height - margin &&
+          is_outside(*pixel, outline, margin))
+        return handle;
+    }
+  return std::nullopt;
 }
 
 nlohmann::json dragged(const DragMessage& drag, const Placement& placement, const Scene& traffic,
@@ -199,20 +239,26 @@ nlohmann::json dragged(const DragMessage& drag, const Placement& placement, cons
   // The box without its change: its axes are those of shift_m, its plane that of the drag.
   const Rigid3d world_from_own =
       *world_from_box * own_motion(change_of(edit, drag.object)).inverse(Eigen::Isometry);
-  ActorChange before;  // when the drag began
-  before.shift_m = drag.shift_m;
-  before.turn_deg = drag.turn_deg;
-  const Eigen::Vector3d handle = handle_in_box(actor->size_m), shift_m(drag.shift_m.data());
-  const Eigen::Vector3d base = shift_m + Eigen::Vector3d(0, 0, handle.z());
-  const Eigen::Vector3d held = drag.turns ? own_motion(before) * handle : base;
-  const auto to = slide(placement, world_from_own, held,
-                        Eigen::Vector2d(drag.to.data()) - Eigen::Vector2d(drag.from.data()));
-  if (!to) return answer;
-  const Eigen::Vector3d by = *to - base;
+  const Rigid3d own_from_world = world_from_own.inverse(Eigen::Isometry);
+  const Eigen::Vector3d shift_m(drag.shift_m.data());
+  const Eigen::Vector3d base = shift_m - Eigen::Vector3d(0, 0, actor->size_m.z() / 2);
+  const Eigen::Vector2d size(placement.camera.width, placement.camera.height);
+  const Eigen::Vector2d from = Eigen::Vector2d(drag.from.data()).cwiseProduct(size),
+                        to = Eigen::Vector2d(drag.to.data()).cwiseProduct(size),
+                        half(0.5, 0.5);  // u, v count from the edge, pixels from their centres
   if (drag.turns) {
-    answer["turn_deg"] = kDegreesPerRadian * std::atan2(by.y(), by.x());
-  } else {
-    const Eigen::Vector3d shifted = shift_m + by;
+    const auto held = on_plane(placement, own_from_world, base.z(), from - half),
+               there = on_plane(placement, own_from_world, base.z(), to - half);
+    if (!held || !there) return answer;
+    const Eigen::Vector2d a = (*held - base).head<2>(), b = (*there - base).head<2>();
+    if (std::min(a.norm(), b.norm()) < kNearestTurn_m) return answer;
+    const double turned_deg =
+        kDegreesPerRadian * std::atan2(a.x() * b.y() - a.y() * b.x(), a.dot(b));
+    answer["turn_deg"] = std::remainder(drag.turn_deg + turned_deg, 360.0);
+  } else if (const auto pixel = pixel_of(placement, world_from_own * base)) {
+    const auto there = on_plane(placement, own_from_world, base.z(), *pixel + to - from);
+    if (!there) return answer;
+    const Eigen::Vector3d shifted = shift_m + *there - base;
     if (shifted.cwiseAbs().maxCoeff() <= kMaxActorShift_m)
       answer["shift_m"] = {shifted.x(), shifted.y(), shift_m.z()};
   }

@@ -62,12 +62,17 @@ std::optional<ObjectOnRay> object_on_ray(const Scene& traffic, std::int64_t t_ns
                                          const Eigen::Vector3d& origin,
                                          const Eigen::Vector3d& direction);
 
-/// Returns the point that turns an object of this size, in its box: ahead of it, on the road.
-Eigen::Vector3d handle_in_box(const Eigen::Vector3d& size_m);
+/// Returns the point that turns an object, in the axes of its box: on the road around it, ahead of
+/// it where that lies outside of its outline in the image, else further around. Nothing where no
+/// such point is in the image.
+std::optional<Eigen::Vector3d> handle_in_box(const Placement& placement,
+                                             const Rigid3d& world_from_box,
+                                             const Eigen::Vector3d& size_m);
 
 /// Returns {"shift_m"}, or {"turn_deg"} where the drag turns: the change of an object that follows
-/// the pointer on the plane under its box, as if it were held there. Without either where it is not
-/// there or the pointer is not on that plane within 200 m. `edit`: the one of `traffic`.
+/// the pointer on the plane under its box, as if it were held there, or as far around it. Without
+/// either where it is not there or the pointer is not on that plane within 200 m. `edit`: the one
+/// of `traffic`.
 nlohmann::json dragged(const DragMessage& drag, const Placement& placement, const Scene& traffic,
                        const TrafficEdit& edit);
 

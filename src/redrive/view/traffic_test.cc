@@ -141,12 +141,36 @@ TEST(Traffic, DrawsABoxAndItsHandle) {
   ASSERT_EQ(lines.size(), 5u);
   EXPECT_EQ(lines[0].label, "CAR 3");
   EXPECT_STREQ(lines[4].kind, "handle");
-  const Eigen::Vector2d tip = lines[4].points.back();  // 1 m ahead of it, at x = 13
-  EXPECT_NEAR(tip.x(), 0.5, kTolerance);
-  EXPECT_NEAR(tip.y(), (50 + 100 * 1.5 / 13) / 100, kTolerance);
   Placement later = placement();
   later.t_ns = 5'000'000'000;
   EXPECT_TRUE(object_lines(later, car(3, 10, 0)).empty());
+}
+
+TEST(Traffic, AHandleLiesOutsideOfTheOutline) {
+  for (const double heading_deg : {0, 45, 90, 180, 225, 300})
+    for (const double x : {7, 10, 30}) {
+      const std::vector<OverlayLine> lines = object_lines(placement(), car(3, x, 0, heading_deg));
+      ASSERT_EQ(lines.size(), 5u) << heading_deg << " degrees, " << x << " m";
+      Eigen::AlignedBox2d outline;  // the hull lies within
+      for (const OverlayLine& line : lines)
+        if (line.kind == std::string("object"))
+          for (const Eigen::Vector2d& point : line.points) outline.extend(point);
+      const Eigen::Vector2d tip = lines[4].points.back();
+      EXPECT_TRUE(tip.minCoeff() > 0 && tip.maxCoeff() < 1);
+      // Above, below or beside all of it, but for headings whose outline is no rectangle.
+      if (heading_deg == 0 || heading_deg == 180) {
+        EXPECT_FALSE(outline.contains(tip)) << heading_deg << " degrees, " << x << " m";
+      }
+    }
+  const auto handle_in_axes = [](const Placement& from) {
+    return *handle_in_box(from, *car(3, 10, 0).world_from_box(0), {4, 2, 1.5});
+  };
+  EXPECT_LT(handle_in_axes(placement()).x(), 4) << "seen from behind it hides what is ahead of it";
+  Placement above = placement();
+  above.world_from_camera.translation() = Vector3d(10, 0, 15);
+  above.world_from_camera.linear() << 0, -1, 0, -1, 0, 0, 0, 0, -1;  // down, ahead is up
+  EXPECT_NEAR(handle_in_axes(above).x(), std::sqrt(5) + 1, kTolerance) << "ahead of it";
+  EXPECT_NEAR(handle_in_axes(above).y(), 0, kTolerance);
 }
 
 std::string refusal(const Scene& scene, const nlohmann::json& edit) {

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <cstdio>
 
 #include <nlohmann/json.hpp>
 
@@ -44,10 +45,14 @@ Value cached(std::list<std::pair<Key, Value>>* entries, const Key& key, std::siz
   throw InputError("message", field, value, rule);
 }
 
+bool is_divided(const Run& run) {
+  return dynamic_cast<const DividedModel*>(run.state.model.get()) != nullptr;
+}
+
 /// Throws UsageError for a drive trained in blocks: some images in a kilometre say nothing of what
 /// was seen, and all of them would load every block.
 void refuse_blocks(const Run& run, const char* what) {
-  if (dynamic_cast<const DividedModel*>(run.state.model.get()))
+  if (is_divided(run))
     throw UsageError(what, "", "is shown of single blocks: redrive view RUN/blocks/000");
 }
 
@@ -148,6 +153,13 @@ nlohmann::json ViewRenderer::describe() const {
                        {"frame", set.request(i).frame_id}});
     novel.push_back({{"set", set.name()}, {"poses", set.poses_file().string()}, {"views", views}});
   }
+  nlohmann::json start;  // the image in the middle of those of the first camera that has some
+  if (!scene.views.empty()) {
+    const int camera = scene.views.front().camera;
+    const auto of_camera = std::ranges::count(scene.views, camera, &View::camera);
+    start = {{"camera", scene.rig[camera].name},
+             {"frame", scene.frames[scene.views[of_camera / 2].frame].id}};
+  }
   return {{"kind", "hello"},
           {"run", has_model() ? run_.paths.root.string() : run_.recording.root.string()},
           {"method", has_model() ? run_.options.method : ""},
@@ -160,8 +172,34 @@ nlohmann::json ViewRenderer::describe() const {
           {"frames", frames},
           {"held_out", held_out},
           {"novel", novel},
+          {"start", start},
+          {"depth", has_model() ? depth_scale() : nlohmann::json()},
           {"objects", objects_to_json(scene)}};
 }
+
+/// Returns {"near_m", "far_m", "colours": ["#rrggbb", ..]}: the layer of depth, in equal steps of
+/// the logarithm.
+nlohmann::json ViewRenderer::depth_scale() const {
+  constexpr int kSteps = 16;
+  RenderedImage ramp;
+  ramp.clear(kSteps + 1, 1);
+  for (int i = 0; i <= kSteps; ++i) {
+    ramp.depth[i] = static_cast<float>(
+        run_.scene.near_m * std::pow(farthest_shown_m() / run_.scene.near_m, 1.0 * i / kSteps));
+    ramp.valid[i] = 1;
+  }
+  const Image8 colours = depth_colours(ramp, run_.scene.near_m, farthest_shown_m());
+  nlohmann::json names = nlohmann::json::array();
+  for (int i = 0; i <= kSteps; ++i) {
+    char name[8];
+    std::snprintf(name, sizeof name, "#%02x%02x%02x", colours.rgb[3 * i], colours.rgb[3 * i + 1],
+                  colours.rgb[3 * i + 2]);
+    names.push_back(name);
+  }
+  return {{"near_m", run_.scene.near_m}, {"far_m", farthest_shown_m()}, {"colours", names}};
+}
+
+double ViewRenderer::farthest_shown_m() const { return std::min(run_.scene.far_m, 100.0); }
 
 std::shared_ptr<const GroundTruthView> ViewRenderer::ground_truth(const NovelView& novel) {
   const auto set = std::ranges::find(novel_, novel.set, &NovelGroundTruth::name);
@@ -309,14 +347,14 @@ Image8 ViewRenderer::colours(const RenderJob& job, Layer layer) {
   if (job.recorded_) return *job.recorded_;
   switch (layer) {
     case Layer::kImage: return to_image8(image);
-    case Layer::kDepth:
-      return depth_colours(image, run_.scene.near_m, std::min(run_.scene.far_m, 100.0));
+    case Layer::kDepth: return depth_colours(image, run_.scene.near_m, farthest_shown_m());
     case Layer::kNormals: return has_model() ? normals_image(image, *job.table_) : to_image8(image);
     case Layer::kOpacity: return opacity_image(image);
     case Layer::kCoverage:
       if (!has_model()) return to_image8(image);
       refuse_blocks(run_, "the coverage");
-      if (!coverage_) coverage_ = std::make_unique<Coverage>(run_, backend_);
+      if (!coverage_) coverage_ = std::make_unique<Coverage>(run_, backend_, /*at_once=*/false);
+      while (!has_coverage_) has_coverage_ = !coverage_->step();
       return coverage_colours(
           image, coverage_->seen(job.strips_.front()->camera, job.placement().poses(), image));
   }
@@ -359,6 +397,21 @@ std::optional<double> ViewRenderer::psnr_db(const ViewRequest& request, const Re
   Image8 masked = *recorded;
   apply_mask(*mask(request), &masked);
   return score_image(backend_, job.image(), masked).psnr_db;
+}
+
+ViewRenderer::Preparation ViewRenderer::prepare_coverage(double seconds) {
+  if (has_coverage_) return Preparation::kReady;
+  if (!has_model() || marches_rays_ || is_divided(run_)) return Preparation::kNever;
+  if (!coverage_) coverage_ = std::make_unique<Coverage>(run_, backend_, /*at_once=*/false);
+  const auto start = std::chrono::steady_clock::now();
+  while (!has_coverage_ &&
+         std::chrono::steady_clock::now() - start < std::chrono::duration<double>(seconds))
+    has_coverage_ = !coverage_->step();
+  return has_coverage_ ? Preparation::kReady : Preparation::kMore;
+}
+
+double ViewRenderer::seen_share(const RenderJob& job) const {
+  return coverage_->seen_share(job.strips_.front()->camera, job.placement().poses(), job.image());
 }
 
 nlohmann::json ViewRenderer::pick(const RenderJob& job, double u, double v,
@@ -406,6 +459,7 @@ nlohmann::json ViewRenderer::pick(const RenderJob& job, double u, double v,
 
 void ViewRenderer::forget_field() {
   coverage_.reset();
+  has_coverage_ = false;
   observers_.reset();
 }
 

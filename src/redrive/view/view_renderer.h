@@ -72,7 +72,8 @@ class ViewRenderer {
   /// novel set is malformed.
   ViewRenderer(const Run& run, kernels::Backend& backend);
 
-  /// Returns {"cameras", "frames", "held_out", "novel", ...}: what a page needs to know.
+  /// Returns {"cameras", "frames", "held_out", "novel", "start": null or {"camera", "frame"}, ...}:
+  /// what a page needs to know.
   nlohmann::json describe() const;
 
   /// `traffic`: has the moving objects. Throws InputError where the run has no such camera, frame
@@ -107,6 +108,14 @@ class ViewRenderer {
   /// reference.
   std::optional<double> psnr_db(const ViewRequest& request, const RenderJob& job);
 
+  /// Prepares seen_share() for some time. Returns whether it can be called; never where it is not
+  /// known: without a model, of a drive in blocks, and of methods whose views take seconds until
+  /// the layer of coverage was shown. InputError as Coverage.
+  enum class Preparation { kMore, kReady, kNever };
+  Preparation prepare_coverage(double seconds);
+  /// Returns the share of the image's pixels whose surface some training image saw, 0 to 1.
+  double seen_share(const RenderJob& job) const;
+
   /// Returns {"pixel", "opacity", "surface", "depth_m", "world_m", "body_m", "ecef_m", "wgs84"} of
   /// the surface at (u, v), 0..1 over the image, and "object", null or the id of the moving object
   /// there that no surface hides.
@@ -132,6 +141,8 @@ class ViewRenderer {
   Exposure exposure_of(const ViewRequest& request, const std::string& camera) const;
   void add_traffic(const Scene& traffic, const RigCamera& camera,
                    std::optional<std::int64_t> frame_ns, Placement* placement) const;
+  nlohmann::json depth_scale() const;
+  double farthest_shown_m() const;  ///< of the layer of depth
   std::optional<std::int64_t> time_of(std::int64_t frame) const;
 
   const Run& run_;
@@ -146,6 +157,7 @@ class ViewRenderer {
   RenderedImage spare_;                        ///< memory of an earlier job
   std::optional<Exclusions> exclusions_;       ///< read for the first mask or score
   std::unique_ptr<Coverage> coverage_;         ///< made for the first coverage
+  bool has_coverage_ = false;                  ///< of all its views
   std::unique_ptr<PointObservers> observers_;  ///< made for the first search
 };
 

@@ -28,7 +28,8 @@ constexpr std::chrono::seconds kBusy{1};         ///< a client counts as busy af
 constexpr std::uint64_t kMostUnshown = 2;        ///< images on their way to a page
 constexpr std::size_t kRevolutionsAtOnce = 20;   ///< the cloud grows by so many in the page
 constexpr std::size_t kMostPathMessages = 16;    ///< that wait
-constexpr int kSmallestSide = 64;                ///< pixels of the smallest image
+constexpr std::size_t kMostWaitingBytes = 4 * kMaxMessageBytes;  ///< of a page, not yet parsed
+constexpr int kSmallestSide = 64;                                ///< pixels of the smallest image
 constexpr int kQuality = 92;
 
 /// Returns the factor beyond which an image shows nothing.
@@ -72,39 +73,31 @@ void Viewer::opened(ClientId id) {
 }
 
 void Viewer::received(ClientId id, std::string_view text) {
-  std::optional<ClientMessage> message;
-  try {
-    message = parse_client_message(text);
-  } catch (const InputError& error) {
-    const std::lock_guard lock(mutex_);
-    if (server_) server_->close(id, error.what());
-    return;
-  }
   const std::lock_guard lock(mutex_);
   const auto found = clients_.find(id);
   if (found == clients_.end()) return;
   Inbox& inbox = found->second->inbox;
-  if (auto* const view = std::get_if<ViewRequest>(&*message)) {
-    inbox.view = std::move(*view);
-    inbox.arrived = Clock::now();
-  } else if (const auto* const pick = std::get_if<Pick>(&*message)) {
-    inbox.pick = *pick;
-  } else if (auto* const edit = std::get_if<EditMessage>(&*message)) {
-    inbox.edit = std::move(*edit);
-  } else if (const auto* const drag = std::get_if<DragMessage>(&*message)) {
-    inbox.drag = *drag;
-  } else if (const auto* const train = std::get_if<TrainCommand>(&*message)) {
-    paused_ = train->paused;
-  } else if (!std::holds_alternative<Shown>(*message)) {
-    if (inbox.paths.size() < kMostPathMessages)
-      inbox.paths.push_back(std::move(*message));
-    else if (server_)
-      server_->close(id, "too many paths at once");
-  } else {
-    inbox.shown = std::max(inbox.shown, std::get<Shown>(*message).sequence);
+  inbox.bytes += text.size() + sizeof(Inbox::Text);
+  if (inbox.bytes > kMostWaitingBytes) {
+    if (server_) server_->close(id, "sends more than can be answered");
+    return;
   }
+  inbox.texts.push_back({std::string(text), Clock::now()});
   has_news_ = true;
   wake_.notify_one();
+}
+
+/// Parses what came from a client. A text that is none of the messages ends it.
+void Viewer::take_texts(ClientId id, Client& client, Inbox inbox) {
+  for (Inbox::Text& text : inbox.texts) {
+    ClientMessage message = parse_client_message(text.text);
+    if (const auto* const train = std::get_if<TrainCommand>(&message))
+      paused_ = train->paused;
+    else
+      client.take(std::move(message), text.arrived);
+    if (client.path_messages.size() > kMostPathMessages)
+      return server_->close(id, "too many paths at once");
+  }
 }
 
 void Viewer::closed(ClientId id) {
@@ -117,13 +110,16 @@ void Viewer::show(std::shared_ptr<const Run> run) {
   // What throws does so before anything changes.
   ViewRenderer renderer(*run, backend_);
   Overlay overlay(*run);
+  DriveMap map(run->scene);
   nlohmann::json described = renderer.describe();
+  described["map"] = map.frames();
   described["edit"] = nullptr;
   if (parsed_first_edit_)
     described["edit"] = {{"text", first_edit_.text}, {"file", first_edit_.saved_as}};
   std::string hello = text_message(described);
   renderer_.emplace(std::move(renderer));
   overlay_.emplace(std::move(overlay));
+  map_.emplace(std::move(map));
   hello_ = std::move(hello);
   const std::lock_guard lock(mutex_);
   for (const auto& [id, client] : clients_) client->begin_again();
@@ -134,8 +130,9 @@ void Viewer::show(std::shared_ptr<const Run> run) {
 /// Shows a newer checkpoint to all pages, or says why there is none.
 void Viewer::look_at_run() {
   if (!look_ || Clock::now() < look_at_) return;
-  RunNews news = look_();
+  RunNews news;
   try {
+    news = look_();
     if (news.run) show(std::move(news.run));
   } catch (const std::exception& error) {
     news = {nullptr, error.what()};
@@ -156,26 +153,34 @@ void Viewer::serve(Server& server, const std::atomic<bool>& stop) {
 
 bool Viewer::work(bool waits) {
   look_at_run();
-  std::vector<std::pair<ClientId, std::shared_ptr<Client>>> turn;
+  struct Turn {
+    ClientId id;
+    std::shared_ptr<Client> client;
+    Inbox inbox;
+  };
+  std::vector<Turn> turn;
   {
     const std::lock_guard lock(mutex_);
     has_news_ = false;
-    for (const auto& [id, client] : clients_) {
-      client->take_news();
-      turn.emplace_back(id, client);
-    }
+    for (const auto& [id, client] : clients_)
+      turn.push_back({id, client, std::exchange(client->inbox, {})});
   }
   // The clients after the one that was served last come first.
   std::rotate(
       turn.begin(),
-      std::ranges::find_if(turn, [&](const auto& entry) { return entry.first > last_served_; }),
+      std::ranges::find_if(turn, [&](const Turn& entry) { return entry.id > last_served_; }),
       turn.end());
   Clock::time_point wake_at = Clock::now() + std::chrono::milliseconds(100);
-  for (auto& [id, client] : turn) {
-    if (!work(id, *client, &wake_at)) continue;
-    last_served_ = id;
-    return true;
-  }
+  bool worked = false;
+  for (Turn& entry : turn) try {
+      take_texts(entry.id, *entry.client, std::move(entry.inbox));
+      if (worked || !work(entry.id, *entry.client, &wake_at)) continue;
+      last_served_ = entry.id;
+      worked = true;
+    } catch (const std::exception& error) {  // costs the page, and no training
+      server_->close(entry.id, error.what());
+    }
+  if (worked) return true;
   if (!waits) return false;
   std::unique_lock lock(mutex_);
   wake_.wait_until(lock, wake_at, [this] { return has_news_; });
@@ -248,6 +253,7 @@ bool Viewer::work(ClientId id, Client& client, Clock::time_point* wake_at) {
               {"trains", training_->trains},
               {"paused", training_->paused},
               {"step", training_->step},
+              {"steps", training_->steps},
               {"seconds", training_->seconds}});
     return true;
   }
@@ -274,17 +280,14 @@ bool Viewer::work_on_image(ClientId id, Client& client, Clock::time_point* wake_
       if (client.sent - client.shown >= kMostUnshown) return false;
       const Clock::time_point rests_at = client.arrived + kRest;
       const bool complete = client.sent_factor == 1;
-      const bool scores = client.view->reference && !client.scored;
+      const bool scores = renderer_->has_model() && !client.scored;
       if (complete && !scores && !client.view->overlays.cloud) return false;
       if (client.sent_factor != 0 && Clock::now() < rests_at) {
         *wake_at = std::min(*wake_at, rests_at);
         return false;
       }
       if (complete && !scores) return more_of_the_cloud(id, client);
-      if (complete) {
-        send_score(id, client);
-        return true;
-      }
+      if (complete) return send_score(id, client);
       begin(client);
     }
     if (client.job->step()) finish(id, client);
@@ -367,6 +370,9 @@ void Viewer::finish(ClientId id, Client& client) {
   std::string points, masked, trouble;
   nlohmann::json lines = nlohmann::json::array();
   try {
+    if (!renderer_->has_model() && view.is_driven() && !renderer_->reference(view))
+      trouble = "the recording has no image of " + view.camera + " at frame " +
+                std::to_string(view.frame);
     points = overlay_->points(job, view.overlays);
     std::vector<OverlayLine> drawn = overlay_->lines(placement, view.overlays);
     const Scene& traffic = traffic_of(client);
@@ -395,6 +401,9 @@ void Viewer::finish(ClientId id, Client& client) {
                {"factor", job.factor()},
                {"render_ms", rounded(1e3 * job.seconds(), 0.1)},
                {"total_ms", rounded(1e3 * seconds_between(client.job_arrived, Clock::now()), 0.1)},
+               {"at", map_->place(placement.world_from_camera)},
+               {"beside",
+                map_->beside(placement.camera_name, placement.world_from_camera.translation())},
                {"lines", lines},
                {"trouble", trouble},
                {"jpeg", jpeg.size()},
@@ -432,16 +441,27 @@ void Viewer::send_reference(ClientId id, Client& client, const ViewRequest& view
   send(id, {{"kind", "no_reference"}, {"key", key}, {"text", why}});
 }
 
-void Viewer::send_score(ClientId id, Client& client) {
-  client.scored = true;
-  if (!client.last || !(client.view->is_driven() || client.view->novel)) return;
-  std::optional<double> psnr_db;
+/// Sends what is known of the image that rests: its PSNR where it was recorded, else what of it
+/// training images saw. Returns false where that is not known.
+bool Viewer::send_score(ClientId id, Client& client) {
+  std::optional<double> psnr_db, seen;
   try {
-    psnr_db = renderer_->psnr_db(*client.view, *client.last);
-  } catch (const InputError&) {  // the page was told with the reference
+    if (client.last && (client.view->is_driven() || client.view->novel)) {
+      psnr_db = renderer_->psnr_db(*client.view, *client.last);
+    } else if (client.last && !(training_ && training_->trains)) {
+      const auto prepared = renderer_->prepare_coverage(kSearch_s);
+      if (prepared == ViewRenderer::Preparation::kMore) return true;
+      if (prepared == ViewRenderer::Preparation::kReady) seen = renderer_->seen_share(*client.last);
+    }
+  } catch (const InputError&) {  // an image or a mask is gone; the page is told where it shows them
   }
-  if (psnr_db)
-    send(id, {{"kind", "score"}, {"id", client.view->id}, {"psnr_db", rounded(*psnr_db, 0.01)}});
+  client.scored = true;
+  if (!psnr_db && !seen) return false;
+  send(id, {{"kind", "score"},
+            {"id", client.view->id},
+            {"psnr_db", psnr_db ? nlohmann::json(rounded(*psnr_db, 0.01)) : nlohmann::json()},
+            {"seen", seen ? nlohmann::json(rounded(*seen, 1e-3)) : nlohmann::json()}});
+  return true;
 }
 
 bool Viewer::has_clients() const {

@@ -18,6 +18,7 @@
 
 #include <nlohmann/json_fwd.hpp>
 
+#include "redrive/view/drive_map.h"
 #include "redrive/view/messages.h"
 #include "redrive/view/overlay.h"
 #include "redrive/view/pace.h"
@@ -35,6 +36,7 @@ struct Training {
   std::int64_t step = 0;
   double seconds = 0;  ///< of training
   bool paused = false;
+  std::int64_t steps = 0;  ///< when it ends at the latest; 0: not known
   bool operator==(const Training&) const = default;
 };
 
@@ -55,6 +57,7 @@ class Viewer : public ServerEvents {
 
   /// What serve() does, piece by piece, for LiveView: use() first. Does one piece of work, at most
   /// an image or a strip of it. Returns whether there was one; with `waits` it waits 0.1 s for it.
+  /// What goes wrong for a page closes the page; nothing is thrown.
   bool work(bool waits);
   void use(Server& server);
 
@@ -77,6 +80,7 @@ class Viewer : public ServerEvents {
   void read_curve();
   void show(std::shared_ptr<const Run> run);
   void look_at_run();
+  void take_texts(ClientId id, Client& client, Inbox inbox);
   bool work(ClientId id, Client& client, Clock::time_point* wake_at);
   bool work_on_image(ClientId id, Client& client, Clock::time_point* wake_at);
   bool search_on(ClientId id, Client& client);
@@ -91,13 +95,14 @@ class Viewer : public ServerEvents {
   bool more_of_the_cloud(ClientId id, Client& client);
   void finish(ClientId id, Client& client);
   void send_reference(ClientId id, Client& client, const ViewRequest& view);
-  void send_score(ClientId id, Client& client);
+  bool send_score(ClientId id, Client& client);
   int busy_clients() const;
 
   kernels::Backend& backend_;
   std::shared_ptr<const Run> run_;
-  std::optional<ViewRenderer> renderer_;  ///< of run_, as are the next two
+  std::optional<ViewRenderer> renderer_;  ///< of run_, as are the next three
   std::optional<Overlay> overlay_;
+  std::optional<DriveMap> map_;
   std::string hello_;
   const FirstEdit first_edit_;
   std::shared_ptr<const TrafficEdit> parsed_first_edit_;  ///< null: none

@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <cstdint>
-#include <iterator>
 #include <memory>
 #include <optional>
 #include <string>
@@ -15,15 +14,14 @@
 
 namespace redrive::view {
 
-/// What came from a page since it was looked at; guarded by mutex_.
+/// What came from a page since it was looked at, not yet parsed; guarded by mutex_.
 struct Viewer::Inbox {
-  std::optional<ViewRequest> view;
-  Clock::time_point arrived{};
-  std::optional<Pick> pick;
-  std::uint64_t shown = 0;  ///< number of the last image that the page drew
-  std::optional<EditMessage> edit;
-  std::optional<DragMessage> drag;
-  std::vector<ClientMessage> paths;  ///< PathMessage and LoadPath
+  struct Text {
+    std::string text;
+    Clock::time_point arrived;
+  };
+  std::vector<Text> texts;
+  std::size_t bytes = 0;  ///< of the texts, and of their places
 };
 
 /// A page. All but the inbox is serve()'s alone.
@@ -70,21 +68,25 @@ struct Viewer::Client {
     traffic = nullptr;
   }
 
-  void take_news() {
-    if (inbox.view) {
-      view = std::exchange(inbox.view, std::nullopt);
-      arrived = inbox.arrived;
+  /// Takes a message; the later one of a kind takes the earlier one's place.
+  void take(ClientMessage message, Clock::time_point at) {
+    if (auto* const request = std::get_if<ViewRequest>(&message)) {
+      view = std::move(*request);
+      arrived = at;
       failed = scored = false;
       sent_factor = 0;
       if (job_refines) job.reset();
+    } else if (const auto* const picks = std::get_if<Pick>(&message)) {
+      pick = *picks;
+    } else if (auto* const edits = std::get_if<EditMessage>(&message)) {
+      edit_message = std::move(*edits);
+    } else if (const auto* const drags = std::get_if<DragMessage>(&message)) {
+      drag = *drags;
+    } else if (const auto* const drawn = std::get_if<Shown>(&message)) {
+      shown = std::min(std::max(shown, drawn->sequence), sent);
+    } else {
+      path_messages.push_back(std::move(message));
     }
-    std::ranges::move(inbox.paths, std::back_inserter(path_messages));
-    inbox.paths.clear();
-    if (inbox.pick) pick = std::exchange(inbox.pick, std::nullopt);
-    if (inbox.edit) edit_message = std::exchange(inbox.edit, std::nullopt);
-    if (inbox.drag) drag = inbox.drag;
-    inbox.drag.reset();
-    shown = std::min(inbox.shown, sent);
   }
 };
 

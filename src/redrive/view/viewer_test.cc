@@ -102,6 +102,40 @@ TEST_F(ViewerTest, SendsTheRecordedImageAndTheScore) {
   EXPECT_EQ(full_image(*client, 3).header["frame"], 11);
 }
 
+TEST_F(ViewerTest, SaysHowFarBesideTheDriveACameraIs) {
+  const auto client = connect();
+  client->send_message(view(1).dump());
+  EXPECT_NEAR(full_image(*client, 1).header["beside"].get<double>(), 0, 1e-6);
+  nlohmann::json request = view(2);
+  request["shift_m"] = {0, 2, 0};
+  client->send_message(request.dump());
+  EXPECT_NEAR(full_image(*client, 2).header["beside"].get<double>(), 2, 0.1);  // it curves
+}
+
+TEST_F(ViewerTest, ParsesWhereImagesAreMade) {
+  Viewer idle(std::shared_ptr<const redrive::Run>(&run_, [](auto*) {}), backend_);
+  ServerOptions options;
+  options.token = "t";
+  Server server(options, &idle);
+  idle.use(server);
+  auto client = std::make_unique<LoopbackClient>(server.port());
+  const std::string host = "127.0.0.1:" + std::to_string(server.port());
+  client->upgrade("/t/socket", host, "http://" + host);
+  client->send_message(R"({"type": "train", "paused": true})");
+  client->send_message("no JSON");
+  std::this_thread::sleep_for(std::chrono::milliseconds(200));
+  EXPECT_FALSE(idle.paused()) << "the server's thread only keeps texts";
+  for (int i = 0; i < 100 && !idle.paused(); ++i) idle.work(/*waits=*/true);
+  EXPECT_TRUE(idle.paused());
+  std::optional<LoopbackClient::Message> message;
+  do message = client->receive_message();
+  while (message && message->opcode != 8);  // it is closed, or there is a time limit
+  client.reset();
+  for (int i = 0; i < 100 && idle.has_clients(); ++i) idle.work(/*waits=*/true);
+  EXPECT_FALSE(idle.has_clients());
+  EXPECT_FALSE(idle.paused()) << "nobody is left who could let training go on";
+}
+
 TEST_F(ViewerTest, FindsThePointOfAPixel) {
   const auto client = connect();
   client->send_message(view(1).dump());

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The panel: shows the state and changes it.
-import {poseOf} from "./motion";
+import {lengthUnit, poseOf} from "./motion";
 import {cameraOf, mountAt, MountPanel, usualLens} from "./mount";
+import {rememberClosedParts, saveImage, toggleFullScreen} from "./panels";
 import type {Hello, Picked, SeenBy} from "./protocol";
 import {
   compares, isDriven, layers, moves, overlays, setMove, toCommand, type Compare, type Layer,
@@ -14,10 +15,15 @@ export function element<T extends HTMLElement>(id: string): T {
   return found as T;
 }
 
+/** Whether the panel stands under the image. */
+export function isNarrow(): boolean {
+  return matchMedia("(max-width: 800px)").matches && !document.fullscreenElement;
+}
+
 const sliders: Record<Move, {label: string; range: number; step: number}> = {
-  left: {label: "left, m", range: 5, step: 0.05},
-  forward: {label: "forward, m", range: 5, step: 0.05},
-  up: {label: "up, m", range: 5, step: 0.05},
+  left: {label: "left", range: 5, step: 0.05},
+  forward: {label: "forward", range: 5, step: 0.05},
+  up: {label: "up", range: 5, step: 0.05},
   yaw: {label: "yaw, °", range: 180, step: 0.5},
   pitch: {label: "pitch, °", range: 89, step: 0.5},
 };
@@ -54,6 +60,7 @@ export class Controls {
     private readonly changed: () => void,
   ) {
     this.showStep();
+    if (!hello.metric) this.speakOfPhotographs();
     if (!hello.method)
       for (const id of ["compare", "layer", "exposure", "orbit", "copy"])
         element<HTMLInputElement>(id).disabled = true;
@@ -62,7 +69,7 @@ export class Controls {
         const made = option(name, name);
         made.title = model;
         return made;
-      }), ...(hello.method ? [option(ownMount, "own mount")] : []));
+      }), ...(hello.method ? [option(ownMount, this.mountName())] : []));
     this.mount = new MountPanel(element("mount-fields"), hello, (mount) => {
       state.mount = mount;
       this.changed();
@@ -113,6 +120,28 @@ export class Controls {
       element(id).addEventListener("click", () => void this.copy(id, text()));
     copy("copy", () => toCommand(state, hello));
     copy("copy-address", () => location.href);
+    element("save-image").addEventListener("click", () =>
+      saveImage(`${state.camera.replace(/[^\w.-]+/g, "_")}-${state.frame}.png`));
+    element("full").addEventListener("click", () => toggleFullScreen());
+    rememberClosedParts();
+  }
+
+  /** Photographs have no car, and their lengths no unit. */
+  private speakOfPhotographs(): void {
+    const name = (id: string, text: string) => {
+      const summary = element(id).querySelector("summary");
+      if (summary) summary.textContent = text;
+    };
+    name("leave-part", "Leave the photographs");
+    name("mount", "Own camera");
+    element("mount-here").textContent = "Move the camera to this view";
+    element("help-home").textContent = "back to the photograph";
+    element("help-mount").textContent = "own camera, where the view is";
+    element("frame").ariaLabel = "Photograph";
+  }
+
+  private mountName(): string {
+    return this.hello.metric ? "own mount" : "own camera";
   }
 
   /** Shows the run and its step, which was loaded at some time. */
@@ -178,7 +207,8 @@ export class Controls {
     if (state.mount) this.mount.show(state.mount);
     set("frame", String(index));
     element("frame-label").textContent =
-      `${state.frame} · ${hello.metric ? `${hello.frames[index].t_s.toFixed(2)} s` : index + 1}`;
+      hello.metric ? `${state.frame} · ${hello.frames[index].t_s.toFixed(2)} s`
+        : `${index + 1} of ${hello.frames.length}`;
     set("truth", this.truthValue());
     set("compare", state.compare);
     set("share", String(state.share));
@@ -208,7 +238,7 @@ export class Controls {
     const three = (v: number[], digits = 3) => v.map((x) => x.toFixed(digits)).join(", ") + unit;
     const rows: [string, string][] = [
       ["depth", `${picked.depth_m?.toFixed(3)}${unit} along the ray`],
-      ["body", three(picked.body_m)],
+      [this.hello.metric ? "body" : "camera", three(picked.body_m)],
       ["world", three(picked.world_m)],
     ];
     if (picked.ecef_m) rows.push(["ECEF", three(picked.ecef_m)]);
@@ -305,7 +335,10 @@ export class Controls {
 
   private makeSliders(): void {
     for (const move of moves) {
-      const {label, range, step} = sliders[move];
+      const isLength = move !== "yaw" && move !== "pitch";
+      const unit = isLength ? lengthUnit(this.hello) : 1;
+      const label = sliders[move].label + (isLength && this.hello.metric ? ", m" : "");
+      const [range, step] = [sliders[move].range * unit, sliders[move].step * unit];
       const row = document.createElement("label");
       row.append(label);
       const input = (type: string) => {

@@ -1,12 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
 // Free flight and orbit: changes of the shift and the angles that `redrive render` takes.
-import type {CameraInfo} from "./protocol";
+import {extentOf} from "./map";
+import type {CameraInfo, Hello} from "./protocol";
 import {setMove, type State} from "./state";
 
 type Vector = [number, number, number];
 type Matrix = [Vector, Vector, Vector]; // rows
 
 const radians = Math.PI / 180;
+
+/** What is moved by as a metre: a metre, or of photographs a part of how far they lie apart. */
+export function lengthUnit(hello: Hello): number {
+  if (hello.metric) return 1;
+  return Number((extentOf(hello.map) / 10).toPrecision(1));
+}
 
 function multiply(a: Matrix, b: Matrix): Matrix {
   const row = (i: number): Vector => [0, 1, 2].map((k) => dot(a[i], column(b, k))) as Vector;
@@ -84,4 +91,55 @@ export function turn(
     transpose(before), [about[0] - at[0], about[1] - at[1], about[2] - at[2]]);
   const turned = apply(after, inCamera);
   setPosition(camera, state, [about[0] - turned[0], about[1] - turned[1], about[2] - turned[2]]);
+}
+
+/** What an orbit is about. */
+export interface Orbit {
+  point: number[]; // in the body
+  least: number; // height of the camera in the body, above the ground
+  unit: number; // lengthUnit
+}
+
+// In units of lengths:
+const reach = 15; // of an orbit: what lies further away is circled at this distance
+const clearance = 0.3; // of the camera above the point
+const [nearest, farthest] = [1, 60]; // from the point
+
+function distance(a: number[], b: number[]): number {
+  return Math.hypot(...a.map((x, k) => x - b[k]));
+}
+
+/** Begins an orbit about a surface in the middle of the image, or about a place before it where
+ * that is far away, or nothing. */
+export function orbitAbout(
+  camera: CameraInfo, state: State, surface: number[] | null, hello: Hello,
+): Orbit {
+  const unit = lengthUnit(hello);
+  const at = position(camera, state);
+  const ahead = column(rotation(camera, state.yaw, state.pitch), 2);
+  const away = surface ? Math.min(reach * unit, distance(surface, at)) : reach * unit;
+  const point = at.map((x, k) => x + away * ahead[k]);
+  // The camera is above the ground now, and so is every surface.
+  const least = Math.min(at[2], point[2] + clearance);
+  return {point, unit, least: hello.metric ? least : -Infinity}; // photographs have no up
+}
+
+/** Turns about an orbit's point, and stays above the ground. */
+export function turnAbout(
+  camera: CameraInfo, state: State, yaw_deg: number, pitch_deg: number, orbit: Orbit,
+): void {
+  const before = {...state};
+  turn(camera, state, yaw_deg, pitch_deg, orbit.point);
+  if (position(camera, state)[2] >= orbit.least) return;
+  Object.assign(state, before);
+  turn(camera, state, yaw_deg, 0, orbit.point);
+}
+
+/** Moves ahead as far as the camera stays near an orbit's point. */
+export function approach(camera: CameraInfo, state: State, ahead: number, orbit: Orbit): void {
+  const away = distance(orbit.point, position(camera, state));
+  const kept = Math.min(farthest * orbit.unit, Math.max(nearest * orbit.unit, away - ahead));
+  const before = {...state};
+  fly(camera, state, 0, away - kept, 0);
+  if (position(camera, state)[2] < orbit.least) Object.assign(state, before);
 }

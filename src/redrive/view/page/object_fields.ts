@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The fields of the selected object's change.
+import {element} from "./controls";
 import type {Change, Three} from "./edit";
 import type {ObjectInfo} from "./protocol";
 
@@ -19,10 +20,9 @@ type Name = keyof typeof numbers;
 
 export class ObjectFields {
   private readonly inputs = {} as Record<Name, HTMLInputElement>;
-  private readonly removed = document.createElement("input");
+  private readonly removed = element<HTMLInputElement>("object-removed");
   private readonly body = document.createElement("select");
   private file: {file: string} | undefined; // of a body that is among the choices
-  private readonly title = document.createElement("p");
 
   /** `changed` gets the fields of a change that were set; `done`: and will not be for a while. */
   constructor(
@@ -37,15 +37,12 @@ export class ObjectFields {
       const {value} = this.body;
       changed({body: value === "" ? undefined : value === "file" ? this.file : Number(value)}, true);
     });
-    this.removed.type = "checkbox";
-    this.removed.id = "object-removed";
     this.removed.addEventListener("change", () => changed({remove: this.removed.checked}, true));
     const row = (text: string, input: HTMLElement) => {
       const made = document.createElement("label");
       made.append(text, input);
       return made;
     };
-    place.append(this.title);
     for (const [name, {label, step}] of Object.entries(numbers) as [Name, {
       label: string; step: number;
     }][]) {
@@ -56,14 +53,13 @@ export class ObjectFields {
       for (const event of ["input", "change"])
         input.addEventListener(event, () => this.read(name, event === "change"));
       place.append(row(label, input));
-      if (name === "speed") place.append(row("removed", this.removed)); // the third of its line
     }
     place.append(row("body of", this.body));
   }
 
   /** Shows a change; a field that is being edited keeps its text. */
-  show(id: number, change: Change): void {
-    this.title.textContent = `Object ${id}` + (change.track?.length ? ", on another track" : "");
+  show(name: string, change: Change): void {
+    element("object-title").textContent = name + (change.track?.length ? ", on another track" : "");
     for (const [name, {at}] of Object.entries(numbers) as [Name, {
       at: (change: Change) => number | undefined;
     }][]) {

@@ -37,6 +37,9 @@ export interface Hello {
   frames: {id: number; t_s: number}[];
   held_out: number[];
   novel: NovelSet[];
+  start: {camera: string; frame: number} | null; // an image to begin with
+  map: [number, number][]; // places of the frames from above; y is left of x
+  depth: {near_m: number; far_m: number; colours: string[]} | null; // of the layer of depth
   objects: ObjectInfo[];
   // Changes to moving objects that pages begin with; no file has them where its name is empty.
   edit: {text: string; file: string} | null;
@@ -64,6 +67,7 @@ export interface Training {
   trains: boolean; // false: it has ended
   paused: boolean;
   step: number;
+  steps: number; // when it ends at the latest; 0: not known
   seconds: number;
 }
 
@@ -119,6 +123,8 @@ export interface ImageHeader {
   factor: number;
   render_ms: number;
   total_ms: number;
+  at: [number, number, number, number]; // the camera's place on the map and its direction there
+  beside: number; // from where the camera was driven
   lines: Line[];
   trouble: string; // what of the overlays could not be read
   jpeg: number;
@@ -165,7 +171,8 @@ export type Text =
   | SeenBy
   | Training
   | Curve
-  | {kind: "score"; id: number; psnr_db: number}
+  // PSNR against the recorded image, or the share of pixels that training images saw
+  | {kind: "score"; id: number; psnr_db: number | null; seen: number | null}
   | {kind: "no_reference"; key: string; text: string}
   | {kind: "problem"; text: string} // of the run; empty: none
   | {kind: "error"; id: number; text: string};

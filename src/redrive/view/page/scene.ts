@@ -47,7 +47,8 @@ class ScenePage {
   });
   private playing = false;
   private last = 0;
-  ready = false;
+  private loaded = false; // the Gaussians are read
+  ready = false; // and drawn
 
   constructor() {
     this.camera = new PerspectiveCamera(this.data.fov, 1, 0.1, 10000);
@@ -75,10 +76,7 @@ class ScenePage {
     splats.remove();
     this.scene.add(mesh);
     mesh.initialized.then(
-      () => {
-        element("notice").hidden = true;
-        this.ready = true;
-      },
+      () => (this.loaded = true),
       (error: unknown) => (element("notice").textContent = `The scene cannot be read: ${error}`));
     this.renderer.setAnimationLoop((now) => this.frame(now));
   }
@@ -116,6 +114,19 @@ class ScenePage {
       this.camera.updateProjectionMatrix();
     }
     this.renderer.render(this.scene, this.camera);
+    if (this.loaded && !this.ready && this.drawsSomething()) {
+      element("notice").hidden = true;
+      this.ready = true;
+    }
+  }
+
+  /** Whether some pixel is not that of the background: Gaussians come once they are sorted. */
+  private drawsSomething(): boolean {
+    const gl = this.renderer.getContext();
+    const pixels = new Uint32Array(gl.drawingBufferWidth * gl.drawingBufferHeight);
+    gl.readPixels(0, 0, gl.drawingBufferWidth, gl.drawingBufferHeight, gl.RGBA, gl.UNSIGNED_BYTE,
+      new Uint8Array(pixels.buffer));
+    return pixels.some((pixel) => pixel !== pixels[0]);
   }
 
   private play(on: boolean): void {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Draws the rendering, the recorded image and what lies over them on one canvas.
-import type {ImageHeader, Picture, ReferenceHeader} from "./protocol";
+import type {ImageHeader, Line, Picture, ReferenceHeader} from "./protocol";
 import {isDriven, type State} from "./state";
 
 interface Rect {
@@ -15,12 +15,20 @@ export interface Mark {
   v: number;
 }
 
+/** A rectangle in pixels of the page, from the canvas's corner. */
+export interface Outline {
+  left: number;
+  top: number;
+  right: number;
+  bottom: number;
+}
+
 const colours = {
   trajectory: "#ffd23f", frustum: "#4fd1ff", box: "#ff6ad5", object: "#7dff6a", handle: "#7dff6a",
 };
 
 /** Colours of the LiDAR points: red near, blue far. */
-const levels = Array.from({length: 256}, (_, i) => `hsl(${(i * 240) / 255} 100% 55%)`);
+export const lidarLevels = Array.from({length: 256}, (_, i) => `hsl(${(i * 240) / 255} 100% 55%)`);
 
 export class Stage {
   image: Picture<ImageHeader> | null = null;
@@ -28,9 +36,14 @@ export class Stage {
   marks: Mark[] = [];
   maskedShare = 0; // of the pixels of the image that is shown
   private masked: {of: Picture<ImageHeader>; shape: OffscreenCanvas | null} | null = null;
+  handleAt: Mark | null = null; // where the handle is while it is dragged
   private rendering: Rect = {x: 0, y: 0, width: 1, height: 1}; // in pixels of the canvas
 
-  constructor(private readonly canvas: HTMLCanvasElement) {}
+  /** `room`: the largest size that the canvas may have, in pixels of the page. */
+  constructor(
+    private readonly canvas: HTMLCanvasElement,
+    private readonly room: () => {width: number; height: number},
+  ) {}
 
   /** Returns where in the rendering a position of the pointer lies, if it does. */
   at(clientX: number, clientY: number): Mark | null {
@@ -40,6 +53,14 @@ export class Stage {
     const u = ((clientX - box.left) * scale - x) / width;
     const v = ((clientY - box.top) * scale - y) / height;
     return u >= 0 && u < 1 && v >= 0 && v < 1 ? {u, v} : null;
+  }
+
+  /** Where in the rendering a position of the pointer lies, from 0 at the left to 1. */
+  across(clientX: number): number {
+    const box = this.canvas.getBoundingClientRect();
+    const {x, width} = this.rendering;
+    const u = ((clientX - box.left) * (this.canvas.width / box.width) - x) / width;
+    return Math.min(1, Math.max(0, u));
   }
 
   /** The distance of two marks in pixels of the pointer. */
@@ -61,12 +82,20 @@ export class Stage {
     if (!context) return;
     const {full_width, full_height} = picture.header;
     const beside = state.compare === "beside";
-    // Beside each other on a wide page, one above the other on a narrow one.
-    const wide = beside && this.canvas.clientWidth >= 600;
+    const room = this.room();
+    const scale = (columns: number, rows: number) =>
+      Math.min(room.width / (columns * full_width), room.height / (rows * full_height));
+    // Beside each other or one above the other, whichever is larger.
+    const wide = beside && scale(2, 1) >= scale(1, 2);
     const columns = wide ? 2 : 1;
     const rows = beside && !wide ? 2 : 1;
-    const width = Math.round(this.canvas.clientWidth * devicePixelRatio);
-    const height = Math.round((width * rows * full_height) / (columns * full_width));
+    const size = (pixels: number, count: number) =>
+      Math.max(1, Math.floor(pixels * count * scale(columns, rows)));
+    const [pageWidth, pageHeight] = [size(full_width, columns), size(full_height, rows)];
+    this.canvas.style.width = `${pageWidth}px`;
+    this.canvas.style.height = `${pageHeight}px`;
+    const width = Math.round(pageWidth * devicePixelRatio);
+    const height = Math.round(pageHeight * devicePixelRatio);
     if (this.canvas.width !== width || this.canvas.height !== height) {
       this.canvas.width = width;
       this.canvas.height = height;
@@ -88,6 +117,44 @@ export class Stage {
     // What is projected for another pose would lie wrong over the recorded image.
     if (beside && this.reference && isDriven(state)) this.drawOverlays(context, picture, other);
     this.drawMarks(context);
+    if (state.compare !== "off") this.drawLabels(context, state, other);
+  }
+
+  /** Returns the rectangle around the lines of some kinds; null where there are none. */
+  outlineOf(kinds: Line["kind"][]): Outline | null {
+    const lines = this.image?.header.lines.filter(({kind}) => kinds.includes(kind)) ?? [];
+    const points = lines.flatMap((line) => line.points);
+    if (points.length === 0) return null;
+    const {x, y, width, height} = this.rendering;
+    const scale = this.canvas.clientWidth / this.canvas.width;
+    const u = points.filter((_, i) => i % 2 === 0).map((value) => scale * (x + value * width));
+    const v = points.filter((_, i) => i % 2 === 1).map((value) => scale * (y + value * height));
+    return {
+      left: Math.min(...u), right: Math.max(...u), top: Math.min(...v), bottom: Math.max(...v),
+    };
+  }
+
+  /** Names the halves of a comparison. */
+  private drawLabels(context: CanvasRenderingContext2D, state: State, other: Rect): void {
+    const name = state.novel ? "ground truth" : "recorded";
+    const recorded = this.reference ? name : `${name}: none`;
+    const here = this.rendering;
+    const put = (text: string, to: Rect, atRight: boolean) => {
+      const unit = devicePixelRatio;
+      context.font = `${13 * unit}px system-ui, sans-serif`;
+      const width = context.measureText(text).width + 12 * unit;
+      const left = atRight ? to.x + to.width - width - 8 * unit : to.x + 8 * unit;
+      context.fillStyle = "rgb(0 0 0 / 65%)";
+      context.fillRect(left, to.y + 8 * unit, width, 22 * unit);
+      context.fillStyle = "#fff";
+      context.fillText(text, left + 6 * unit, to.y + 23 * unit);
+    };
+    if (state.compare === "difference") return put(`rendered − ${recorded}, × 4`, here, false);
+    put("rendered", here, false);
+    if (state.compare === "beside") put(recorded, other, false);
+    if (state.compare === "wipe") put(recorded, here, true);
+    if (state.compare === "blend")
+      put(`${recorded}, ${Math.round(100 * state.share)} %`, here, true);
   }
 
   private drawReference(
@@ -135,7 +202,7 @@ export class Stage {
     for (let i = 0; i + 5 < points.length; i += 6) {
       const u = (points[i] + 256 * points[i + 1]) / 65535;
       const v = (points[i + 2] + 256 * points[i + 3]) / 65535;
-      context.fillStyle = levels[points[i + 4]];
+      context.fillStyle = lidarLevels[points[i + 4]];
       const size = points[i + 5] ? large : large - 1; // of the frame's revolution, or of the cloud
       context.fillRect(to.x + u * to.width - size / 2, to.y + v * to.height - size / 2, size, size);
     }
@@ -143,14 +210,16 @@ export class Stage {
     context.font = `${12 * devicePixelRatio}px system-ui, sans-serif`;
     for (const line of picture.header.lines) {
       context.strokeStyle = context.fillStyle = colours[line.kind];
+      const points = line.kind === "handle" && this.handleAt
+        ? [...line.points.slice(0, 2), this.handleAt.u, this.handleAt.v] : line.points;
       context.beginPath();
-      for (let i = 0; i + 1 < line.points.length; i += 2)
-        context.lineTo(to.x + line.points[i] * to.width, to.y + line.points[i + 1] * to.height);
+      for (let i = 0; i + 1 < points.length; i += 2)
+        context.lineTo(to.x + points[i] * to.width, to.y + points[i + 1] * to.height);
       context.stroke();
       if (line.kind === "handle") {
-        const [u, v] = line.points.slice(-2);
+        const [u, v] = points.slice(-2);
         context.beginPath();
-        context.arc(to.x + u * to.width, to.y + v * to.height, 5 * devicePixelRatio, 0, 7);
+        context.arc(to.x + u * to.width, to.y + v * to.height, 7 * devicePixelRatio, 0, 7);
         context.fill();
       }
       if (line.label)

@@ -35,8 +35,8 @@ export interface State {
 
 export function initialState(hello: Hello): State {
   return {
-    camera: hello.cameras[0].name,
-    frame: hello.frames[Math.floor(hello.frames.length / 2)].id,
+    camera: hello.start?.camera ?? hello.cameras[0].name,
+    frame: hello.start?.frame ?? hello.frames[Math.floor(hello.frames.length / 2)].id,
     mount: null,
     left: 0,
     forward: 0,

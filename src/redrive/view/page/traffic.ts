@@ -7,6 +7,7 @@ import {
   type Edit,
 } from "./edit";
 import {ObjectFields} from "./object_fields";
+import {download} from "./panels";
 import type {Dragged, Edited, Hello, Line, ObjectInfo} from "./protocol";
 import type {Mark} from "./stage";
 import {moves, type State} from "./state";
@@ -25,8 +26,9 @@ interface Drag {
   object: number;
   turns: boolean;
   from: Mark;
+  at: Mark; // where the pointer is
   change: Change; // when it began
-  next: Mark | null; // where the pointer is by now
+  next: Mark | null; // the same, until it was asked for
   waits: boolean; // for an answer
   ended: boolean;
 }
@@ -77,6 +79,9 @@ export class TrafficPart {
     on("edit-redo", () => this.step(1));
     on("edit-clear", () => this.commit(noEdit()));
     on("object-go", () => this.goThere());
+    on("object-left", () => this.turnBy(5));
+    on("object-right", () => this.turnBy(-5));
+    on("object-close", () => this.select(null));
     on("object-copy", () => this.copyObject());
     on("object-reset", () => this.resetObject());
     on("edit-save", () => this.save());
@@ -155,25 +160,36 @@ export class TrafficPart {
     at: Mark, lines: Line[], pixels: (a: Mark, b: Mark) => number,
   ): "object" | "handle" | null {
     if (this.state.object === null) return null;
+    // What is pressed within the outline moves the object, wherever the handle lies.
+    const box = lines.filter(({kind}) => kind === "object").flatMap(marks);
+    if (contains(box, at)) return "object";
     const handle = lines.find(({kind}) => kind === "handle");
     const tip = handle && marks(handle).pop();
-    if (tip && pixels(tip, at) < nearHandle) return "handle";
-    const box = lines.filter(({kind}) => kind === "object").flatMap(marks);
-    return contains(box, at) ? "object" : null;
+    return tip && pixels(tip, at) < nearHandle ? "handle" : null;
+  }
+
+  /** Whether an object is dragged. */
+  drags(): boolean {
+    return this.drag !== null && !this.drag.ended;
+  }
+
+  /** Where the handle is while it is dragged. */
+  handleAt(): Mark | null {
+    return this.drag?.turns && !this.drag.ended ? this.drag.at : null;
   }
 
   beginDrag(from: Mark, turns: boolean): void {
     if (this.state.object === null) return;
     const change = changeOf(this.edit, this.state.object);
     this.drag = {
-      object: this.state.object, turns, from, change: {...change}, next: null, waits: false,
-      ended: false,
+      object: this.state.object, turns, from, at: from, change: {...change}, next: null,
+      waits: false, ended: false,
     };
   }
 
   dragTo(mark: Mark): void {
     if (!this.drag) return;
-    this.drag.next = mark;
+    this.drag.next = this.drag.at = mark;
     this.askWhere();
   }
 
@@ -276,11 +292,7 @@ export class TrafficPart {
 
   private save(): void {
     const text = editText(this.edit);
-    const link = document.createElement("a");
-    link.href = URL.createObjectURL(new Blob([fileText(text)], {type: "application/json"}));
-    link.download = usualFile;
-    link.click();
-    setTimeout(() => URL.revokeObjectURL(link.href), 1000);
+    download(new Blob([fileText(text)], {type: "application/json"}), usualFile);
     this.file = {name: usualFile, text};
     this.update();
     element("edit-note").textContent = `Saved as ${usualFile}, where the browser puts downloads.`;
@@ -339,7 +351,10 @@ export class TrafficPart {
     list.replaceChildren(...ids.map((id) => new Option(this.label(id), String(id))));
     list.value = String(state.object ?? "");
     element("object").hidden = state.object === null;
-    if (state.object !== null) this.fields.show(state.object, changeOf(this.edit, state.object));
+    if (state.object !== null) {
+      const type = this.infoOf(state.object)?.type.toLowerCase() ?? "added";
+      this.fields.show(`${state.object} ${type}`, changeOf(this.edit, state.object));
+    }
     const text = editText(this.edit);
     const isSaved = text === this.file.text;
     state.edit = text === "{}" ? "" : isSaved ? this.file.name : usualFile;

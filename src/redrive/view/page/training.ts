@@ -5,6 +5,31 @@ import type {Curve, Training} from "./protocol";
 const svg = "http://www.w3.org/2000/svg";
 const [width, height] = [300, 100];
 
+function progressOf({step, steps, trains, seconds}: Training): string {
+  const of = trains && steps > 0 ? ` of ${steps}` : "";
+  return `step ${step}${of}, ${seconds.toFixed(0)} s of training`;
+}
+
+/** Says over the image why there is none yet. */
+export class WaitNote {
+  connected = false;
+  training: Training | null = null;
+  private since = performance.now();
+
+  constructor(private readonly place: HTMLElement) {}
+
+  show(hasImage: boolean): void {
+    this.place.hidden = hasImage;
+    if (hasImage) return;
+    const waited = Math.floor((performance.now() - this.since) / 1000);
+    const what = !this.connected ? "Connecting to redrive"
+      : this.training?.trains ? `Training, ${progressOf(this.training)}: the first image is made`
+      : "redrive prepares the run; its first image comes by itself";
+    const text = waited > 1 ? `${what} (${waited} s)` : `${what} ...`;
+    if (this.place.textContent !== text) this.place.textContent = text;
+  }
+}
+
 export class TrainingPanel {
   private training: Training | null = null;
   private readonly chart = document.createElementNS(svg, "svg");
@@ -36,8 +61,7 @@ export class TrainingPanel {
     this.pause.hidden = !training.trains;
     this.pause.textContent = training.paused ? "Go on" : "Pause";
     const how = !training.trains ? ", finished" : training.paused ? ", paused" : "";
-    this.label.textContent =
-      `step ${training.step}, ${training.seconds.toFixed(0)} s of training${how}`;
+    this.label.textContent = progressOf(training) + how;
   }
 
   /** Draws PSNR over the steps, and the loss on a logarithmic scale. */

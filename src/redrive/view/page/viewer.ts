@@ -1,20 +1,27 @@
 // SPDX-License-Identifier: Apache-2.0
 // The page of `redrive view`: asks for the image of its state, draws what comes, and turns pointer
 // and keys into changes of the state.
-import {Controls, element} from "./controls";
-import {fly, turn} from "./motion";
+import {captionOf} from "./caption";
+import {Controls, element, isNarrow} from "./controls";
+import {showLegend} from "./legend";
+import {DriveMap} from "./map";
+import {
+  approach, fly, lengthUnit, orbitAbout, turn, turnAbout, type Orbit,
+} from "./motion";
 import {cameraOf} from "./mount";
+import {placeCard} from "./object_card";
+import {toggleFullScreen} from "./panels";
 import {PathPart} from "./path";
 import {
   Connection, decode, type Hello, type ImageHeader, type Picked, type Picture,
   type ReferenceHeader, type Text,
 } from "./protocol";
-import {Stage, type Mark} from "./stage";
-import {fromHash, isDriven, referenceKey, toHash, toRequest, type State} from "./state";
+import {listenToPointer} from "./pointer";
+import {Stage} from "./stage";
+import {fromHash, referenceKey, toHash, toRequest, type State} from "./state";
 import {TrafficPart} from "./traffic";
-import {TrainingPanel} from "./training";
+import {TrainingPanel, WaitNote} from "./training";
 
-const degreesPerPixel = 0.15;
 const speed = 3; // metres a second; shift: four times
 const turnSpeed = 45; // degrees a second
 
@@ -28,14 +35,16 @@ function sameRun(a: Hello, b: Hello): boolean {
 
 class Viewer {
   private readonly connection = new Connection();
-  readonly stage = new Stage(element<HTMLCanvasElement>("canvas"));
+  readonly stage = new Stage(element<HTMLCanvasElement>("canvas"), () => this.room());
   private hello!: Hello;
   state!: State;
   private controls!: Controls;
+  private readonly wait = new WaitNote(element("wait"));
   private readonly training = new TrainingPanel(
     element("training"), (message) => this.connection.send(message));
   private path!: PathPart;
   private traffic!: TrafficPart;
+  private map!: DriveMap;
   private id = 0; // of the last request
   private asks = false; // the state has changed since it was asked for
   private playing = false;
@@ -43,11 +52,12 @@ class Viewer {
   private readonly held = new Set<string>(); // keys of flight
   private last = 0; // time of the last tick
   private orbiting = false;
-  private target: number[] | null = null; // of the orbit, in the body
+  private orbit: Orbit | null = null; // of `orbiting`; null until the surface is known
   private picked: Picked | null = null;
   private pickMark: {u: number; v: number} | null = null;
   private selects = false; // the point that was asked for selects an object
-  private score: number | null = null;
+  private score: number | null = null; // PSNR of the image that is shown
+  private seen: number | null = null; // the share of its pixels that training images saw
   private noReference = "";
   private problem = ""; // of the run
   private noticed = "";
@@ -61,11 +71,14 @@ class Viewer {
     this.connection.onText = (message) => this.receive(message);
     this.connection.onPicture = (bytes) => void this.show(bytes);
     this.connection.onState = (connected) => {
+      this.wait.connected = connected;
       this.notice(connected ? "" : "No connection to redrive view; trying again.");
       this.asked = "";
     };
     this.connection.connect();
-    new ResizeObserver(() => this.draw()).observe(element("stage"));
+    const resized = new ResizeObserver(() => this.draw());
+    for (const id of ["left", "view", "below"]) resized.observe(element(id));
+    addEventListener("resize", () => this.draw());
     requestAnimationFrame((now) => this.tick(now));
   }
 
@@ -75,13 +88,17 @@ class Viewer {
     if (message.kind === "edited" || message.kind === "dragged") this.traffic.receive(message);
     if (message.kind === "picked") this.showPicked(message);
     if (message.kind === "seen_by") this.controls.showSeen(message);
-    if (message.kind === "score" && message.id === this.id) this.score = message.psnr_db;
+    if (message.kind === "score" && message.id === this.id) {
+      this.score = message.psnr_db;
+      this.seen = message.seen;
+    }
     if (message.kind === "no_reference") {
       this.noReference = message.text;
       this.stage.reference = null;
     }
     if (message.kind === "training") {
       this.training.showTraining(message);
+      this.wait.training = message;
       this.hello.step = message.step;
       this.controls.showStep();
     }
@@ -100,6 +117,10 @@ class Viewer {
       this.hello = hello;
       this.state = fromHash(location.hash, hello);
       this.controls = new Controls(hello, this.state, () => this.changed());
+      this.map = new DriveMap(element("map"), hello, (frame) => {
+        this.controls.selectFrame(frame);
+        this.changed();
+      });
       this.path = new PathPart(hello, this.state,
         (answer) => this.connection.send(answer), () => this.changed());
       this.traffic = new TrafficPart(hello, this.state,
@@ -122,7 +143,7 @@ class Viewer {
   }
 
   /** Asks for the state's image at the next tick. */
-  private changed(): void {
+  changed(): void {
     this.asks = true;
     this.controls.update();
     this.path.showCommand();
@@ -138,7 +159,7 @@ class Viewer {
     const request = JSON.stringify(wanted);
     if (request === this.asked) return this.draw(); // the share of a wipe, say
     this.asked = request;
-    this.score = null;
+    this.score = this.seen = null;
     const view = JSON.stringify({...wanted, object: null});
     if (view !== this.askedView) {
       this.stage.marks = [];
@@ -175,8 +196,13 @@ class Viewer {
   private draw(): void {
     if (!this.hello) return;
     this.stage.reference = this.references.get(referenceKey(this.state)) ?? null;
+    showLegend(element("legend"), this.hello, this.state);
+    this.stage.handleAt = this.traffic.handleAt();
     this.stage.draw(this.state);
+    placeCard(this.stage, this.traffic.drags());
     const header = this.stage.image?.header;
+    this.map.show(this.state.frame, header?.at ?? null);
+    this.wait.show(this.stage.image !== null);
     if (header)
       element("timing").textContent =
         `${header.width} x ${header.height} · ${header.render_ms.toFixed(0)} ms` +
@@ -185,28 +211,18 @@ class Viewer {
 
   private caption(): void {
     if (!this.hello) return;
-    const {state} = this;
-    const words: string[] = [];
-    if (!this.hello.method && !isDriven(state))
-      words.push("a recording has images where they were taken only; train a run to see more");
-    if (state.novel) words.push(`${state.novel.set}, frame ${state.frame}`);
-    else if (this.hello.held_out.includes(state.frame)) words.push("held out from training");
-    if (state.compare !== "off" && this.noReference) words.push(this.noReference);
-    else if (state.compare !== "off" && !isDriven(state))
-      words.push("the recorded image is that of the frame's own pose");
-    if (state.overlays.has("masks"))
-      words.push(isDriven(state) && !state.novel
-        ? `${(100 * this.stage.maskedShare).toFixed(1)} % masked`
-        : "masks are those of the recorded image, from the frame's own pose");
-    if (state.edit && state.compare !== "off") words.push("the recorded image is not edited");
-    const header = this.stage.image?.header;
-    if (state.object !== null && header?.id === this.id &&
-      !header.lines.some(({kind}) => kind === "object"))
-      words.push(`object ${state.object} is not in this image`);
-    if (header?.trouble) words.push(header.trouble);
-    if (this.score !== null && state.compare !== "off")
-      words.push(`PSNR ${this.score.toFixed(2)} dB`);
-    element("caption").textContent = words.join(" · ");
+    const image = this.stage.image;
+    element("caption").textContent = captionOf(this.hello, this.state, {
+      header: image?.header ?? null, isOfState: image?.header.id === this.id, psnr_db: this.score,
+      seen: this.seen, noReference: this.noReference, maskedShare: this.stage.maskedShare,
+    });
+  }
+
+  /** The largest size of the canvas at which all that belongs to the image stays in sight. */
+  private room(): {width: number; height: number} {
+    const below = element("below").offsetHeight;
+    const all = isNarrow() ? 0.6 * innerHeight : element("left").clientHeight;
+    return {width: element("view").clientWidth, height: Math.max(80, all - below)};
   }
 
   private notice(text: string): void {
@@ -219,7 +235,7 @@ class Viewer {
   // ---- Points
 
   /** `selects`: also selects the moving object there. */
-  private pick(mark: {u: number; v: number}, selects = false): void {
+  pick(mark: {u: number; v: number}, selects = false): void {
     this.pickMark = mark;
     this.selects = selects;
     this.connection.send({type: "pick", id: this.id, at: [mark.u, mark.v]});
@@ -232,7 +248,8 @@ class Viewer {
     if (picked.surface) this.picked = picked;
     if (picked.id === this.id && this.pickMark)
       this.stage.marks = [...this.stage.marks.slice(-1), this.pickMark];
-    if (this.orbiting && picked.body_m && !this.target) this.target = picked.body_m;
+    if (this.orbiting && !this.orbit)
+      this.orbit = orbitAbout(this.camera(), this.state, picked.body_m ?? null, this.hello);
   }
 
   // ---- Time
@@ -240,6 +257,7 @@ class Viewer {
   private tick(now: number): void {
     const seconds = Math.min(0.1, (now - this.last) / 1000);
     this.last = now;
+    this.wait.show(this.stage.image !== null);
     if (this.hello) {
       if (this.playing) this.advance(now);
       if (this.held.size > 0) this.flyOn(seconds);
@@ -249,7 +267,7 @@ class Viewer {
     requestAnimationFrame((next) => this.tick(next));
   }
 
-  private play(on: boolean): void {
+  play(on: boolean): void {
     this.playing = on;
     this.playedUntil = performance.now();
     const button = element("play");
@@ -289,35 +307,58 @@ class Viewer {
 
   private flyOn(seconds: number): void {
     const has = (key: string) => Number(this.held.has(key));
-    const way = seconds * speed * (this.held.has("shift") ? 4 : 1);
+    const way = seconds * speed * this.unit * (this.held.has("shift") ? 4 : 1);
     const right = way * (has("d") - has("a"));
     const ahead = way * (has("w") - has("s"));
     const up = way * (has("r") - has("f"));
     const yaw = seconds * turnSpeed * (has("j") - has("l"));
     const pitch = seconds * turnSpeed * (has("i") - has("k"));
     if (!right && !ahead && !up && !yaw && !pitch) return;
+    if (right || up) this.leaveOrbit();
+    fly(this.camera(), this.state, right, 0, up);
+    this.moveAhead(ahead);
+    this.turn(yaw, pitch);
+  }
+
+  /** Turns the camera, in orbit about its point. */
+  turn(yaw_deg: number, pitch_deg: number): void {
     this.controls.leaveTruth();
-    this.target = right || up ? null : this.target;
-    fly(this.camera(), this.state, right, ahead, up);
-    turn(this.camera(), this.state, yaw, pitch, this.orbitTarget());
+    if (this.orbit) turnAbout(this.camera(), this.state, yaw_deg, pitch_deg, this.orbit);
+    else turn(this.camera(), this.state, yaw_deg, pitch_deg);
     this.changed();
   }
 
-  private orbitTarget(): number[] | undefined {
-    return this.orbiting && this.target ? this.target : undefined;
+  /** Moves the camera ahead by metres, or by units of photographs. */
+  moveAhead(ahead: number): void {
+    this.controls.leaveTruth();
+    if (this.orbit) approach(this.camera(), this.state, ahead, this.orbit);
+    else fly(this.camera(), this.state, 0, ahead, 0);
+    this.changed();
   }
 
-  private orbit(on: boolean): void {
+  private setOrbiting(on: boolean): void {
     if (!this.hello.method) return;
     this.orbiting = on;
-    this.target = null;
+    this.orbit = null;
     element("orbit").setAttribute("aria-pressed", String(on));
     if (on) this.pick({u: 0.5, v: 0.5});
   }
 
+  private leaveOrbit(): void {
+    if (this.orbiting) this.setOrbiting(false);
+  }
+
+  get turnsAbout(): boolean {
+    return this.orbit !== null;
+  }
+
+  get unit(): number {
+    return lengthUnit(this.hello);
+  }
+
   private home(): void {
     this.controls.home();
-    this.target = null;
+    this.leaveOrbit();
     this.changed();
   }
 
@@ -328,8 +369,8 @@ class Viewer {
     element("previous").addEventListener("click", () => this.stepFrame(-1));
     element("next").addEventListener("click", () => this.stepFrame(1));
     element("home").addEventListener("click", () => this.home());
-    element("orbit").addEventListener("click", () => this.orbit(!this.orbiting));
-    this.listenToPointer(element("stage"));
+    element("orbit").addEventListener("click", () => this.setOrbiting(!this.orbiting));
+    listenToPointer(element("stage"), this, this.traffic);
     addEventListener("keydown", (event) => this.keyDown(event));
     addEventListener("keyup", (event) => this.held.delete(event.key.toLowerCase()));
     addEventListener("blur", () => this.held.clear());
@@ -341,68 +382,6 @@ class Viewer {
       this.address = location.hash;
       this.changed();
     });
-  }
-
-  private listenToPointer(stage: HTMLElement): void {
-    let from: {
-      x: number; y: number; moved: boolean; wipes: boolean; mark: Mark | null;
-      grip: "object" | "handle" | null;
-    } | null = null;
-    const gripAt = (mark: Mark | null) => mark && this.traffic.grip(
-      mark, this.stage.image?.header.lines ?? [], (a, b) => this.stage.distance(a, b));
-    stage.addEventListener("pointerdown", (event) => {
-      if (event.button !== 0) return;
-      stage.setPointerCapture(event.pointerId);
-      const mark = this.stage.at(event.clientX, event.clientY);
-      const wipes = this.state.compare === "wipe" && mark !== null &&
-        Math.abs(mark.u - (1 - this.state.share)) < 0.02;
-      const grip = wipes ? null : gripAt(mark);
-      from = {x: event.clientX, y: event.clientY, moved: false, wipes, mark, grip};
-    });
-    stage.addEventListener("pointermove", (event) => {
-      if (!from) {
-        const grip = gripAt(this.stage.at(event.clientX, event.clientY));
-        this.stage.cursor = grip === "object" ? "move" : grip === "handle" ? "grab" : "";
-        return;
-      }
-      const [dx, dy] = [event.clientX - from.x, event.clientY - from.y];
-      if (!from.moved && Math.hypot(dx, dy) < 4) return;
-      if (from.grip && from.mark) {
-        if (!from.moved) {
-          this.play(false);
-          this.traffic.beginDrag(from.mark, from.grip === "handle");
-        }
-        from.moved = true;
-        const mark = this.stage.at(event.clientX, event.clientY);
-        if (mark) this.traffic.dragTo(mark);
-        return;
-      }
-      Object.assign(from, {x: event.clientX, y: event.clientY, moved: true});
-      if (from.wipes) {
-        const box = stage.getBoundingClientRect();
-        const u = Math.min(1, Math.max(0, (event.clientX - box.left) / box.width));
-        this.state.share = Math.round(100 * (1 - u)) / 100;
-      } else {
-        this.controls.leaveTruth();
-        const scale = degreesPerPixel * (this.orbitTarget() ? -2 : 1);
-        turn(this.camera(), this.state, scale * dx, scale * dy, this.orbitTarget());
-      }
-      this.changed();
-    });
-    const end = (event: PointerEvent, clicks: boolean) => {
-      const mark = this.stage.at(event.clientX, event.clientY);
-      if (from && !from.moved && clicks && mark) this.pick(mark, true);
-      if (from?.grip && from.moved) this.traffic.endDrag();
-      from = null;
-    };
-    stage.addEventListener("pointerup", (event) => end(event, true));
-    stage.addEventListener("pointercancel", (event) => end(event, false));
-    stage.addEventListener("wheel", (event) => {
-      event.preventDefault();
-      this.controls.leaveTruth();
-      fly(this.camera(), this.state, 0, -0.005 * event.deltaY, 0);
-      this.changed();
-    }, {passive: false});
   }
 
   private keyDown(event: KeyboardEvent): void {
@@ -438,7 +417,8 @@ class Viewer {
       end: () => this.stepFrame(1e9),
       b: () => this.home(),
       m: () => (this.controls.takeMount(), this.changed()),
-      o: () => this.orbit(!this.orbiting),
+      g: () => toggleFullScreen(),
+      o: () => this.setOrbiting(!this.orbiting),
       p: () => this.pick({u: 0.5, v: 0.5}, true),
       q: () => this.traffic.turnBy(event.shiftKey ? 1 : 5),
       e: () => this.traffic.turnBy(event.shiftKey ? -1 : -5),

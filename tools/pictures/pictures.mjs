@@ -1,0 +1,148 @@
+// SPDX-License-Identifier: Apache-2.0
+// The pictures of README.md and docs: node pictures.mjs REDRIVE SAMPLES NODE_MODULES OUT [NAME...]
+// Runs are made in a temporary folder; a picture is written when all that it shows is there.
+import {execFileSync} from "node:child_process";
+import fs from "node:fs";
+import os from "node:os";
+import path from "node:path";
+import {pathToFileURL} from "node:url";
+import {findBrowser, openPage, serve} from "../../tests/browser/browser.mjs";
+import {settled} from "../../tests/browser/viewer_page.mjs";
+import {screenshotOfCanvas} from "../../tests/browser/viewer_seen.mjs";
+
+const [redriveFile, samples, modules, out, ...names] = process.argv.slice(2);
+const folder = fs.mkdtempSync(path.join(os.tmpdir(), "redrive-pictures-"));
+const camera = "F_MIDLONGRANGECAM_CL";
+const gap = 8; // pixels between images side by side
+
+function redrive(...words) {
+  console.log(`redrive ${words.join(" ")}`);
+  execFileSync(redriveFile, words, {stdio: ["ignore", "ignore", "inherit"]});
+}
+
+const inFolder = (name) => path.join(folder, name);
+const recorded = (sample, frame) =>
+  path.join(samples, sample, "sensor", "camera", camera, `${camera}_${frame}.jpg`);
+
+/** Trains once and returns the run's folder. */
+function trained(name, words) {
+  const run = inFolder(name);
+  if (!fs.existsSync(run)) redrive("train", ...words, "--out", run);
+  return run;
+}
+
+const traffic = () => trained("traffic", [path.join(samples, "street_traffic"), "--truth-poses",
+  "--method", "splat", "--holdout-every", "6", "--max-seconds", "0", "--max-steps", "1500"]);
+
+function rendered(run, name, frame, ...words) {
+  const file = inFolder(`${name}.png`);
+  redrive("render", run, "--camera", camera, "--frame", String(Number(frame)), ...words,
+    "--out", file);
+  return file;
+}
+
+/** An image of images side by side, each `width` wide; as JPEG where the name says so. */
+async function row(browser, name, files, width) {
+  const page = await openPage(browser);
+  await page.setViewport({width: files.length * (width + gap) - gap, height: 600});
+  const images = files.map((file) => {
+    const type = file.endsWith(".png") ? "png" : "jpeg";
+    return `<img src="data:image/${type};base64,${fs.readFileSync(file).toString("base64")}">`;
+  });
+  await page.setContent(`<style>body { margin: 0; display: flex; gap: ${gap}px; }
+    img { width: ${width}px; display: block; }</style>${images.join("")}`);
+  await page.evaluate(() => Promise.all([...document.images].map((image) => image.decode())));
+  const height = await page.$eval("img", (image) => Math.floor(image.clientHeight));
+  await write(page, name, {x: 0, y: 0, width: files.length * (width + gap) - gap, height});
+  await page.close();
+}
+
+async function write(page, name, clip) {
+  const type = name.endsWith(".png") ? {type: "png"} : {type: "jpeg", quality: 88};
+  fs.writeFileSync(path.join(out, name),
+    await page.screenshot({...type, clip, captureBeyondViewport: false}));
+  console.log(path.join(out, name));
+}
+
+function written(name, json) {
+  fs.writeFileSync(inFolder(name), JSON.stringify(json));
+  return inFolder(name);
+}
+
+const pictures = {
+  async demo(browser) {
+    const run = trained("demo", [path.join(samples, "street"), "--method", "splat",
+      "--truth-poses", "--holdout-every", "8", "--max-seconds", "60"]);
+    const truth = path.join(samples, "street", "novel", "left_1");
+    const [image] = fs.readdirSync(truth, {recursive: true})
+      .filter((name) => /1028.*\.(jpg|png)$/.test(name) && !/depth/.test(name));
+    await row(browser, "demo.png", [recorded("street", "0001028"), rendered(run, "own", "1028"),
+      rendered(run, "left", "1028", "--translate", "0,1,0", "--axes", "body"),
+      path.join(truth, image)], 300);
+  },
+
+  async traffic(browser) {
+    const run = traffic();
+    const removed = written("removed.json", {actors: {2: {remove: true}}});
+    const moved = written("moved.json", {actors: {2: {shift_m: [0, 2.6, 0], turn_deg: 12}}});
+    await row(browser, "traffic.jpg", [recorded("street_traffic", "0001012"),
+      rendered(run, "as-recorded", "1012"), rendered(run, "removed", "1012", "--edit", removed),
+      rendered(run, "moved", "1012", "--edit", moved)], 416);
+  },
+
+  async poses(browser) {
+    const street = path.join(samples, "street");
+    const words = [street, "--method", "grid", "--holdout-every", "8", "--max-seconds", "0",
+      "--max-steps", "2000"];
+    redrive("align", street, "--out", inFolder("aligned"));
+    const runs = {
+      initial: ["--refine-poses", "off"], refined: [],
+      aligned: ["--poses", inFolder("aligned")], truth: ["--truth-poses"],
+    };
+    const files = Object.entries(runs).map(([name, more]) =>
+      rendered(trained(name, [...words, ...more]), `poses-${name}`, "1024"));
+    await row(browser, "poses.jpg", files, 410);
+  },
+
+  async preflight(browser) {
+    const check = inFolder("check");
+    redrive("inspect", path.join(samples, "street"), "--report", check);
+    const page = await openPage(browser);
+    await page.setViewport({width: 1040, height: 720});
+    await page.goto(pathToFileURL(path.join(check, "index.html")).href);
+    await write(page, "preflight.jpg", {x: 0, y: 0, width: 1040, height: 720});
+    await page.close();
+  },
+
+  async viewer(browser) {
+    const edit = written("EDIT.json", {actors: {2: {shift_m: [-3, 1.2, 0], turn_deg: 12}}});
+    const {program, address} = await serve(redriveFile, ["view", traffic(), "--edit", edit]);
+    try {
+      const page = await openPage(browser);
+      await page.setViewport({width: 1280, height: 720});
+      await page.goto(`${address}#camera=${camera}&frame=1012`);
+      await page.waitForFunction(() => window.redriveView?.state);
+      await page.select("#objects", "2");
+      await page.waitForFunction(() => window.redriveView.state.object === 2);
+      await settled(page);
+      await page.waitForFunction(
+        () => window.redriveView.stage.image.header.lines.some(({kind}) => kind === "object"));
+      await screenshotOfCanvas(page); // all of it is in sight
+      await write(page, "viewer.jpg", {x: 0, y: 0, width: 1280, height: 720});
+      await page.close();
+    } finally {
+      program.kill("SIGINT");
+    }
+  },
+};
+
+const wanted = names.length > 0 ? names : Object.keys(pictures);
+for (const name of wanted)
+  if (!pictures[name]) throw new Error(`no picture ${name}: ${Object.keys(pictures).join(", ")}`);
+const browser = await findBrowser(modules)(["--disable-gpu"]);
+try {
+  for (const name of wanted) await pictures[name](browser);
+} finally {
+  await browser.close();
+  fs.rmSync(folder, {recursive: true, force: true});
+}
