@@ -79,8 +79,8 @@ export class TrafficPart {
     on("edit-redo", () => this.step(1));
     on("edit-clear", () => this.commit(noEdit()));
     on("object-go", () => this.goThere());
-    on("object-left", () => this.turnBy(5));
-    on("object-right", () => this.turnBy(-5));
+    on("turn-left", () => this.turnBy(5));
+    on("turn-right", () => this.turnBy(-5));
     on("object-close", () => this.select(null));
     on("object-copy", () => this.copyObject());
     on("object-reset", () => this.resetObject());
