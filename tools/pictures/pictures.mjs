@@ -127,6 +127,9 @@ const pictures = {
       await settled(page);
       await page.waitForFunction(
         () => window.redriveView.stage.image.header.lines.some(({kind}) => kind === "object"));
+      await page.$eval("#object details", (numbers) => (numbers.open = true));
+      await settled(page);
+      await page.evaluate(() => window.redriveView.draw()); // the card has another height
       await screenshotOfCanvas(page); // all of it is in sight
       await write(page, "viewer.jpg", {x: 0, y: 0, width: 1280, height: 720});
       await page.close();

@@ -62,8 +62,8 @@ double DriveMap::beside(const std::string& camera, const Eigen::Vector3d& place_
     if (name != camera && ways_.contains(camera)) continue;
     for (std::size_t i = 0; i < way.size(); ++i)
       nearest = std::min(
-          nearest, distance_to(way[i], way[joined_ && i + 1 < way.size() ? i + 1 : i],
-                               place_in_world));
+          nearest,
+          distance_to(way[i], way[joined_ && i + 1 < way.size() ? i + 1 : i], place_in_world));
   }
   return nearest;
 }

@@ -14,16 +14,16 @@ namespace redrive::view {
 
 RedirectFile::RedirectFile(const std::string& address) {
   constexpr std::string_view kEnding = ".html";
-  std::string name =
-      (std::filesystem::temp_directory_path() / "redrive-view-XXXXXX").string() +
-      std::string(kEnding);
+  std::string name = (std::filesystem::temp_directory_path() / "redrive-view-XXXXXX").string() +
+                     std::string(kEnding);
   // A name that nobody could have foreseen, with mode 0600, and no link is followed.
   const int file = mkstemps(name.data(), static_cast<int>(kEnding.size()));
   if (file < 0) throw IoError(name, std::strerror(errno));
   path_ = name;
-  const std::string text = "<!doctype html><meta charset=\"utf-8\"><title>redrive view</title>"
-                           "<meta http-equiv=\"refresh\" content=\"0; url=" +
-                           address + "\"><a href=\"" + address + "\">redrive view</a>\n";
+  const std::string text =
+      "<!doctype html><meta charset=\"utf-8\"><title>redrive view</title>"
+      "<meta http-equiv=\"refresh\" content=\"0; url=" +
+      address + "\"><a href=\"" + address + "\">redrive view</a>\n";
   const bool written = write(file, text.data(), text.size()) == static_cast<ssize_t>(text.size());
   if (close(file) != 0 || !written) {
     unlink(name.c_str());
