@@ -45,7 +45,12 @@ try {
   page.on("console", (message) => message.type() === "error" && errors.push(message.text()));
   page.on("request", (request) => requests.push(request.url()));
   await page.setViewport({width, height});
-  await page.goto(`file://${file}`);
+  await page.goto(`file://${file}`, {waitUntil: "domcontentloaded"});
+  const [notes, isReady] = await page.evaluate(() => {
+    const notice = document.getElementById("notice");
+    return [notice.hidden ? "" : notice.textContent, window.redriveScene?.ready ?? false];
+  });
+  assert.ok(isReady || /Loading the scene/.test(notes), "it says that it is loading");
   const hasWebGl = await page.evaluate(
     () => document.createElement("canvas").getContext("webgl2") !== null);
   if (!hasWebGl) {
@@ -54,6 +59,7 @@ try {
     skip("this chromium has no WebGL");
   }
   await page.waitForFunction(() => window.redriveScene?.ready);
+  assert.equal(await page.$eval("#notice", (notice) => notice.hidden), true);
   await page.keyboard.press("h");
 
   // The Gaussians are sorted beside the page: it takes some images until they are in order.
