@@ -52,10 +52,10 @@ export function psnr(page, pngs) {
   }, pngs.map((png) => Buffer.from(png).toString("base64")));
 }
 
-/** Starts the program and returns it with the address that it prints. */
-export async function serve(redrive, words, env = process.env) {
+/** Starts the program and returns it with the address that it prints. `more`: options of spawn. */
+export async function serve(redrive, words, more = {}) {
   const program =
-    spawn(redrive, [...words, "--port", "0"], {stdio: ["ignore", "pipe", "pipe"], env});
+    spawn(redrive, [...words, "--port", "0"], {stdio: ["ignore", "pipe", "pipe"], ...more});
   let printed = "";
   const address = await new Promise((resolve, reject) => {
     program.stdout.on("data", (bytes) => {

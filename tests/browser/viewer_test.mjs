@@ -413,7 +413,7 @@ const tests = {
       `#!/bin/sh\nprintf '%s ' "$@" $(stat -c %a "$1") >${opened}.part\n` +
       `mv ${opened}.part ${opened}\n`, {mode: 0o755});
     const {program, address} = await serve(redrive, ["view", street, "--open"],
-      {...process.env, PATH: `${path.join(folder, "bin")}:${process.env.PATH}`});
+      {env: {...process.env, PATH: `${path.join(folder, "bin")}:${process.env.PATH}`}});
     while (!fs.existsSync(opened)) await new Promise((resolve) => setTimeout(resolve, 50));
     const [file, mode, ...more] = fs.readFileSync(opened, "utf8").trim().split(" ");
     assert.deepEqual([mode, more], ["600", []]);

@@ -31,7 +31,7 @@ function trained(name, words) {
   return run;
 }
 
-const traffic = () => trained("traffic", [path.join(samples, "street_traffic"), "--truth-poses",
+const traffic = () => trained("RUN", [path.join(samples, "street_traffic"), "--truth-poses",
   "--method", "splat", "--holdout-every", "6", "--max-seconds", "0", "--max-steps", "1500"]);
 
 function rendered(run, name, frame, ...words) {
@@ -116,7 +116,9 @@ const pictures = {
 
   async viewer(browser) {
     const edit = written("EDIT.json", {actors: {2: {shift_m: [-3, 1.2, 0], turn_deg: 12}}});
-    const {program, address} = await serve(redriveFile, ["view", traffic(), "--edit", edit]);
+    const run = path.basename(traffic()); // the page shows it as it was named
+    const {program, address} = await serve(path.resolve(redriveFile),
+      ["view", run, "--edit", edit], {cwd: folder});
     try {
       const page = await openPage(browser);
       await page.setViewport({width: 1280, height: 720});
