@@ -8,8 +8,9 @@
 #include <cstdio>
 #include <limits>
 
-#include <Eigen/Dense>
-
+#include "redrive/align/bundle/agreeing_tracks.h"
+#include "redrive/align/bundle/doubtful_frames.h"
+#include "redrive/align/bundle/shape_covariance.h"
 #include "redrive/align/bundle/unobservable_extrinsics.h"
 #include "redrive/align/bundle/unobservable_time_offsets.h"
 #include "redrive/align/close_loops.h"
@@ -17,6 +18,7 @@
 #include "redrive/base/error.h"
 #include "redrive/math/angles.h"
 #include "redrive/math/so3.h"
+#include "redrive/recording/pose_jumps.h"
 #include "redrive/recording/summary.h"
 #include "redrive/scene/moving_objects.h"
 
@@ -55,40 +57,6 @@ std::string describe_input(const Recording& recording, std::size_t tracks, std::
       recording.frames.empty() ? 0 : summarize_drive(recording.frames).path_length_m;
   return text("%zu frames, %.1f m driven, %zu tracks of image points, %zu LiDAR points",
               recording.frames.size(), path_length_m, tracks, lidar);
-}
-
-/// Removes from the covariance C the rigid motions of the whole trajectory: returns P C P^T with P
-/// = 1 - G (G^T W G)^-1 G^T W, where G is the derivative of the corrections by such a motion. W
-/// weighs a rotation by the displacement it causes at 30 m, as register_trajectories does.
-/// `scale_too` removes the scale as well, which without LiDAR is the egomotion's.
-Eigen::MatrixXd without_common_motion(const RigModel& model, const Eigen::MatrixXd& covariance,
-                                      bool scale_too) {
-  constexpr double kArm_m = 30;
-  const int n = static_cast<int>(model.initial_frames.size());
-  Eigen::Vector3d middle = Eigen::Vector3d::Zero();
-  for (const Frame& frame : model.initial_frames) middle += frame.world_from_body.translation() / n;
-  Eigen::MatrixXd g(6 * n, scale_too ? 7 : 6);
-  Eigen::VectorXd weights(6 * n);
-  for (int f = 0; f < n; ++f) {
-    const Eigen::Matrix3d body_from_world =
-        model.initial_frames[f].world_from_body.linear().transpose();
-    g.block<3, 3>(6 * f, 0) = body_from_world;
-    g.block<3, 3>(6 * f, 3) =
-        -body_from_world * skew(model.initial_frames[f].world_from_body.translation() - middle);
-    g.block<3, 3>(6 * f + 3, 0).setZero();
-    g.block<3, 3>(6 * f + 3, 3) = body_from_world;
-    if (scale_too) {
-      g.block<3, 1>(6 * f, 6) =
-          body_from_world * (model.initial_frames[f].world_from_body.translation() - middle);
-      g.block<3, 1>(6 * f + 3, 6).setZero();
-    }
-    weights.segment<3>(6 * f).setOnes();
-    weights.segment<3>(6 * f + 3).setConstant(kArm_m * kArm_m);
-  }
-  const Eigen::MatrixXd weighted = g.transpose() * weights.asDiagonal();
-  const Eigen::MatrixXd solved = (weighted * g).ldlt().solve(weighted);  // [6 or 7, 6 n]
-  const Eigen::MatrixXd half = covariance - g * (solved * covariance);
-  return half - (half * solved.transpose()) * g.transpose();
 }
 
 /// Standard deviations of a pose, with the error that the tracks of neighbouring frames share.
@@ -175,15 +143,21 @@ AlignResult describe(const RigModel& model, BundleResult bundle, const BundlePri
   const int n = static_cast<int>(model.initial_frames.size()),
             cameras = static_cast<int>(model.cameras.size());
   result.frames = model.corrected_frames();
-  const auto shape = [&](const Eigen::MatrixXd& covariance) {
-    return Eigen::VectorXd(
-        without_common_motion(model, covariance.topLeftCorner(6 * n, 6 * n), scale_is_given)
-            .diagonal());
-  };
-  const Eigen::VectorXd variance =
-      shape(bundle.covariance).cwiseMax(shape(bundle.robust_covariance));
+  const Eigen::VectorXd variance = shape_variance(model, bundle, scale_is_given);
   for (int f = 0; f < n; ++f)
     result.corrections.push_back({model.corrections[f], sigmas_at(variance, 6 * f)});
+  const std::vector<int>& unsupported = bundle.unsupported_frames;
+  for (const int f : unsupported) {  // as known as the neighbours that they stand between
+    Vector6d& sigma = result.corrections[f].sigma;
+    sigma.setZero();
+    for (const int step : {-1, 1}) {
+      int other = f + step;
+      while (std::ranges::binary_search(unsupported, other)) other += step;
+      if (other >= 0 && other < n) sigma = sigma.cwiseMax(result.corrections[other].sigma);
+    }
+    sigma =
+        (sigma.cwiseAbs2() + interpolation_sigma(model, unsupported, f).cwiseAbs2()).cwiseSqrt();
+  }
   for (int c = 0; c < cameras; ++c) {
     const RigModelCamera& camera = model.cameras[c];
     result.cameras.push_back(model.corrected_calibration(c));
@@ -387,18 +361,67 @@ std::vector<LidarSample> load_align_samples(const Recording& recording, const Al
   return load_lidar_samples(recording, scene, read_moving_objects(recording, scene), pool);
 }
 
-AlignResult align(const Recording& recording, const AlignOptions& options, ThreadPool& pool) {
-  if (!recording.metric)
+namespace {
+
+/// States corrections by the recorded poses, and names frames whose recorded poses were wrong:
+/// those that needed another correction than the frames around them.
+void report_wrong_poses(const Recording& recorded, AlignResult* result) {
+  constexpr double kLeast_m = 0.15, kLeast_rad = 1 * kRadiansPerDegree;
+  constexpr double kMuchLarger = 8;  // than in the median frame
+  const int n = static_cast<int>(recorded.frames.size());
+  std::vector<double> off_m, off_rad;
+  for (int f = 0; f < n; ++f) {
+    const Rigid3d change = recorded.frames[f].global_from_body.inverse(Eigen::Isometry) *
+                           result->frames[f].global_from_body;
+    result->corrections[f].value << change.translation(), so3_log(change.linear());
+  }
+  for (int f = 0; f < n; ++f) {
+    Vector6d off = result->corrections[f].value;
+    for (int k = 0; k < 6; ++k) {
+      std::vector<double> around;
+      for (int i = std::max(0, f - 2); i < std::min(n, f + 3); ++i)
+        around.push_back(result->corrections[i].value[k]);
+      off[k] -= median_or_zero(&around);
+    }
+    off_m.push_back(off.head<3>().norm());
+    off_rad.push_back(off.tail<3>().norm());
+  }
+  std::vector<double> sorted_m = off_m, sorted_rad = off_rad;
+  const double most_m = std::max(kLeast_m, kMuchLarger * median_or_zero(&sorted_m)),
+               most_rad = std::max(kLeast_rad, kMuchLarger * median_or_zero(&sorted_rad));
+  const std::vector<int>& unsupported = result->bundle.unsupported_frames;
+  for (int f = 0; f < n; ++f) {
+    const auto id = static_cast<long long>(recorded.frames[f].id);
+    if (std::ranges::binary_search(unsupported, f))
+      result->remarks.push_back(
+          text("frame %lld: most of its image points contradict every pose that was tried; it "
+               "stands between the frames around it, known to %.1f cm",
+               id, 100 * result->corrections[f].sigma.head<3>().norm()));
+    else if (off_m[f] > most_m || off_rad[f] > most_rad)
+      result->remarks.push_back(
+          text("frame %lld: its recorded pose was wrong by %.2f m and %.2f degrees more than those "
+               "of the frames around it",
+               id, off_m[f], off_rad[f] * kDegreesPerRadian));
+  }
+}
+
+}  // namespace
+
+AlignResult align(const Recording& recorded, const AlignOptions& options, ThreadPool& pool) {
+  if (!recorded.metric)
     throw InsufficientDataError(
-        recording.root, "photographs have neither an egomotion nor times; align is for drives",
-        recording.format);
+        recorded.root, "photographs have neither an egomotion nor times; align is for drives",
+        recorded.format);
+  Recording recording = recorded;  // begins with poses that may be true
+  recording.frames = without_stray_poses(recorded.frames, find_pose_faults(recorded.frames));
   const bool is_long =
       options.window > 0 && recording.frames.size() > static_cast<std::size_t>(options.window);
   const auto start = std::chrono::steady_clock::now();
   AlignResult result =
       is_long ? align_in_windows(recording, options, pool) : align_whole(recording, options, pool);
   close_loops(recording, options, pool, &result);
-  register_with_ground_truth(recording, &result);
+  report_wrong_poses(recorded, &result);
+  register_with_ground_truth(recorded, &result);
   result.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   return result;
 }

@@ -151,6 +151,9 @@ void add_bundle(const BundleResult& of_part, const FrameWindow& window,
     residual.frame += window.begin;
     sum->residuals.push_back(residual);
   }
+  for (const int f : of_part.unsupported_frames)  // the window before may have listed it, too
+    if (sum->unsupported_frames.empty() || window.begin + f > sum->unsupported_frames.back())
+      sum->unsupported_frames.push_back(window.begin + f);
   for (std::size_t f = 0; f < of_part.observations_in_frame.size(); ++f)
     sum->observations_in_frame[window.begin + f] += of_part.observations_in_frame[f];
   sum->converged = sum->converged && of_part.converged;

@@ -11,6 +11,7 @@
 #include "redrive/cli/alignment.h"
 #include "redrive/cli/command.h"
 #include "redrive/cli/frames_option.h"
+#include "redrive/recording/camera_choice.h"
 #include "redrive/recording/readout_options.h"
 #include "redrive/train/run.h"
 
@@ -21,7 +22,7 @@ struct AlignArguments {
   std::string recording, frames, out;
   int threads = 0;
   AlignOptions options;
-  std::vector<std::string> rolling_shutter;
+  std::vector<std::string> rolling_shutter, cameras;
   bool no_lidar = false, no_images = false;
 };
 
@@ -34,6 +35,7 @@ int run_align(AlignArguments arguments) {
   arguments.options.lidar = !arguments.no_lidar;
   Recording recording = open_recording(arguments.recording);
   keep_frames(parse_frame_range(arguments.frames), &recording);
+  keep_cameras(arguments.cameras, &recording);
   arguments.options.bundle.readouts = apply_readout_options(arguments.rolling_shutter, &recording);
   ThreadPool pool(arguments.threads > 0 ? arguments.threads : hardware_threads());
   const AlignResult result = align_verbose(recording, arguments.options, pool);
@@ -51,6 +53,7 @@ Action configure_align(CLI::App& command) {
   auto arguments = std::make_shared<AlignArguments>();
   command.add_option("RECORDING", arguments->recording, "folder of the recording")->required();
   add_frames_option(command, &arguments->frames);
+  add_cameras_option(command, &arguments->cameras);
   command.add_option(
       "--out", arguments->out,
       "folder for poses, calibration and report.html; must not exist (default: prints "

@@ -46,6 +46,16 @@ void print_moving(const MovingEvaluation& moving) {
                 object.score.images, object.score.psnr_db, object.score.ssim);
 }
 
+/// States how much of the images the scores are of.
+void print_scored_share(const std::map<std::string, Score>& cameras, const Score& overall) {
+  constexpr double kFew = 0.5;
+  std::printf("scored: %.1f %% of the pixels\n", 100 * overall.scored_share());
+  for (const auto& [name, score] : cameras)
+    if (score.scored_share() < kFew)
+      std::printf("WARNING: %s: only %.1f %% of its pixels are scored\n", name.c_str(),
+                  100 * score.scored_share());
+}
+
 void print_evaluation(const Evaluation& evaluation) {
   std::printf("%s\n",
               evaluation.held_out ? "held-out frames" : "training frames (no frame was held out)");
@@ -53,6 +63,7 @@ void print_evaluation(const Evaluation& evaluation) {
               "px masked");
   for (const auto& [name, score] : evaluation.cameras) print_row(name, score);
   print_row("all", evaluation.overall);
+  print_scored_share(evaluation.cameras, evaluation.overall);
   for (const auto& [name, part] : evaluation.parts)
     if (part.overall.images > 0) print_row("  block " + name, part.overall);
   if (evaluation.moving) print_moving(*evaluation.moving);

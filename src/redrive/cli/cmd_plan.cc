@@ -185,8 +185,8 @@ int run_plan(const PlanArguments& arguments) {
   TrainOptions options = options_of(arguments);
   const auto owned = make_backend(options);
   kernels::Backend& backend = *owned;
-  const Recording recording = open_recording(options);
-  resolve_cameras(&options, recording);
+  Recording recording = open_recording(options);
+  resolve_cameras(&options, &recording);
   const Scene scene = make_scene(recording, scene_options(options));
   if (!arguments.blocks.empty()) check_divisible(arguments.blocks, options, recording);
   Machines machines{arguments.machines, arguments.cores > 0 ? arguments.cores : backend.threads(),

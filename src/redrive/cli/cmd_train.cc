@@ -134,7 +134,7 @@ int lead_training(const TrainArguments& arguments, ProcessGroup& processes) {
   run.recording = open_recording(run.options);
   if (!arguments.blocks.empty()) check_divisible(arguments.blocks, run.options, run.recording);
   const std::optional<ExternalPoses> poses = load_external_poses(&run, threads);
-  resolve_cameras(&run.options, run.recording);
+  resolve_cameras(&run.options, &run.recording);
   resolve_bounds(&run.options, given_names(arguments), run.recording);
   run.scene = make_scene(run.recording, scene_options(run.options));
   if (!arguments.blocks.empty())

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// --frames of commands that take a recording.
+// --frames and --cameras of commands that take a recording.
 #pragma once
 
 #include <string>
+#include <vector>
 
 #include <CLI/App.hpp>
 
@@ -14,6 +15,13 @@ inline void add_frames_option(CLI::App& command, std::string* frames) {
   command.add_option("--frames", *frames,
                      "FIRST:LAST[:STEP], frame ids, both ends included, either may be empty: reads "
                      "these frames alone (default: all)");
+}
+
+inline void add_cameras_option(CLI::App& command, std::vector<std::string>* cameras) {
+  command
+      .add_option("--cameras", *cameras,
+                  "A,B: takes these cameras alone (default: all with images)")
+      ->delimiter(',');
 }
 
 }  // namespace redrive

@@ -8,6 +8,8 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/memory_limit.h"
+#include "redrive/camera/ray_share.h"
+#include "redrive/recording/summary.h"
 #include "redrive/scene/find_moving.h"
 #include "redrive/train/memory.h"
 #include "redrive/train/pose_changes.h"
@@ -59,6 +61,9 @@ void print_summary(const Run& run, const TrainingData& training, const kernels::
   std::printf("%s\n", kernels::describe(backend).c_str());
   for (const Finding& finding : run.recording.findings)
     std::printf("note: %s: %s\n", finding.subject.c_str(), finding.what.c_str());
+  if (run.recording.metric)
+    for (const Finding& finding : summarize_drive(run.recording.frames).findings)
+      std::printf("note: %s: %s\n", finding.subject.c_str(), finding.what.c_str());
   const char* unit = run.recording.metric ? " m" : "";
   std::size_t held_out = 0, bytes = 0;
   for (const View& view : run.scene.views) held_out += view.held_out;
@@ -74,6 +79,9 @@ void print_summary(const Run& run, const TrainingData& training, const kernels::
       std::printf(", %.1f %% masked", 100.0 * static_cast<double>(mask.left_out()) /
                                           static_cast<double>(mask.used.size()));
     std::printf("\n");
+    if (const double percent = percent_without_ray(camera.recorded); percent > kMuchWithoutRay)
+      std::printf("WARNING: camera %s: %s; they are not used\n", camera.name.c_str(),
+                  without_ray_text(percent).c_str());
   }
   const auto count_moving = [](const char* what, const MovingObjects& objects) {
     if (const std::size_t n = objects.objects().size(); n > 0)

@@ -74,9 +74,13 @@ nlohmann::json range_score_to_json(const RangeScore& score) {
 }  // namespace
 
 nlohmann::json score_to_json(const Score& score) {
-  return {{"psnr_db", score.psnr_db}, {"ssim", score.ssim},
-          {"flip", score.flip},       {"depth_error", score.depth_error},
-          {"images", score.images},   {"left_out_pixels", score.left_out}};
+  return {{"psnr_db", score.psnr_db},
+          {"ssim", score.ssim},
+          {"flip", score.flip},
+          {"depth_error", score.depth_error},
+          {"images", score.images},
+          {"left_out_pixels", score.left_out},
+          {"scored_share", score.scored_share()}};
 }
 
 nlohmann::json view_alignment_to_json(const ViewAlignment& alignment) {
@@ -98,8 +102,10 @@ Score score_image(kernels::Backend& backend, const RenderedImage& rendered,
   }
   const kernels::ImageScore score =
       backend.score({rendered.width, rendered.height, rendered.rgb, ground_truth.rgb, mask});
+  const auto scored = std::ranges::count_if(mask, [](std::uint8_t used) { return used != 0; });
   return {std::min(score.psnr_db, kPsnrCapDb),         score.ssim, score.flip,
-          median_depth_error(rendered, mask, depth_m), 1,          left_out};
+          median_depth_error(rendered, mask, depth_m), 1,          left_out,
+          static_cast<std::int64_t>(mask.size()),      scored};
 }
 
 Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions& options) {

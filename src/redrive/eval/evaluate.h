@@ -49,6 +49,12 @@ struct Score {
   int images = 0;
   std::int64_t left_out = 0;  ///< pixels of these images in the camera model's valid region that
                               ///< masks exclude from scores
+  std::int64_t pixels = 0, scored = 0;  ///< of these images: all, and those that were compared
+
+  /// Share of the pixels that were compared; 1 without pixels.
+  double scored_share() const {
+    return pixels > 0 ? static_cast<double>(scored) / static_cast<double>(pixels) : 1;
+  }
 };
 
 /// Scores of moving objects (eval/moving_scores.h).
@@ -105,7 +111,8 @@ nlohmann::json moving_to_json(const MovingEvaluation& moving);
 /// {"moved_m", "turned_deg", "at_bound"}, "cameras": {CAM: {"moved_m": [3],
 /// "turned_deg": [3], "late_s", "at_bound"}}} or null}, with parts also "blocks": {NAME:
 /// {"overall": SCORE, "novel": {NAME: SCORE}}}, SCORE =
-/// {"psnr_db", "ssim", "flip", "depth_error", "images", "left_out_pixels"}, null for NaN.
+/// {"psnr_db", "ssim", "flip", "depth_error", "images", "left_out_pixels", "scored_share"}, null
+/// for NaN.
 nlohmann::json evaluation_to_json(const Evaluation& evaluation);
 
 }  // namespace redrive

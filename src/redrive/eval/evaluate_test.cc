@@ -284,7 +284,7 @@ TEST(EvaluationJson, HasTheDocumentedKeys) {
   Evaluation evaluation;
   evaluation.held_out = false;
   evaluation.overall = {20.5, 0.5, 0.25, std::nan(""), 3};
-  evaluation.cameras["F_CAM"] = {20.5, std::nan(""), 0.25, 0.125, 3, 7};
+  evaluation.cameras["F_CAM"] = {20.5, std::nan(""), 0.25, 0.125, 3, 7, 80, 20};
   evaluation.view_alignment = ViewAlignment{8, 0.25, 0.5};
   evaluation.alignment = TrajectoryRegistration{Rigid3d::Identity(), 5, 0.5, 0.25, 0.125, 1};
   EXPECT_TRUE(
@@ -301,14 +301,14 @@ TEST(EvaluationJson, HasTheDocumentedKeys) {
   const auto json = nlohmann::json::parse(evaluation_to_json(evaluation).dump());
   EXPECT_EQ(json, nlohmann::json::parse(R"({
     "overall": {"psnr_db": 20.5, "ssim": 0.5, "flip": 0.25, "depth_error": null, "images": 3,
-      "left_out_pixels": 0},
+      "left_out_pixels": 0, "scored_share": 1},
     "cameras": {"F_CAM": {"psnr_db": 20.5, "ssim": null, "flip": 0.25, "depth_error": 0.125,
-      "images": 3, "left_out_pixels": 7}},
+      "images": 3, "left_out_pixels": 7, "scored_share": 0.25}},
     "moving": {
       "inside": {"psnr_db": 24, "ssim": 0.75, "flip": 0.125, "depth_error": null, "images": 2,
-        "left_out_pixels": 0},
+        "left_out_pixels": 0, "scored_share": 1},
       "outside": {"psnr_db": 22, "ssim": 0.5, "flip": 0.25, "depth_error": null, "images": 3,
-        "left_out_pixels": 0},
+        "left_out_pixels": 0, "scored_share": 1},
       "objects": {"-7": {"type": "CAR", "psnr_db": 25, "ssim": 0.625, "images": 2}}},
     "lidar": {"returns": 100, "range_error_m": 0.25, "hit_rate": 0.75, "near_hit_rate": 0.5,
       "revolutions": 2, "chamfer_m": 0.125,

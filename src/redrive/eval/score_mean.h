@@ -21,10 +21,13 @@ class ScoreMean {
     depth_error_.add(score.depth_error);
     ++images_;
     left_out_ += score.left_out;
+    pixels_ += score.pixels;
+    scored_ += score.scored;
   }
   Score mean() const {
     if (images_ == 0) return {};
-    return {psnr_db_.mean(), ssim_.mean(), flip_.mean(), depth_error_.mean(), images_, left_out_};
+    return {psnr_db_.mean(), ssim_.mean(), flip_.mean(), depth_error_.mean(),
+            images_,         left_out_,    pixels_,      scored_};
   }
 
  private:
@@ -40,7 +43,7 @@ class ScoreMean {
   };
   Mean psnr_db_, ssim_, flip_, depth_error_;
   int images_ = 0;
-  std::int64_t left_out_ = 0;
+  std::int64_t left_out_ = 0, pixels_ = 0, scored_ = 0;
 };
 
 /// Returns SCORE of evaluation_to_json.

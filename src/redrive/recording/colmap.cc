@@ -9,6 +9,7 @@
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
 #include "redrive/recording/colmap_files.h"
+#include "redrive/recording/far_photographs.h"
 #include "redrive/recording/frame_files.h"
 #include "redrive/recording/photographs.h"
 #include "redrive/recording/recording_reader.h"
@@ -229,6 +230,7 @@ Recording open(const fs::path& root, PoseSource source) {
   if (recording.cameras.empty())
     throw InputError(root, "", "", "empty recording: no image of the model is there");
 
+  leave_out_far_photographs(&recording);
   if (const fs::path points = find_file(model, "points3D"); points.empty()) {
     findings.push_back({"points3D", "missing: nothing says where the scene is"});
   } else {

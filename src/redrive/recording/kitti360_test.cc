@@ -315,8 +315,8 @@ TEST(RealKitti360, CalibrationIsRead) {
   const fs::path images = fs::path("data_2d_raw") / kKitti360Drive;
   for (int f = 2; f <= 4; ++f) {
     const std::string name = "000000000" + std::to_string(f) + ".png";
-    folder.write(images / "image_01/data_rect" / name, testing::png_head(1408, 376));
-    folder.write(images / "image_03/data_rgb" / name, testing::png_head(1400, 1400));
+    folder.write(images / "image_01/data_rect" / name, testing::png_head(1408, 376, name));
+    folder.write(images / "image_03/data_rgb" / name, testing::png_head(1400, 1400, name));
   }
   for (const char* camera : {"image_01", "image_03"})
     folder.write(images / camera / "timestamps.txt", testing::kitti_timestamps(6, 5));

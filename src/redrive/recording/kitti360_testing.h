@@ -50,8 +50,8 @@ inline void write_kitti360_drive(const TemporaryFolder& folder) {
   std::string poses;
   for (int f = 2; f <= 4; ++f) {
     const std::string name = "000000000" + std::to_string(f);
-    folder.write(images / ("image_00/data_rect/" + name + ".png"), png_head(1408, 376));
-    folder.write(images / ("image_02/data_rgb/" + name + ".png"), png_head(1400, 1400));
+    folder.write(images / ("image_00/data_rect/" + name + ".png"), png_head(1408, 376, name));
+    folder.write(images / ("image_02/data_rgb/" + name + ".png"), png_head(1400, 1400, name));
     folder.write(scans / ("data/" + name + ".bin"), kitti_scan({{10, 0, 0, 1}, {0, 10, 0, 0.5f}}));
     poses += kitti360_pose(f);
   }

@@ -59,12 +59,12 @@ inline std::string kitti_scan(std::initializer_list<std::array<float, 4>> points
   return bytes;
 }
 
-/// The first bytes of a PNG of that size.
-inline std::string png_head(int width, int height) {
+/// The first bytes of a PNG of that size, and what tells it from other images.
+inline std::string png_head(int width, int height, const std::string& pixels = "") {
   std::string head("\x89PNG\r\n\x1a\n\0\0\0\rIHDR", 16);
   for (const int side : {width, height})
     for (const int shift : {24, 16, 8, 0}) head += static_cast<char>(side >> shift & 0xff);
-  return head;
+  return head + pixels;
 }
 
 /// A line of label_02, straight ahead of camera 0, facing away from it.
@@ -92,7 +92,7 @@ inline void write_kitti_drive(const TemporaryFolder& folder) {
     const std::string name = "000000000" + std::to_string(f);
     folder.write(drive / ("oxts/data/" + name + ".txt"), kitti_oxts(f));
     for (const std::string camera : {"image_00", "image_02"})
-      folder.write(drive / camera / ("data/" + name + ".png"), png_head(1242, 375));
+      folder.write(drive / camera / ("data/" + name + ".png"), png_head(1242, 375, name));
     folder.write(drive / ("velodyne_points/data/" + name + ".bin"),
                  kitti_scan({{10, 0, 0, 1}, {0, 10, 0, 0.5f}}));
   }
@@ -109,7 +109,7 @@ inline void write_kitti_sequence(const TemporaryFolder& folder) {
   folder.write("poses/04.txt",
                "1 0 0 0 0 1 0 0 0 0 1 0\n1 0 0 0 0 1 0 0 0 0 1 1\n1 0 0 0 0 1 0 0 0 0 1 2\n");
   for (const std::string name : {"000000", "000001", "000002"}) {
-    folder.write(sequence / ("image_2/" + name + ".png"), png_head(1226, 370));
+    folder.write(sequence / ("image_2/" + name + ".png"), png_head(1226, 370, name));
     folder.write(sequence / ("velodyne/" + name + ".bin"), kitti_scan({{10, 0, 0, 0.25f}}));
   }
 }

@@ -7,6 +7,7 @@
 #include "redrive/recording/kitti360.h"
 #include "redrive/recording/nuscenes.h"
 #include "redrive/recording/recording.h"
+#include "redrive/recording/repeated_images.h"
 #include "redrive/recording/transforms.h"
 
 namespace redrive {
@@ -54,6 +55,7 @@ Recording open_recording(const std::filesystem::path& root, PoseSource source) {
     if (format.looks_like(root)) {
       Recording recording = format.open(root, source);
       recording.format = format.name;
+      leave_out_repeated_images(&recording);
       return recording;
     }
     sought += (sought.empty() ? "" : "; ") + std::string(format.name) + ": " + format.looks_for;

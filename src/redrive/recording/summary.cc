@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cstdio>
 
+#include "redrive/recording/pose_jumps.h"
+
 namespace redrive {
 
 DriveSummary summarize_drive(const std::vector<FramePose>& frames) {
@@ -46,6 +48,8 @@ DriveSummary summarize_drive(const std::vector<FramePose>& frames) {
   }
   if (gaps > kShown)
     summary.findings.push_back({"egomotion", std::to_string(gaps - kShown) + " more gaps"});
+  const std::vector<Finding> faults = describe_pose_faults(frames, find_pose_faults(frames));
+  summary.findings.insert(summary.findings.end(), faults.begin(), faults.end());
   return summary;
 }
 

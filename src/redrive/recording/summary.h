@@ -14,7 +14,7 @@ struct DriveSummary {
   double path_length_m = 0;       ///< sum of the distances between consecutive poses
   double mean_speed_m_per_s = 0;  ///< path_length_m / duration_s
   double max_speed_m_per_s = 0;   ///< largest distance / interval of two consecutive poses
-  std::vector<Finding> findings;  ///< gaps in the ids and in time
+  std::vector<Finding> findings;  ///< gaps in time, and poses that contradict their neighbours
 };
 
 /// `frames`: by id, with increasing times, as in Recording. All zero for fewer than two.

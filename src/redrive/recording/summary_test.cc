@@ -26,11 +26,19 @@ TEST(DriveSummary, SumsPathAndDuration) {
 
 TEST(DriveSummary, ReportsGapsInTime) {
   const DriveSummary summary = summarize_drive(
-      {frame(1, 0, 0), frame(2, 1, 100), frame(5, 2, 400), frame(6, 3, 500), frame(7, 4, 600)});
+      {frame(1, 0, 0), frame(2, 1, 100), frame(5, 4, 400), frame(6, 5, 500), frame(7, 6, 600)});
   EXPECT_DOUBLE_EQ(summary.rate_hz, 10);
   ASSERT_EQ(summary.findings.size(), 1u);
   EXPECT_THAT(summary.findings[0].what,
               ::testing::AllOf(::testing::HasSubstr("0.300 s"), ::testing::HasSubstr("2 and 5")));
+}
+
+TEST(DriveSummary, ReportsPosesOffTheWay) {
+  std::vector<FramePose> frames;
+  for (int f = 0; f < 12; ++f) frames.push_back(frame(f, f + (f == 6 ? 3 : 0), 100 * f));
+  const DriveSummary summary = summarize_drive(frames);
+  ASSERT_EQ(summary.findings.size(), 1u);
+  EXPECT_THAT(summary.findings[0].what, ::testing::HasSubstr("frame 6 lies 3.00 m"));
 }
 
 TEST(DriveSummary, IsZeroForOneFrame) {

@@ -9,6 +9,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
+#include "redrive/recording/far_photographs.h"
 #include "redrive/recording/frame_files.h"
 #include "redrive/recording/photographs.h"
 #include "redrive/recording/ply.h"
@@ -123,6 +124,7 @@ class Collector {
                          " listed, but not there, left out: " + first_few(missing_)});
     if (cameras.empty())
       throw InputError(recording_.root, "", "", "empty recording: no listed image is there");
+    leave_out_far_photographs(&recording_);
     // Numbers of equal length, so that names sort by number.
     const std::size_t digits = std::to_string(cameras.size()).size();
     for (std::size_t i = 0; i < cameras.size(); ++i) {

@@ -50,6 +50,9 @@ std::string verdicts(const Recording& recording, const Preflight& preflight) {
   }
   rows.push_back({"clock", verdict_name(preflight.clock.verdict), preflight.clock.why, "-", "-",
                   "-", "-", "-", "-"});
+  for (const SharedCheck& check : preflight.shared)
+    rows.push_back(
+        {check.name, verdict_name(check.verdict), check.why, "-", "-", "-", "-", "-", "-"});
   std::string out = "<h1>" + html_escape(recording.root.lexically_normal().filename().string()) +
                     "</h1>\n<h2>" + html_escape(preflight.headline()) + "</h2>\n";
   return out + html_table(rows, false) +

@@ -6,18 +6,13 @@
 #include <set>
 
 #include "redrive/base/error.h"
+#include "redrive/camera/ray_share.h"
+#include "redrive/recording/camera_choice.h"
 #include "redrive/recording/frame_range.h"
 #include "redrive/recording/trajectory.h"
 
 namespace redrive {
 namespace {
-
-std::string joined_names(const std::vector<RecordedCamera>& cameras) {
-  std::string names;
-  for (const RecordedCamera& camera : cameras)
-    names += (names.empty() ? "" : ", ") + camera.calibration.name;
-  return names;
-}
 
 void check_ranges(const SceneOptions& options) {
   const auto require = [](bool good, const char* option, auto value, const char* rule) {
@@ -51,10 +46,7 @@ std::vector<const RecordedCamera*> choose_cameras(const Recording& recording,
     if (options.cameras.empty()) chosen.push_back(&camera);
   std::set<std::string> seen;
   for (const std::string& name : options.cameras) {
-    const RecordedCamera* camera = recording.find_camera(name);
-    if (!camera)
-      throw UsageError("--cameras", name,
-                       "no such camera with images; there are " + joined_names(recording.cameras));
+    const RecordedCamera* camera = &named_camera(recording, name);
     if (!seen.insert(name).second) throw UsageError("--cameras", name, "is named twice");
     chosen.push_back(camera);
   }
@@ -62,9 +54,14 @@ std::vector<const RecordedCamera*> choose_cameras(const Recording& recording,
 }
 
 RigCamera make_rig_camera(const CameraCalibration& calibration, const SceneOptions& options) {
+  constexpr int kColumns = 40;  // there may be a camera for each photograph
   RigCamera camera{calibration.name,           {},
                    make_camera(calibration),   calibration.body_from_sensor,
                    calibration.time_offset_ns, calibration.readout_ns};
+  if (const double percent = percent_without_ray(camera.recorded, kColumns);
+      percent > kMostWithoutRay)
+    throw InputError("calibration", calibration.name, "",
+                     without_ray_text(percent) + ": that is no calibration of a lens");
   if (options.undistort && calibration.readout_ns != 0)
     throw UsageError(
         "--undistort", calibration.name,

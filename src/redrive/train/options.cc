@@ -11,8 +11,10 @@
 #include <nlohmann/json.hpp>
 
 #include "redrive/base/error.h"
+#include "redrive/recording/camera_choice.h"
 #include "redrive/recording/frame_range.h"
 #include "redrive/recording/readout_options.h"
+#include "redrive/recording/wording.h"
 
 namespace redrive {
 namespace {
@@ -78,14 +80,28 @@ void apply_preset(TrainOptions* options, const std::vector<std::string>& given) 
   }
 }
 
-void resolve_cameras(TrainOptions* options, const Recording& recording) {
-  const Preset* preset = find_preset(*options);
-  if (!options->cameras.empty() || !preset) return;
-  for (const std::vector<std::string>& choices : preset->cameras) {
-    const auto found = std::ranges::find_if(
-        choices, [&](const std::string& name) { return recording.find_camera(name); });
-    options->cameras.push_back(found != choices.end() ? *found : choices.back());
-  }
+void resolve_cameras(TrainOptions* options, Recording* recording) {
+  if (!options->cameras.empty()) return;
+  if (const Preset* preset = find_preset(*options))
+    for (const std::vector<std::string>& choices : preset->cameras) {
+      const auto found = std::ranges::find_if(
+          choices, [&](const std::string& name) { return recording->find_camera(name); });
+      options->cameras.push_back(found != choices.end() ? *found : choices.back());
+    }
+  if (!options->cameras.empty()) return;
+  const std::vector<std::string> grey = grey_cameras(*recording);
+  if (grey.empty() || grey.size() == recording->cameras.size()) return;
+  const FrameRange frames = parse_frame_range(options->frames);
+  const auto is_chosen = [&](const ImageFile& image) {
+    return image.frame_id >= frames.first && (frames.last < 0 || image.frame_id <= frames.last);
+  };
+  for (const RecordedCamera& camera : recording->cameras)
+    if (const std::string& name = camera.calibration.name;
+        !contains(grey, name) && std::ranges::any_of(camera.images, is_chosen))
+      options->cameras.push_back(name);
+  if (options->cameras.empty()) return;
+  recording->findings.push_back(
+      {first_few(grey), "left out beside colour cameras, grey; --cameras takes them, too"});
 }
 
 void resolve_bounds(TrainOptions* options, const std::vector<std::string>& given,

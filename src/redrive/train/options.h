@@ -93,8 +93,9 @@ std::vector<TrainField> train_fields();
 /// is unknown or of another method. resolve_cameras and resolve_bounds set the options that depend
 /// on the recording.
 void apply_preset(TrainOptions* options, const std::vector<std::string>& given);
-/// Sets the cameras to the preset's, where none are given.
-void resolve_cameras(TrainOptions* options, const Recording& recording);
+/// Sets the cameras to the preset's, where none are given, or to those with colour images where
+/// others are grey; a finding names these.
+void resolve_cameras(TrainOptions* options, Recording* recording);
 
 /// Sets near_m and far_m of a bounded recording, where neither is `given` or set by the preset, to
 /// enclose its cube as seen from every frame. Where the method contracts space and all frames are

@@ -6,6 +6,8 @@
 #include <nlohmann/json.hpp>
 
 #include "redrive/base/error.h"
+#include "redrive/base/temporary_folder_testing.h"
+#include "redrive/image/image_io.h"
 
 namespace redrive {
 namespace {
@@ -302,17 +304,45 @@ TEST(TrainOptions, SecondSetupTakesTheRearCameraWhereTheMiddleOneIsMissing) {
   TrainOptions options;
   options.method = "nerf";
   options.preset = "report-2";
-  resolve_cameras(&options, recording);
+  resolve_cameras(&options, &recording);
   EXPECT_THAT(options.cameras, ElementsAre("F_MIDLONGRANGECAM_CL", "B_MIDRANGECAM_C"));
 
   recording.cameras[0].calibration.name = "F_MIDRANGECAM_C";
   options.cameras.clear();
-  resolve_cameras(&options, recording);
+  resolve_cameras(&options, &recording);
   EXPECT_THAT(options.cameras, ElementsAre("F_MIDLONGRANGECAM_CL", "F_MIDRANGECAM_C"));
 
   options.cameras = {"M_FISHEYE_L"};
-  resolve_cameras(&options, recording);
+  resolve_cameras(&options, &recording);
   EXPECT_THAT(options.cameras, ElementsAre("M_FISHEYE_L"));
+}
+
+TEST(TrainOptions, GreyCamerasAreLeftOutBesideColourOnes) {
+  const TemporaryFolder folder;
+  Recording recording;
+  recording.cameras.resize(3);
+  for (int c = 0; c < 3; ++c) {
+    RecordedCamera& camera = recording.cameras[c];
+    camera.calibration.name = std::string("CAM") + std::to_string(c);
+    Image8 image{2, 2, std::vector<std::uint8_t>(12, 90)};
+    if (c > 0) image.rgb[0] = 10;
+    camera.images.push_back({{7, folder.path / (camera.calibration.name + ".png")}, {}, false});
+    write_image(camera.images[0].path, image);
+  }
+  TrainOptions options;
+  resolve_cameras(&options, &recording);
+  EXPECT_THAT(options.cameras, ElementsAre("CAM1", "CAM2"));
+  ASSERT_EQ(recording.findings.size(), 1u);
+  EXPECT_EQ(recording.findings[0].subject, "CAM0");
+
+  options.cameras = {"CAM0"};
+  resolve_cameras(&options, &recording);
+  EXPECT_THAT(options.cameras, ElementsAre("CAM0")) << "as named";
+
+  options.cameras.clear();
+  recording.cameras.resize(1);
+  resolve_cameras(&options, &recording);
+  EXPECT_TRUE(options.cameras.empty()) << "all are grey";
 }
 
 TEST(TrainOptions, RejectsHyperparametersOfAnotherMethod) {

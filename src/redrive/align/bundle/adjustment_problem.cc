@@ -108,14 +108,14 @@ void AdjustmentProblem::add_priors(const BundlePriors& priors) {
   for (std::size_t f = 0; f < model_.corrections.size(); ++f) {
     rig_.push_back(model_.corrections[f].data());
     problem_.AddResidualBlock(
-        pose_prior_cost(priors.pose * std::sqrt(std::max(1.0, at_a_time))).release(), nullptr,
-        model_.corrections[f].data());
+        pose_prior_cost(priors.pose * std::sqrt(std::max(1.0, at_a_time))).release(),
+        &egomotion_loss_, model_.corrections[f].data());
     if (f == 0) continue;
     const double step_s =
         static_cast<double>(model_.initial_frames[f].t_ns - model_.initial_frames[f - 1].t_ns) *
         1e-9;
     problem_.AddResidualBlock(
-        smoothness_cost(priors.pose * (step_s / priors.correlation_s)).release(), nullptr,
+        smoothness_cost(priors.pose * (step_s / priors.correlation_s)).release(), &egomotion_loss_,
         model_.corrections[f - 1].data(), model_.corrections[f].data());
   }
   for (RigModelCamera& camera : model_.cameras) {

@@ -64,6 +64,7 @@ class AdjustmentProblem {
   const BundleOptions& options_;
   const HeldNumbers& held_;
   ceres::CauchyLoss image_loss_{2}, lidar_loss_{2}, prior_loss_{1};
+  ceres::CauchyLoss egomotion_loss_{10};  ///< quadratic but for poses that are wrong by far more
   ceres::Problem problem_;
   std::vector<double*> rig_, points_;
   std::vector<std::array<double, 3>> landmarks_;

@@ -4,11 +4,13 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <numbers>
 
 #include "redrive/align/bundle/adjustment_problem.h"
+#include "redrive/align/bundle/agreeing_tracks.h"
+#include "redrive/align/bundle/doubtful_frames.h"
 #include "redrive/align/bundle/inverse_depth_point.h"
 #include "redrive/align/bundle/lidar_ties.h"
+#include "redrive/align/bundle/shape_covariance.h"
 #include "redrive/align/bundle/unobservable_extrinsics.h"
 #include "redrive/align/bundle/unobservable_time_offsets.h"
 #include "redrive/math/angles.h"
@@ -17,93 +19,40 @@
 namespace redrive {
 namespace {
 
-constexpr double kStartSigma_px = 4;   // in the first round; later the residuals' median
-constexpr double kMinSigma_px = 0.05;  // lower bound of the noise of an image
 constexpr double kMinPose_m = 0.01,
                  kMinPose_rad = 3e-4;  // lower bounds of the prior of the egomotion
 // Time offsets are estimated from the LiDAR's contrast with initial calibration and poses: at night
 // tracks rotate a camera by more than its calibration error. Where the initial poses are too far
 // off for that, the contrast is evaluated again with the poses of this round.
 constexpr int kSecondContrastRound = 2;
-constexpr int kRoundsAfterReset = 3;  // to converge again after unobservable numbers were reset
-constexpr double kOutlierSigmas = 4;  // standard deviations of an outlier
-constexpr double kMaxTied_m = 40;     // distance of points that are tied to surfaces of the LiDAR
+constexpr int kRoundsAfterReset = 3;   // to converge again after unobservable numbers were reset
+constexpr double kMaxTied_m = 40;      // distance of points that are tied to surfaces of the LiDAR
+constexpr double kUnsupported = 0.25;  // share of a frame's observations that agree with its pose
+constexpr double kMuchLarger = 5;      // times the median correction: no measure of the usual ones
+constexpr int kLeastRounds = 4;
+constexpr double kConvergedSigmas = 0.1;  // of a pose: a round's change that counts as converged
+constexpr double kNear = 10;  // times the least change below: standard deviations may exceed it
 constexpr double kConverged_m = 1e-3, kConverged_rad = 3e-5,
-                 kConverged_s = 1e-4;  // change of a round that counts as converged
-
-double median_of(std::vector<double>* values) {
-  if (values->empty()) return 0;
-  const auto middle = values->begin() + static_cast<std::ptrdiff_t>(values->size() / 2);
-  std::nth_element(values->begin(), middle, values->end());
-  return *middle;
-}
-
-/// All tracks that can be triangulated with the present corrections, by track.
-std::vector<TriangulatedTrack> triangulate_tracks(const RigModel& model,
-                                                  const std::vector<Track>& tracks,
-                                                  const std::vector<double>& sigma_px,
-                                                  ThreadPool& pool) {
-  const ExposureMotions times(model);
-  std::vector<std::optional<TriangulatedTrack>> found(tracks.size());
-  pool.run_ranges(tracks.size(), 64, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i)
-      if (const auto point = fit_inverse_depth_point(model, times, tracks[i], sigma_px))
-        found[i] = TriangulatedTrack{static_cast<int>(i), *point,
-                                     std::vector<std::uint8_t>(tracks[i].seen.size(), 1),
-                                     reprojection_errors(model, times, tracks[i], *point)};
-  });
-  std::vector<TriangulatedTrack> triangulated;
-  for (auto& entry : found)
-    if (entry) triangulated.push_back(std::move(*entry));
-  return triangulated;
-}
-
-/// Noise of each camera from the median of the components' absolute values, which is 0.6745 sigma.
-/// A point takes three degrees of freedom.
-std::vector<double> measure_noise(const RigModel& model, const std::vector<Track>& tracks,
-                                  const std::vector<TriangulatedTrack>& triangulated) {
-  std::vector<std::vector<double>> sizes(model.cameras.size());
-  for (const TriangulatedTrack& entry : triangulated) {
-    const double n = 2 * static_cast<double>(entry.errors.size());
-    if (n < 5) continue;  // two observations leave one degree of freedom
-    for (std::size_t i = 0; i < entry.errors.size(); ++i)
-      for (int k = 0; k < 2; ++k)
-        sizes[tracks[entry.track].seen[i].camera].push_back(std::abs(entry.errors[i][k]) *
-                                                            std::sqrt(n / (n - 3)));
-  }
-  std::vector<double> sigma_px;
-  for (std::vector<double>& of_camera : sizes)
-    sigma_px.push_back(of_camera.size() < 20
-                           ? kStartSigma_px
-                           : std::max(kMinSigma_px, median_of(&of_camera) / 0.6745));
-  return sigma_px;
-}
-
-/// Rejects outliers, and tracks with fewer than two inliers.
-void reject_outliers(const std::vector<Track>& tracks, const std::vector<double>& sigma_px,
-                     std::vector<TriangulatedTrack>* triangulated) {
-  std::vector<TriangulatedTrack> kept;
-  for (TriangulatedTrack& entry : *triangulated) {
-    int used = 0;
-    for (std::size_t i = 0; i < entry.errors.size(); ++i) {
-      entry.used[i] = entry.errors[i].norm() <=
-                      kOutlierSigmas * sigma_of(tracks[entry.track].seen[i], sigma_px);
-      used += entry.used[i];
-    }
-    if (used >= 2) kept.push_back(std::move(entry));
-  }
-  *triangulated = std::move(kept);
-}
+                 kConverged_s = 1e-4;  // least change of a round that counts
 
 BundlePriors priors_of_round(const BundlePriors& initial, const RigModel& model, int round) {
   BundlePriors priors = initial;
   if (round < 2) return priors;
-  double squares_m = 0, squares_rad = 0;
+  std::vector<double> sizes_m, sizes_rad;
   for (const Vector6d& correction : model.corrections) {
+    sizes_m.push_back(correction.head<3>().norm());
+    sizes_rad.push_back(correction.tail<3>().norm());
+  }
+  const double most_m = kMuchLarger * median_or_zero(&sizes_m),
+               most_rad = kMuchLarger * median_or_zero(&sizes_rad);
+  double squares_m = 0, squares_rad = 0, n = 0;
+  for (const Vector6d& correction : model.corrections) {
+    if (correction.head<3>().norm() > most_m || correction.tail<3>().norm() > most_rad) continue;
     squares_m += correction.head<3>().squaredNorm();
     squares_rad += correction.tail<3>().squaredNorm();
+    n += 3;
   }
-  const double n = 3 * static_cast<double>(model.corrections.size());
+  n = std::max(3.0, n);
   priors.pose.head<3>() =
       initial.pose.head<3>().cwiseMin(std::max(kMinPose_m, 1.5 * std::sqrt(squares_m / n)));
   priors.pose.tail<3>() =
@@ -267,7 +216,7 @@ std::vector<LidarTie> tie_points(const RigModel& model, const std::vector<Track>
   result->cameras.resize(model.cameras.size());
   for (std::size_t c = 0; c < model.cameras.size(); ++c) {
     result->ties_of_camera[c] = static_cast<int>(distances_m[c].size());
-    result->cameras[c].ties_m = median_of(&distances_m[c]);
+    result->cameras[c].ties_m = median_or_zero(&distances_m[c]);
   }
   return ties;
 }
@@ -308,6 +257,70 @@ void keep_observable(const std::vector<ContrastFit>& fits, std::vector<ContrastF
     if (!(*kept)[c].observable) (*kept)[c] = fits[c];
 }
 
+/// Notes by how much the last round changed the model.
+void note_changes(const RigModel& now, const RigModel& before, BundleResult* result) {
+  // Of the shape: a rigid motion of the whole is next to unobservable and irrelevant.
+  const TrajectoryRegistration change =
+      register_trajectories(now.corrected_frames(), before.corrected_frames(), "");
+  result->last_translation_m = change.residual_m;
+  result->last_rotation_rad = change.residual_deg * kRadiansPerDegree;
+  result->last_time_s = 0;
+  for (std::size_t c = 0; c < now.cameras.size(); ++c)
+    result->last_time_s = std::max(
+        {result->last_time_s, std::abs(now.cameras[c].offset_s - before.cameras[c].offset_s),
+         std::abs(now.cameras[c].readout_s - before.cameras[c].readout_s) / 2});
+}
+
+/// Whether standard deviations, which take time, may tell that a round changed nothing.
+bool is_near_convergence(const BundleResult& result) {
+  return result.last_translation_m < kNear * kConverged_m &&
+         result.last_rotation_rad < kNear * kConverged_rad && result.last_time_s < kConverged_s;
+}
+
+/// Whether a round changed less than a tenth of the standard deviations, or next to nothing.
+bool has_converged(const RigModel& model, bool scale_is_given, const BundleResult& result) {
+  const Eigen::VectorXd variance = shape_variance(model, result, scale_is_given);
+  double squares_m = 0, squares_rad = 0;
+  const auto n = static_cast<Eigen::Index>(model.initial_frames.size());
+  for (Eigen::Index f = 0; f < n; ++f) {
+    squares_m += variance.segment<3>(6 * f).sum() / static_cast<double>(n);
+    squares_rad += variance.segment<3>(6 * f + 3).sum() / static_cast<double>(n);
+  }
+  return result.last_translation_m <
+             std::max(kConverged_m, kConvergedSigmas * std::sqrt(squares_m)) &&
+         result.last_rotation_rad <
+             std::max(kConverged_rad, kConvergedSigmas * std::sqrt(squares_rad));
+}
+
+struct RoundFigures {
+  const RigModel& model;
+  const BundleOptions& options;
+  const BundleResult& result;
+  int most_rounds = 0;
+  std::size_t triangulated = 0, tracks = 0;
+  const std::vector<double>& sigma_px;
+  std::vector<double> distances_m;
+  std::size_t patches = 0, ties = 0;
+  double seconds = 0;
+};
+
+void print_round(const RoundFigures& round) {
+  std::printf("round %d of at most %d: %zu of %zu tracks,", round.result.rounds, round.most_rounds,
+              round.triangulated, round.tracks);
+  for (const double s : round.sigma_px) std::printf(" %.2f", s);
+  std::printf(
+      " px; %zu LiDAR points on %zu patches, %.2f cm; %zu tied image points; poses changed by "
+      "%.2f cm, %.4f deg RMS; %.1f s\n",
+      round.distances_m.size(), round.patches, 100 * rms(round.distances_m), round.ties,
+      100 * round.result.last_translation_m, round.result.last_rotation_rad * kDegreesPerRadian,
+      round.seconds);
+  for (std::size_t c = 0; c < round.model.cameras.size(); ++c)
+    if (round.options.estimates_readout(c))
+      std::printf("  readout of %s: %.2f ms\n", round.model.cameras[c].initial.name.c_str(),
+                  1e3 * round.model.cameras[c].readout_s);
+  std::fflush(stdout);
+}
+
 }  // namespace
 
 BundleResult adjust_bundle(RigModel* model, const std::vector<Track>& tracks,
@@ -315,16 +328,16 @@ BundleResult adjust_bundle(RigModel* model, const std::vector<Track>& tracks,
                            const BundleOptions& options, ThreadPool& pool) {
   BundleResult result;
   std::vector<double> sigma_px(model->cameras.size(), kStartSigma_px);
+  std::vector<int> restarts(model->initial_frames.size());
   int rounds = options.rounds;
   bool tested_observability = options.fixed_cameras;
   HeldNumbers held =
       options.fixed_cameras ? all_numbers(*model) : HeldNumbers{options.held_offsets, {}};
   for (int round = 0; round < rounds && !result.converged; ++round) {
     const RigModel before = *model;
-    std::vector<TriangulatedTrack> triangulated =
-        triangulate_tracks(*model, tracks, sigma_px, pool);
-    sigma_px = measure_noise(*model, tracks, triangulated);
-    reject_outliers(tracks, sigma_px, &triangulated);
+    AgreeingTracks agreeing = find_agreeing(tracks, sigma_px, pool, model, &restarts);
+    std::vector<TriangulatedTrack>& triangulated = agreeing.triangulated;
+    sigma_px = agreeing.sigma_px;
 
     // Poses with errors of decimetres make planes thick.
     PlaneOptions planes = options.planes;
@@ -352,38 +365,16 @@ BundleResult adjust_bundle(RigModel* model, const std::vector<Track>& tracks,
     for (const UnobservableExtrinsic& number : held.extrinsics)
       reset_extrinsic(&model->cameras[number.camera], number.axis);
 
-    // Change of the shape: a rigid motion of the whole is next to unobservable and irrelevant.
-    const TrajectoryRegistration change =
-        register_trajectories(model->corrected_frames(), before.corrected_frames(), "");
-    const double translation_m = change.residual_m,
-                 rotation_rad = change.residual_deg * std::numbers::pi / 180;
+    note_changes(*model, before, &result);
     result.rounds = round + 1;
-    result.last_translation_m = translation_m;
-    result.last_rotation_rad = rotation_rad;
-    double shifted_s = 0;
-    for (std::size_t c = 0; c < model->cameras.size(); ++c) {
-      const RigModelCamera &now = model->cameras[c], &then = before.cameras[c];
-      shifted_s = std::max({shifted_s, std::abs(now.offset_s - then.offset_s),
-                            std::abs(now.readout_s - then.readout_s) / 2});
+    if (round >= kLeastRounds - 1 && is_near_convergence(result)) {
+      problem.compute_covariance(&result);
+      result.converged = has_converged(*model, lidar.empty(), result);
     }
-    result.converged = round >= 3 && translation_m < kConverged_m &&
-                       rotation_rad < kConverged_rad && shifted_s < kConverged_s;
-    if (options.verbose) {
-      std::printf("round %d: %zu of %zu tracks,", round + 1, triangulated.size(), tracks.size());
-      for (const double s : sigma_px) std::printf(" %.2f", s);
-      const std::vector<double> distances = patch_distances_m(*model, lidar, patches);
-      std::printf(
-          " px; %zu LiDAR points on %zu patches, %.2f cm; %zu tied image points; poses changed by "
-          "%.2f cm, %.4f deg RMS; %d steps, %.1f s\n",
-          distances.size(), patches.size(), 100 * rms(distances), ties.size(), 100 * translation_m,
-          rotation_rad * kDegreesPerRadian, summary.num_successful_steps,
-          summary.total_time_in_seconds);
-      for (std::size_t c = 0; c < model->cameras.size(); ++c)
-        if (options.estimates_readout(c))
-          std::printf("  readout of %s: %.2f ms\n", model->cameras[c].initial.name.c_str(),
-                      1e3 * model->cameras[c].readout_s);
-      std::fflush(stdout);
-    }
+    if (options.verbose)
+      print_round({*model, options, result, rounds, triangulated.size(), tracks.size(), sigma_px,
+                   patch_distances_m(*model, lidar, patches), patches.size(), ties.size(),
+                   summary.total_time_in_seconds});
     if (!tested_observability && (result.converged || 2 * (round + 1) >= rounds)) {
       tested_observability = true;
       problem.compute_covariance(&result);
@@ -395,6 +386,8 @@ BundleResult adjust_bundle(RigModel* model, const std::vector<Track>& tracks,
     }
     if (!result.converged && round + 1 < rounds) continue;
     problem.compute_covariance(&result);
+    result.unsupported_frames = doubtful_frames(agreeing.support, kUnsupported);
+    place_between_neighbours(result.unsupported_frames, model);
     fill_result(*model, tracks, lidar, triangulated, patches, sigma_px, pool, &result);
   }
   return result;

@@ -46,7 +46,7 @@ struct BundleOptions {
   PlaneOptions planes;
   std::vector<UnobservableTimeOffset> held_offsets;  ///< known to be unobservable
   bool fixed_cameras = false;  ///< whether extrinsics and time offsets keep their initial values
-  int rounds = 10;
+  int rounds = 10;       ///< at most; fewer once poses move by less than a tenth of their sigma
   bool verbose = false;  ///< prints a line a round
 
   bool estimates_readout(std::size_t camera) const {
@@ -84,10 +84,14 @@ struct BundleResult {
   std::vector<int> ties_of_camera;         ///< by camera: points tied to surfaces of the LiDAR
   std::vector<ContrastFit> contrast;       ///< by camera; empty: not computed
   std::vector<int> observations_in_frame;  ///< by frame
+  /// Indices of frames whose observations contradict every pose that was tried: they stand between
+  /// their neighbours, and what the covariance says of them is not so.
+  std::vector<int> unsupported_frames;
   bool converged = false;
   int rounds = 0;
   double last_translation_m = 0,
          last_rotation_rad = 0;  ///< RMS change of the trajectory's shape in the last round
+  double last_time_s = 0;        ///< largest change of a time offset or of half a readout there
   std::vector<UnobservableTimeOffset> unobservable;
   std::vector<UnobservableExtrinsic> unobservable_extrinsics;
   /// Covers pose corrections (6 a frame), extrinsics (6 a camera), and then each camera's other

@@ -309,6 +309,77 @@ TEST(Bundle, SharedPointsMakeTimeOffsetsObservable) {
   EXPECT_NEAR(offset_off_ms(rig, result, 1), 0, 1.5) << "1 cm of each camera's position is 0.5 ms";
 }
 
+/// Displaces the recorded poses of some frames by that much to the left.
+void displace(SyntheticRig* rig, std::vector<int> frames, double left_m) {
+  for (const int f : frames)
+    rig->recording.frames[f].global_from_body =
+        rig->recording.frames[f].global_from_body * Eigen::Translation3d(0, left_m, 0);
+}
+
+/// Distance of a frame's aligned position from the true one, by the motion to the frame before.
+double step_off_m(const SyntheticRig& rig, const AlignResult& result, int frame) {
+  const auto step = [&](const std::vector<FramePose>& frames) -> Eigen::Vector3d {
+    return (frames[frame - 1].global_from_body.inverse(Eigen::Isometry) *
+            frames[frame].global_from_body)
+        .translation();
+  };
+  return (step(result.frames) - step(rig.recording.ground_truth_frames)).norm();
+}
+
+// A position that is wrong by decimetres or metres makes outliers of its frame's observations. It
+// must neither stay nor bend others.
+TEST(Bundle, SinglePosesThatAreWrongAreFound) {
+  const AlignResult without = aligned(make_synthetic_rig(short_drive()));
+  for (const double left_m : {0.6, -12.0}) {
+    for (const int lidar_points : {9000, 0}) {
+      SCOPED_TRACE(left_m);
+      SyntheticOptions options = short_drive();
+      options.lidar_points = lidar_points;
+      SyntheticRig rig = make_synthetic_rig(options);
+      const double scale_m = lidar_points > 0 ? 0.02 : 0.04;  // without LiDAR the egomotion's
+      displace(&rig, {10}, left_m);
+      const AlignResult result = aligned(rig);
+      EXPECT_LT(step_off_m(rig, result, 10), scale_m);
+      EXPECT_LT(step_off_m(rig, result, 11), scale_m);
+      EXPECT_LT(result.corrections[10].sigma.head<3>().norm(), 0.03);
+      EXPECT_TRUE(result.bundle.unsupported_frames.empty());
+      for (int c = 0; c < 3 && lidar_points > 0; ++c)
+        EXPECT_NEAR(result.camera_corrections[c].offset_s, without.camera_corrections[c].offset_s,
+                    0.0005)
+            << "its standard deviation is "
+            << result.camera_corrections[c].offset_sigma_s.value_or(-1);
+    }
+  }
+}
+
+TEST(Bundle, JumpsOfThePosesAreMended) {
+  SyntheticRig rig = make_synthetic_rig(short_drive());
+  std::vector<int> later;
+  for (int f = 12; f < 24; ++f) later.push_back(f);
+  displace(&rig, later, 3);
+  const AlignResult result = aligned(rig);
+  EXPECT_LT(step_off_m(rig, result, 12), 0.02);
+  EXPECT_LT(result.aligned_vs_ground_truth->residual_m, 0.015);
+}
+
+// Observations that fit no pose tell nothing of their frame: it stands between its neighbours, as
+// known as such a place can be.
+TEST(Bundle, FramesWithContradictoryObservationsAreInterpolated) {
+  SyntheticOptions options = short_drive();
+  options.lidar_points = 0;
+  SyntheticRig rig = make_synthetic_rig(options);
+  testing::SyntheticNoise noise(9);
+  for (Track& track : rig.tracks)
+    for (Observation& seen : track.seen)
+      if (seen.frame == 10) seen.pixel = {noise.uniform(0, 479), noise.uniform(0, 263)};
+  const AlignResult result = aligned(rig), without = aligned(make_synthetic_rig(options));
+  EXPECT_EQ(result.bundle.unsupported_frames, std::vector<int>{10});
+  const double sigma_m = result.corrections[10].sigma.head<3>().norm();
+  EXPECT_GT(sigma_m, 1.2 * without.corrections[10].sigma.head<3>().norm());
+  EXPECT_LT(step_off_m(rig, result, 10), 3 * sigma_m);
+  EXPECT_LT(step_off_m(rig, result, 12), 0.04);
+}
+
 TEST(Bundle, IsDeterministic) {
   SyntheticOptions options = short_drive();
   options.frames = 10;

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 
+#include "redrive/align/preflight/drive_checks.h"
 #include "redrive/recording/recording_reader.h"
 #include "redrive/recording/trajectory.h"
 
@@ -20,8 +21,9 @@ constexpr double kMutualFactor =
 constexpr double kSynchronous_ms = 5, kAlignable_ms = 30;
 constexpr double kObservableFactor = 1.4;  // ratio of the scan's ends to its minimum
 constexpr double kScanFactor = 0.8;        // by which the scan's minimum has to be lower,
-constexpr double kSigmas = 2;      // or standard deviations from 0: a false "usable" costs little
-constexpr double kNearTie = 1.25;  // ratio of errors whose hypotheses are named together
+constexpr double kSigmas = 2;  // or standard deviations from 0: a false "usable" costs little
+constexpr std::size_t kMinOfPair = 10;  // points of two images
+constexpr double kNearTie = 1.25;       // ratio of errors whose hypotheses are named together
 constexpr std::size_t kMaxNamed = 3;
 const char* const kUnobservableByImages =
     "; its time offset is unobservable: with this motion any time looks the same";
@@ -64,6 +66,18 @@ void find_swapped(std::vector<CameraCheck>* cameras) {
     }
 }
 
+/// ", but those between frames 1018 and 1020 to 25.10 px only".
+std::string odd_pairs_text(const std::vector<OddPair>& pairs) {
+  constexpr std::size_t kShown = 3;
+  std::string text;
+  for (std::size_t i = 0; i < std::min(kShown, pairs.size()); ++i)
+    text += (i == 0 ? ", but those between frames " : ", between ") +
+            std::to_string(pairs[i].first_id) + " and " + std::to_string(pairs[i].last_id) +
+            " to " + px_text(pairs[i].error_px) + " px only";
+  if (pairs.size() > kShown) text += ", and of " + std::to_string(pairs.size() - kShown) + " more";
+  return text;
+}
+
 /// A camera's extrinsics and times, as recorded or as a hypothesis.
 struct Setup {
   Rigid3d body_from_sensor;
@@ -104,6 +118,7 @@ class Checker {
       check_.why = "the vehicle hardly moves: directions and times are unobservable";
       return check_;
     }
+    find_odd_pairs();
     try_extrinsics();
     try_time_offsets();
     scan();
@@ -161,6 +176,24 @@ class Checker {
       all.push_back(correspondence_error_px(sight.rays, pose));
     }
     return all;
+  }
+
+  /// Compares the pairs of images with each other: a single wrong pose does not change the median
+  /// of all.
+  void find_odd_pairs() {
+    const std::vector<double> px = errors(recorded_);
+    const double least_px = std::max(kUsable_px, kFactor * check_.tried[0].error_px);
+    std::vector<double> of_pair;
+    for (std::size_t i = 0; i < px.size(); ++i) {
+      const Correspondence& sight = correspondences_[i];
+      if (!std::isnan(px[i])) of_pair.push_back(px[i]);
+      if (i + 1 < px.size() && correspondences_[i + 1].frame_a == sight.frame_a) continue;
+      if (of_pair.size() >= kMinOfPair)
+        if (const double median_px = median_of(&of_pair); median_px > least_px)
+          check_.odd_pairs.push_back(
+              {frames_[sight.frame_a].id, frames_[sight.frame_b].id, median_px});
+      of_pair.clear();
+    }
   }
 
   /// Displacement of each point, independent of the calibration.
@@ -307,9 +340,11 @@ class Checker {
       check_.why = "half of the points agree to " + px_text(recorded_px) +
                    " px only, and no hypothesis explains it";
     } else {
-      check_.verdict = recorded_px > kGood_px ? Verdict::kUsable : Verdict::kGood;
+      const bool good = recorded_px <= kGood_px && check_.odd_pairs.empty();
+      check_.verdict = good ? Verdict::kGood : Verdict::kUsable;
       check_.why = "half of the points agree to " + px_text(recorded_px) + " px" +
-                   (check_.verdict == Verdict::kUsable ? ": redrive align may improve it" : "");
+                   odd_pairs_text(check_.odd_pairs) +
+                   (good ? "" : ": redrive align may improve it");
       if (!offset)
         check_.why += check_.contrast.empty() ? kUnobservableByImages : kUnobservableByAll;
     }
@@ -364,14 +399,16 @@ std::string Preflight::headline() const {
   }
   if (all)
     return "No camera could be checked: this check can neither recommend nor refuse training";
+  for (const SharedCheck& check : shared)
+    if (check.verdict == Verdict::kUsable) return "Align before training: " + check.why;
   return "Nothing speaks against training" +
          (unchecked.empty() ? "" : "; could not be checked: " + unchecked);
 }
 
 bool Preflight::passes() const {
-  return clock.verdict != Verdict::kWrong &&
-         std::ranges::none_of(cameras,
-                              [](const CameraCheck& c) { return c.verdict == Verdict::kWrong; });
+  const auto is_wrong = [](const auto& check) { return check.verdict == Verdict::kWrong; };
+  return !is_wrong(clock) && std::ranges::none_of(cameras, is_wrong) &&
+         std::ranges::none_of(shared, is_wrong);
 }
 
 ClockCheck check_clock(const Recording& recording) {
@@ -452,6 +489,7 @@ Preflight check_recording(const Recording& recording, const RigImages& images,
   });
   find_swapped(&result.cameras);
   result.clock = check_clock(recording);
+  result.shared.push_back(check_motion(recording));
   return result;
 }
 

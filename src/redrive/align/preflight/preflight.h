@@ -53,18 +53,25 @@ struct TimeOffsetEstimate {
   bool by_lidar = false;  ///< by the LiDAR's contrast; otherwise by the images
 };
 
+/// Two images whose points agree far less with the poses than those of most pairs do.
+struct OddPair {
+  std::int64_t first_id = 0, last_id = 0;  ///< of the frames
+  double error_px = 0;                     ///< median
+};
+
 struct CameraCheck {
   std::string name;
   Verdict verdict = Verdict::kCannotTell;
   Fault fault = Fault::kNone;
-  std::string why;                ///< a sentence
-  int points = 0;                 ///< compared
-  double flow_px = 0;             ///< median displacement of the points
-  int scale = 1;                  ///< all pixels are those of an image downscaled by this factor
-  std::vector<Hypothesis> tried;  ///< "as recorded" first, then in ascending order of error
-  std::vector<ScanPoint> scan;    ///< over time offsets relative to the recorded one
-  double offset_ms = 0;           ///< of the scan's minimum, by a parabola
-  double offset_error_px = 0;     ///< there
+  std::string why;                 ///< a sentence
+  int points = 0;                  ///< compared
+  double flow_px = 0;              ///< median displacement of the points
+  int scale = 1;                   ///< all pixels are those of an image downscaled by this factor
+  std::vector<OddPair> odd_pairs;  ///< by frame
+  std::vector<Hypothesis> tried;   ///< "as recorded" first, then in ascending order of error
+  std::vector<ScanPoint> scan;     ///< over time offsets relative to the recorded one
+  double offset_ms = 0;            ///< of the scan's minimum, by a parabola
+  double offset_error_px = 0;      ///< there
   double offset_sigma_ms =
       0;  ///< of offset_ms, by the jackknife over pairs of images; infinite for less than four
   bool offset_observable = false;  ///< whether the scan has a minimum, which needs turns or bumps
@@ -87,9 +94,17 @@ struct ClockCheck {
   std::string why;
 };
 
+/// A check of what all cameras share: "motion", "lidar".
+struct SharedCheck {
+  std::string name;
+  Verdict verdict = Verdict::kCannotTell;
+  std::string why;
+};
+
 struct Preflight {
   std::vector<CameraCheck> cameras;  ///< as Recording::cameras
   ClockCheck clock;
+  std::vector<SharedCheck> shared;
   bool passes() const;  ///< whether nothing is wrong, so that training makes sense
   std::string headline()
       const;  ///< the result in a sentence, with the cameras that could not be checked

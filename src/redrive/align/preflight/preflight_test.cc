@@ -193,6 +193,26 @@ TEST_F(StreetPreflight, MeasuresTimeOffsets) {
   }
 }
 
+// The median of the drive does not see one position that is 3 m off.
+TEST_F(StreetPreflight, NamesSingleWrongPoses) {
+  const Preflight result = check([](Recording* r) {
+    FramePose& frame = r->frames[15];
+    frame.global_from_body = frame.global_from_body * Eigen::Translation3d(0, 3, 0);
+  });
+  expect_others_fine(result, {});
+  const std::string id = std::to_string(street().frames[15].id);
+  ASSERT_EQ(result.shared.size(), 1u);
+  EXPECT_EQ(result.shared[0].name, "motion");
+  EXPECT_EQ(result.shared[0].verdict, Verdict::kUsable);
+  EXPECT_THAT(result.shared[0].why, ::testing::HasSubstr("frame " + id + " lies "));
+  EXPECT_THAT(result.headline(), ::testing::StartsWith("Align before training: the pose of frame"));
+  bool named = false;
+  for (const CameraCheck& camera : result.cameras)
+    for (const OddPair& pair : camera.odd_pairs)
+      named |= pair.first_id <= street().frames[15].id && pair.last_id >= street().frames[15].id;
+  EXPECT_TRUE(named);
+}
+
 TEST_F(StreetPreflight, NamesWrongExtrinsics) {
   for (const int c : {kFrontLong, kFront, kLeft, kRight}) {
     const Preflight inverted =

@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: Apache-2.0
+// Frames whose image points contradict their pose: a single wrong position of the egomotion makes
+// outliers of a frame's own observations, so that nothing would move it.
+#pragma once
+
+#include <vector>
+
+#include "redrive/align/rig/rig_model.h"
+
+namespace redrive {
+
+/// Observations of one frame, in tracks that were triangulated.
+struct FrameSupport {
+  int observed = 0, used = 0;  ///< used: within the noise
+};
+
+/// Indices of frames with at least 20 observations, of which less than `share` and less than half
+/// as many as in the median frame are used.
+std::vector<int> doubtful_frames(const std::vector<FrameSupport>& support, double share);
+
+/// Sets initial poses and corrections of `frames` (ascending) so that both their initial and their
+/// corrected poses are interpolated from the other frames': priors hold nothing where it was.
+/// Nothing where all frames are listed.
+void place_between_neighbours(const std::vector<int>& frames, RigModel* model);
+
+/// Standard deviations of a pose that place_between_neighbours interpolated, beyond those of its
+/// neighbours: RMS deviations of the poses of other frames from such interpolations. `listed`: as
+/// there; `frame`: one of them. Infinite where there is no such other frame.
+Vector6d interpolation_sigma(const RigModel& model, const std::vector<int>& listed, int frame);
+
+}  // namespace redrive

@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: Apache-2.0
+// What inspect found.
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include <nlohmann/json_fwd.hpp>
+
+#include "redrive/align/preflight/preflight.h"
+#include "redrive/recording/recording.h"
+#include "redrive/recording/summary.h"
+#include "redrive/scene/object_summary.h"
+
+namespace redrive {
+
+struct CameraReport {
+  const RecordedCamera* recorded = nullptr;
+  double horizontal_fov_deg = 0;
+  double percent_without_ray = 0;        ///< pixels outside the model's valid region
+  std::optional<double> percent_masked;  ///< with --masks
+  bool grey = false;                     ///< whether its images are
+  bool alpha = false;                    ///< whether a decoded image has an alpha channel
+  std::size_t held_out = 0, masks = 0;
+};
+
+struct Inspection {
+  Recording recording;
+  std::optional<DriveSummary> drive;  ///< nothing for photographs
+  std::vector<CameraReport> cameras;
+  std::vector<Finding> findings;                      ///< odd, but the recording can be used
+  std::vector<Finding> problems;                      ///< training would reject the recording
+  std::optional<Preflight> preflight;                 ///< with --report
+  std::optional<std::vector<ObjectSummary>> objects;  ///< with --objects
+};
+
+nlohmann::ordered_json inspection_to_json(const Inspection& inspection);
+void print_inspection(const Inspection& inspection);
+
+}  // namespace redrive

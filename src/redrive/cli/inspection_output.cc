@@ -1,0 +1,259 @@
+// SPDX-License-Identifier: Apache-2.0
+// What inspect found, as JSON and as text.
+#include <cmath>
+#include <cstdio>
+
+#include <nlohmann/json.hpp>
+
+#include "redrive/cli/inspection.h"
+#include "redrive/report/html.h"
+
+namespace redrive {
+namespace {
+
+nlohmann::ordered_json preflight_to_json(const Preflight& preflight) {
+  nlohmann::ordered_json cameras = nlohmann::ordered_json::array();
+  for (const CameraCheck& c : preflight.cameras) {
+    nlohmann::ordered_json tried = nlohmann::ordered_json::array(),
+                           scan = nlohmann::ordered_json::array();
+    for (const Hypothesis& h : c.tried)
+      tried.push_back({{"fault", fault_name(h.fault)}, {"what", h.what}, {"error_px", h.error_px}});
+    nlohmann::ordered_json contrast = nlohmann::ordered_json::array();
+    for (const ScanPoint& p : c.scan)
+      scan.push_back({{"offset_ms", p.offset_ms}, {"error_px", p.error_px}});
+    for (const ContrastPoint& p : c.contrast)
+      contrast.push_back({{"offset_ms", p.offset_ms}, {"correlation", p.correlation}});
+    nlohmann::ordered_json camera = {{"name", c.name},
+                                     {"verdict", verdict_name(c.verdict)},
+                                     {"fault", fault_name(c.fault)},
+                                     {"why", c.why},
+                                     {"points", c.points},
+                                     {"recorded_px_per_px", c.scale}};
+    if (!c.tried.empty()) {
+      camera["error_px"] = c.tried[0].error_px;
+      camera["flow_px"] = c.flow_px;
+    }
+    if (c.offset_observable)
+      camera["best_offset"] = {{"offset_ms", c.offset_ms},
+                               {"sigma_ms", c.offset_sigma_ms},
+                               {"error_px", c.offset_error_px}};
+    camera["clock"] = nullptr;  // unobservable
+    if (const auto offset = c.time_offset())
+      camera["clock"] = {{"offset_ms", offset->offset_ms},
+                         {"sigma_ms", offset->sigma_ms},
+                         {"by", offset->by_lidar ? "lidar" : "images"}};
+    camera["edge_score"] = nullptr;  // the LiDAR is too sparse
+    if (c.edges) camera["edge_score"] = {{"score", c.edges->score()}, {"edges", c.edges->edges}};
+    camera["odd_pairs"] = nlohmann::ordered_json::array();
+    for (const OddPair& pair : c.odd_pairs)
+      camera["odd_pairs"].push_back(
+          {{"frames", {pair.first_id, pair.last_id}}, {"error_px", pair.error_px}});
+    camera["tried"] = tried;
+    camera["scan"] = scan;
+    camera["contrast"] = contrast;
+    cameras.push_back(camera);
+  }
+  nlohmann::ordered_json shared = nlohmann::ordered_json::object();
+  for (const SharedCheck& check : preflight.shared)
+    shared[check.name] = {{"verdict", verdict_name(check.verdict)}, {"why", check.why}};
+  return {{"sensible", preflight.passes()},
+          {"headline", preflight.headline()},
+          {"clock",
+           {{"verdict", verdict_name(preflight.clock.verdict)},
+            {"frame_seconds_per_lidar_second", preflight.clock.frame_seconds_per_lidar_second},
+            {"why", preflight.clock.why}}},
+          {"shared", shared},
+          {"cameras", cameras}};
+}
+
+nlohmann::ordered_json objects_to_json(const std::vector<ObjectSummary>& objects) {
+  nlohmann::ordered_json list = nlohmann::ordered_json::array();
+  for (const ObjectSummary& o : objects)
+    list.push_back(
+        {{"id", o.id},
+         {"type", o.type},
+         {"moves", o.moves},
+         {"boxes", o.boxes},
+         {"driven_m", o.driven_m},
+         {"nearest_m", std::isfinite(o.nearest_m) ? nlohmann::json(o.nearest_m) : nullptr},
+         {"images", o.images}});
+  return list;
+}
+
+void print_objects(const std::vector<ObjectSummary>& objects) {
+  std::printf("%-12s %-20s %-8s %6s %9s %10s %7s\n", "object", "type", "", "boxes", "driven m",
+              "nearest m", "images");
+  for (const ObjectSummary& o : objects)
+    std::printf("%-12lld %-20s %-8s %6zu %9.1f %10.1f %7zu\n", static_cast<long long>(o.id),
+                o.type.c_str(), o.moves ? "moves" : "parked", o.boxes, o.driven_m, o.nearest_m,
+                o.images);
+}
+
+nlohmann::json findings_to_json(const std::vector<Finding>& findings) {
+  nlohmann::json list = nlohmann::json::array();
+  for (const Finding& finding : findings)
+    list.push_back({{"subject", finding.subject}, {"what", finding.what}});
+  return list;
+}
+
+}  // namespace
+
+nlohmann::ordered_json inspection_to_json(const Inspection& result) {
+  const Recording& recording = result.recording;
+  nlohmann::ordered_json cameras = nlohmann::ordered_json::array();
+  for (const CameraReport& report : result.cameras) {
+    const CameraCalibration& c = report.recorded->calibration;
+    const auto camera_position_m = c.body_from_sensor.translation();
+    nlohmann::ordered_json camera = {
+        {"name", c.name},
+        {"model", c.model},
+        {"width", c.width},
+        {"height", c.height},
+        {"focal_length_px", {c.fx(), c.fy()}},
+        {"principal_point_px", {c.cx(), c.cy()}},
+        {"distortion_coeffs", distortion(c)},
+        {"horizontal_fov_deg", report.horizontal_fov_deg},
+        {"percent_without_ray", report.percent_without_ray},
+        {"grey", report.grey},
+        {"position_in_body_m",
+         {camera_position_m.x(), camera_position_m.y(), camera_position_m.z()}},
+        {"images", report.recorded->images.size()},
+        {"held_out", report.held_out},
+        {"masks", report.masks},
+        {"alpha", report.alpha},
+        {"first_id", report.recorded->images.front().frame_id},
+        {"last_id", report.recorded->images.back().frame_id}};
+    for (const auto& [name, value] : other_parameters(c)) camera[name] = value;
+    if (report.percent_masked) camera["percent_masked"] = *report.percent_masked;
+    cameras.push_back(camera);
+  }
+  nlohmann::json novel = nlohmann::json::array();
+  for (const NovelSet& set : recording.novel)
+    novel.push_back({{"name", set.name}, {"poses_file", set.poses_file.string()}});
+  nlohmann::json bounds, drive, rate_hz, duration_s;  // null for photographs or unbounded scenes
+  if (recording.bounds) {
+    const Eigen::Vector3d& center = recording.bounds->center;
+    bounds = {{"center", {center.x(), center.y(), center.z()}},
+              {"half_side", recording.bounds->half_side}};
+  }
+  if (result.drive) {
+    rate_hz = result.drive->rate_hz;
+    duration_s = result.drive->duration_s;
+    drive = {{"length_m", result.drive->path_length_m},
+             {"mean_speed_m_per_s", result.drive->mean_speed_m_per_s},
+             {"max_speed_m_per_s", result.drive->max_speed_m_per_s}};
+  }
+  nlohmann::ordered_json preflight;  // null without --report
+  if (result.preflight) preflight = preflight_to_json(*result.preflight);
+  nlohmann::ordered_json objects;  // null without --objects
+  if (result.objects) objects = objects_to_json(*result.objects);
+  return {{"recording", recording.root.string()},
+          {"format", recording.format},
+          {"metric", recording.metric},
+          {"usable", result.problems.empty()},
+          {"cameras", cameras},
+          {"frames",
+           {{"count", recording.frames.size()},
+            {"first_id", recording.frames.front().id},
+            {"last_id", recording.frames.back().id},
+            {"rate_hz", rate_hz},
+            {"duration_s", duration_s}}},
+          {"drive", drive},
+          {"bounds", bounds},
+          {"lidar_files", recording.lidar_files.size()},
+          {"box_files", recording.box_files.size()},
+          {"other_sensors", recording.other_sensors},
+          {"novel", novel},
+          {"findings", findings_to_json(result.findings)},
+          {"problems", findings_to_json(result.problems)},
+          {"objects", objects},
+          {"preflight", preflight}};
+}
+
+namespace {
+
+void print_findings(const char* title, const std::vector<Finding>& findings) {
+  std::printf("%s\n", title);
+  for (const Finding& finding : findings)
+    std::printf("  %s: %s\n", finding.subject.c_str(), finding.what.c_str());
+}
+
+void print_preflight(const Preflight& preflight) {
+  std::printf("%-24s %-12s %9s %8s %6s  %s\n", "preflight", "verdict", "error px", "points",
+              "edges", "why");
+  for (const CameraCheck& c : preflight.cameras)
+    std::printf("%-24s %-12s %9.2f %8d %6s  %s\n", c.name.c_str(), verdict_name(c.verdict),
+                c.tried.empty() ? 0 : c.tried[0].error_px, c.points,
+                c.edges ? fixed(c.edges->score(), 3).c_str() : "-", c.why.c_str());
+  std::printf("%-24s %-12s %9s %8s %6s  %s\n", "clock", verdict_name(preflight.clock.verdict), "",
+              "", "", preflight.clock.why.c_str());
+  for (const SharedCheck& check : preflight.shared)
+    std::printf("%-24s %-12s %9s %8s %6s  %s\n", check.name.c_str(), verdict_name(check.verdict), "",
+                "", "", check.why.c_str());
+  std::printf("%s\n\n", preflight.headline().c_str());
+}
+
+}  // namespace
+
+void print_inspection(const Inspection& result) {
+  const Recording& recording = result.recording;
+  std::printf("%s (%s)\n\n", recording.root.c_str(), recording.format.c_str());
+  std::printf("%-24s %-14s %11s %8s %8s %9s %6s  %s\n", "camera", "model", "pixels", "fx px",
+              "fy px", "h-fov deg", "images", "position in body m");
+  for (const CameraReport& report : result.cameras) {
+    const CameraCalibration& c = report.recorded->calibration;
+    const auto camera_position_m = c.body_from_sensor.translation();
+    const std::string size = std::to_string(c.width) + "x" + std::to_string(c.height);
+    std::printf("%-24s %-14s %11s %8.1f %8.1f %9.1f %6zu  %.2f %.2f %.2f\n", c.name.c_str(),
+                c.model.c_str(), size.c_str(), c.fx(), c.fy(), report.horizontal_fov_deg,
+                report.recorded->images.size(), camera_position_m.x(), camera_position_m.y(),
+                camera_position_m.z());
+  }
+  for (const CameraReport& report : result.cameras)
+    if (report.percent_masked)
+      std::printf("%smask of %s: %.1f %% of the pixels are masked\n",
+                  &report == &result.cameras[0] ? "\n" : "",
+                  report.recorded->calibration.name.c_str(), *report.percent_masked);
+  std::printf("\nframes         %zu, ids %lld to %lld", recording.frames.size(),
+              static_cast<long long>(recording.frames.front().id),
+              static_cast<long long>(recording.frames.back().id));
+  if (const auto& drive = result.drive) {
+    std::printf(", %.2f Hz, %.2f s\ndriven         %.1f m, mean %.2f m/s, at most %.2f m/s\n",
+                drive->rate_hz, drive->duration_s, drive->path_length_m, drive->mean_speed_m_per_s,
+                drive->max_speed_m_per_s);
+  } else {
+    std::printf(" in file-name order; neither metric scale nor timestamps\n");
+  }
+  if (const auto& bounds = recording.bounds)
+    std::printf("bounds         %g around %g %g %g along each axis\n", bounds->half_side,
+                bounds->center.x(), bounds->center.y(), bounds->center.z());
+  std::size_t held_out = 0, masks = 0;
+  bool alpha = false;
+  for (const CameraReport& report : result.cameras) {
+    held_out += report.held_out;
+    masks += report.masks;
+    alpha |= report.alpha;
+  }
+  if (held_out > 0)
+    std::printf("held out       %zu images by the recording's own split\n", held_out);
+  if (masks > 0) std::printf("masks          %zu\n", masks);
+  if (alpha) std::printf("alpha          yes: train takes --background white, black or random\n");
+  if (!recording.points_file.empty())
+    std::printf("points         %s\n", recording.points_file.c_str());
+  std::printf("lidar          %zu files\nboxes          %zu files\n", recording.lidar_files.size(),
+              recording.box_files.size());
+  std::string others, novel;
+  for (const std::string& sensor : recording.other_sensors)
+    others += (others.empty() ? "" : ", ") + sensor;
+  for (const NovelSet& set : recording.novel) novel += (novel.empty() ? "" : ", ") + set.name;
+  std::printf("other sensors  %s\n", others.empty() ? "none" : others.c_str());
+  std::printf("novel views    %s\n\n", novel.empty() ? "none" : novel.c_str());
+  if (result.objects) print_objects(*result.objects);
+  if (result.preflight) print_preflight(*result.preflight);
+  if (!result.findings.empty()) print_findings("findings", result.findings);
+  if (!result.problems.empty()) print_findings("NOT USABLE", result.problems);
+  if (result.findings.empty() && result.problems.empty())
+    std::printf("nothing missing, nothing odd\n");
+}
+
+}  // namespace redrive

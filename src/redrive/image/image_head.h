@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: Apache-2.0
+// What an image file says of itself in its first bytes.
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <string_view>
+
+namespace redrive {
+
+struct ImageHead {
+  int width = 0, height = 0;
+  bool grey = false;  ///< one channel, apart from alpha
+  /// FocalLengthIn35mmFilm of EXIF, mm: of a lens that sees as much on film of 36 x 24 mm.
+  std::optional<double> film_focal_mm;
+
+  /// The focal length that it stands for, by the diagonal of the image.
+  std::optional<double> focal_px() const;
+};
+
+/// Returns what the first bytes of a PNG or JPEG say; nothing for other files and damaged ones.
+std::optional<ImageHead> parse_image_head(std::string_view bytes);
+
+/// As parse_image_head, of a file, of which the first 256 KB are read.
+std::optional<ImageHead> read_image_head(const std::filesystem::path& path);
+
+}  // namespace redrive
