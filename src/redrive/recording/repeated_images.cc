@@ -13,7 +13,6 @@ namespace redrive {
 namespace {
 
 constexpr double kMoved_m = 0.05, kMoved_rad = 0.5 * std::numbers::pi / 180;
-constexpr double kMovedOfUsual = 0.05;          // of the median distance of photographs
 constexpr std::uintmax_t kMetadataBytes = 256;  // times, comments
 constexpr std::uintmax_t kLeastBytes = 4096;    // smaller files have to be equal in all bytes
 constexpr double kEqualShare = 0.95;            // of the bytes, from both ends of the files
@@ -62,23 +61,10 @@ double distance(const Rigid3d& a, const Rigid3d& b) {
   return (a.translation() - b.translation()).norm();
 }
 
-/// The distance from which on a camera has moved.
-double moved_distance(const Recording& recording) {
-  if (recording.metric) return kMoved_m;
-  std::vector<double> steps;
-  for (std::size_t f = 1; f < recording.frames.size(); ++f)
-    steps.push_back(distance(recording.frames[f - 1].global_from_body,
-                             recording.frames[f].global_from_body));
-  if (steps.empty()) return 0;
-  const auto middle = steps.begin() + static_cast<std::ptrdiff_t>(steps.size() / 2);
-  std::ranges::nth_element(steps, middle);
-  return kMovedOfUsual * *middle;
-}
-
 }  // namespace
 
 void leave_out_repeated_images(Recording* recording) {
-  const double moved = moved_distance(*recording);
+  if (!recording->metric) return;
   const auto pose_of = [&](const ImageFile& image) -> const Rigid3d* {
     const auto frame = std::ranges::lower_bound(recording->frames, image.frame_id, {},
                                                 &FramePose::id);
@@ -96,13 +82,19 @@ void leave_out_repeated_images(Recording* recording) {
       const bool same = i > 0 && holds_same(camera.images[i - 1].path, image.path);
       if (!same) first = pose;
       if (same && first && pose &&
-          (distance(*first, *pose) > moved ||
+          (distance(*first, *pose) > kMoved_m ||
            Eigen::AngleAxisd(first->linear().transpose() * pose->linear()).angle() > kMoved_rad))
         repeated.push_back(image.frame_id);
       else
         kept.push_back(image);
     }
     if (repeated.empty()) continue;
+    if (kept.size() == 1) {
+      recording->findings.push_back(
+          {camera.calibration.name,
+           "all " + counted(camera.images.size(), "image") + " have the same pixels, while the poses move on"});
+      continue;
+    }
     camera.images = std::move(kept);
     recording->findings.push_back(
         {camera.calibration.name,

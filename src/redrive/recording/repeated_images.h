@@ -6,10 +6,11 @@
 
 namespace redrive {
 
-/// Removes images with the pixels of the image before, of the same camera, while the camera is more
-/// than 5 cm or half a degree away from where these pixels came first; among photographs a twentieth
-/// of their usual distance. A finding for each camera names the frames. Files are compared as they
-/// are, up to a few bytes of metadata; they are read only where their sizes are about the same.
+/// Removes images of a drive with the pixels of the image before, of the same camera, while the
+/// camera is more than 5 cm or half a degree away from where these pixels came first. A finding for
+/// each camera names the frames. A camera whose images are all the same keeps them, with a finding.
+/// Files are compared as they are, up to a few bytes of metadata; they are read only where their
+/// sizes are about the same. Photographs of a symmetric thing may well be equal.
 void leave_out_repeated_images(Recording* recording);
 
 }  // namespace redrive

@@ -51,8 +51,16 @@ TEST_F(RepeatedImages, AreLeftOutBeyondTheFirst) {
 
 TEST_F(RepeatedImages, AreKeptWhereTheCarStands) {
   EXPECT_EQ(drive({"a", "a", "a"}, 0.001).cameras[0].images.size(), 3u);
-  EXPECT_THAT(kept(drive({"a", "a", "a", "a", "a"}, 0.02)), ElementsAre(0, 1, 2))
+  EXPECT_THAT(kept(drive({"a", "a", "a", "a", "a", "b"}, 0.02)), ElementsAre(0, 1, 2, 5))
       << "it creeps: 6 cm from the first one on";
+}
+
+TEST_F(RepeatedImages, CamerasThatNeverChangeAreNamed) {
+  const Recording recording = drive({"a", "a", "a"}, 1);
+  EXPECT_EQ(recording.cameras[0].images.size(), 3u);
+  ASSERT_EQ(recording.findings.size(), 1u);
+  EXPECT_EQ(recording.findings[0].what,
+            "all 3 images have the same pixels, while the poses move on");
 }
 
 TEST_F(RepeatedImages, MayDifferInMetadata) {
