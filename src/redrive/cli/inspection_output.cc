@@ -188,8 +188,8 @@ void print_preflight(const Preflight& preflight) {
   std::printf("%-24s %-12s %9s %8s %6s  %s\n", "clock", verdict_name(preflight.clock.verdict), "",
               "", "", preflight.clock.why.c_str());
   for (const SharedCheck& check : preflight.shared)
-    std::printf("%-24s %-12s %9s %8s %6s  %s\n", check.name.c_str(), verdict_name(check.verdict), "",
-                "", "", check.why.c_str());
+    std::printf("%-24s %-12s %9s %8s %6s  %s\n", check.name.c_str(), verdict_name(check.verdict),
+                "", "", "", check.why.c_str());
   std::printf("%s\n\n", preflight.headline().c_str());
 }
 

@@ -28,18 +28,18 @@ std::string exif(bool big_endian) {
     put(tag, 2), put(type, 2), put(1, 4);
     type == 3 ? (put(value, 2), put(0, 2)) : put(value, 4);
   };
-  put(42, 2), put(8, 4);               // the first directory
-  put(1, 2), entry(0x8769, 4, 26);     // that of EXIF
-  put(0, 4);                           // no further one; now at 26
+  put(42, 2), put(8, 4);            // the first directory
+  put(1, 2), entry(0x8769, 4, 26);  // that of EXIF
+  put(0, 4);                        // no further one; now at 26
   put(2, 2), entry(0x9207, 3, 5), entry(0xA405, 3, 26), put(0, 4);
   const std::string body = std::string("Exif\0\0", 6) + tiff;
   const auto length = static_cast<unsigned>(body.size() + 2);
-  return std::string("\xFF\xE1") + static_cast<char>(length >> 8) + static_cast<char>(length) + body;
+  return std::string("\xFF\xE1") + static_cast<char>(length >> 8) + static_cast<char>(length) +
+         body;
 }
 
 TEST(ImageHead, OfColourImages) {
-  for (const std::string& bytes :
-       {encode_png(colours(40, 30)), encode_jpeg(colours(40, 30), 90)}) {
+  for (const std::string& bytes : {encode_png(colours(40, 30)), encode_jpeg(colours(40, 30), 90)}) {
     const auto head = parse_image_head(bytes);
     ASSERT_TRUE(head);
     EXPECT_EQ(head->width, 40);

@@ -5,19 +5,14 @@
 #include <cstdio>
 #include <limits>
 
+#include "redrive/recording/upper_median.h"
 #include "redrive/recording/wording.h"
 
 namespace redrive {
 namespace {
 
-constexpr double kFarFromMiddle = 20, kFarFromNext = 5;  // of the median distance from the middle
+constexpr double kFarFromMiddle = 20, kFarFromNext = 5;    // of the median distance from the middle
 constexpr std::size_t kLeastOthers = 10, kMostShare = 20;  // one of so many
-
-double median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::ranges::nth_element(values, middle);
-  return *middle;
-}
 
 }  // namespace
 
@@ -32,11 +27,11 @@ void leave_out_far_photographs(Recording* recording) {
   for (int k = 0; k < 3; ++k) {
     std::vector<double> values;
     for (std::size_t f = 0; f < n; ++f) values.push_back(at(f)[k]);
-    middle[k] = median(std::move(values));
+    middle[k] = upper_median(std::move(values));
   }
   std::vector<double> distances;
   for (std::size_t f = 0; f < n; ++f) distances.push_back((at(f) - middle).norm());
-  const double usual = median(distances);
+  const double usual = upper_median(distances);
   if (!(usual > 0)) return;
   std::vector<std::int64_t> far;
   for (std::size_t f = 0; f < n; ++f) {

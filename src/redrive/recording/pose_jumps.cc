@@ -8,23 +8,18 @@
 #include "redrive/math/angles.h"
 #include "redrive/math/so3.h"
 #include "redrive/recording/trajectory.h"
+#include "redrive/recording/upper_median.h"
 
 namespace redrive {
 namespace {
 
 constexpr double kMaxAcceleration_m_per_s2 = 20, kMaxAcceleration_rad_per_s2 = 5;
 constexpr double kLeastShift_m = 0.25, kLeastTurn_rad = 2 * kRadiansPerDegree;
-constexpr double kNoises = 8;         // standard deviations
-constexpr std::size_t kWindow = 5;    // intervals on each side
-constexpr std::size_t kLeastSide = 3; // intervals with a median
+constexpr double kNoises = 8;          // standard deviations
+constexpr std::size_t kWindow = 5;     // intervals on each side
+constexpr std::size_t kLeastSide = 3;  // intervals with a median
 constexpr std::size_t kMostStray = 4;  // frames in a row
 constexpr std::size_t kLeastFrames = 5;
-
-double median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::ranges::nth_element(values, middle);
-  return *middle;
-}
 
 double interval_s(const std::vector<FramePose>& frames, std::size_t i) {
   return 1e-9 * static_cast<double>(frames[i + 1].t_ns - frames[i].t_ns);
@@ -49,7 +44,7 @@ Vector6d median_of(const std::vector<Vector6d>& values, std::size_t begin, std::
     std::vector<double> of_axis;
     for (std::size_t i = begin; i < end; ++i)
       if (i != without) of_axis.push_back(values[i][k]);
-    medians[k] = median(std::move(of_axis));
+    medians[k] = upper_median(std::move(of_axis));
   }
   return medians;
 }
@@ -76,13 +71,14 @@ std::vector<PoseJump> all_jumps(const std::vector<FramePose>& frames) {
     turns_rad.push_back(steps.back().turn_rad);
   }
   constexpr double kNormal = 1.5382;  // median of the length of a standard normal vector in 3D
-  const double noise_m = median(shifts_m) / kNormal, noise_rad = median(turns_rad) / kNormal;
+  const double noise_m = upper_median(shifts_m) / kNormal,
+               noise_rad = upper_median(turns_rad) / kNormal;
   std::erase_if(steps, [&](const PoseJump& step) {
     const double dt2 = std::pow(interval_s(frames, step.frame), 2);
     return step.shift_m <=
                std::max({kLeastShift_m, kMaxAcceleration_m_per_s2 * dt2, kNoises * noise_m}) &&
-           step.turn_rad <= std::max({kLeastTurn_rad, kMaxAcceleration_rad_per_s2 * dt2,
-                                      kNoises * noise_rad});
+           step.turn_rad <=
+               std::max({kLeastTurn_rad, kMaxAcceleration_rad_per_s2 * dt2, kNoises * noise_rad});
   });
   return steps;
 }
@@ -149,11 +145,12 @@ std::vector<Finding> describe_pose_faults(const std::vector<FramePose>& frames,
   };
   for (std::size_t k = 0; k < faults.stray.size(); ++k) {
     const StrayPose& stray = faults.stray[k];
-    std::snprintf(what, sizeof what,
-                  "the pose of frame %lld lies %.2f m and %.1f degrees off the motion of the frames "
-                  "around it; redrive align mends it",
-                  static_cast<long long>(frames[stray.frame].id), stray.off_m,
-                  stray.off_rad * kDegreesPerRadian);
+    std::snprintf(
+        what, sizeof what,
+        "the pose of frame %lld lies %.2f m and %.1f degrees off the motion of the frames "
+        "around it; redrive align mends it",
+        static_cast<long long>(frames[stray.frame].id), stray.off_m,
+        stray.off_rad * kDegreesPerRadian);
     add(k);
   }
   for (std::size_t k = 0; k < faults.jumps.size(); ++k) {
@@ -167,8 +164,7 @@ std::vector<Finding> describe_pose_faults(const std::vector<FramePose>& frames,
     add(k);
   }
   const auto more = [&](std::size_t n, const char* of) {
-    if (n > kShown)
-      findings.push_back({"egomotion", std::to_string(n - kShown) + " more " + of});
+    if (n > kShown) findings.push_back({"egomotion", std::to_string(n - kShown) + " more " + of});
   };
   more(faults.stray.size(), "poses off the motion of the frames around them");
   more(faults.jumps.size(), "jumps");

@@ -53,10 +53,10 @@ TEST(PoseFaults, NamesStrayPosesWhereverTheyLie) {
     EXPECT_NEAR(faults.stray[0].off_m, 3, 0.2) << at;
     EXPECT_TRUE(faults.jumps.empty()) << at;
     const auto mended = without_stray_poses(frames, faults);
-    EXPECT_LT((mended[at].global_from_body.translation() -
-               curve(40)[at].global_from_body.translation())
-                  .norm(),
-              0.1)
+    EXPECT_LT(
+        (mended[at].global_from_body.translation() - curve(40)[at].global_from_body.translation())
+            .norm(),
+        0.1)
         << at;
     const auto findings = describe_pose_faults(frames, faults);
     ASSERT_EQ(findings.size(), 1u);

@@ -31,8 +31,8 @@ std::uintmax_t equal_bytes(std::ifstream& a, std::ifstream& b, std::uintmax_t a_
     };
     if (!read(a, a_size, of_a.data()) || !read(b, b_size, of_b.data())) return 0;
     std::uintmax_t equal = 0;
-    while (equal < n && (from_end ? of_a[n - 1 - equal] == of_b[n - 1 - equal]
-                                  : of_a[equal] == of_b[equal]))
+    while (equal < n &&
+           (from_end ? of_a[n - 1 - equal] == of_b[n - 1 - equal] : of_a[equal] == of_b[equal]))
       ++equal;
     done += equal;
     if (equal < n) return done;
@@ -66,8 +66,8 @@ double distance(const Rigid3d& a, const Rigid3d& b) {
 void leave_out_repeated_images(Recording* recording) {
   if (!recording->metric) return;
   const auto pose_of = [&](const ImageFile& image) -> const Rigid3d* {
-    const auto frame = std::ranges::lower_bound(recording->frames, image.frame_id, {},
-                                                &FramePose::id);
+    const auto frame =
+        std::ranges::lower_bound(recording->frames, image.frame_id, {}, &FramePose::id);
     return frame != recording->frames.end() && frame->id == image.frame_id
                ? &frame->global_from_body
                : nullptr;
@@ -91,16 +91,16 @@ void leave_out_repeated_images(Recording* recording) {
     if (repeated.empty()) continue;
     if (kept.size() == 1) {
       recording->findings.push_back(
-          {camera.calibration.name,
-           "all " + counted(camera.images.size(), "image") + " have the same pixels, while the poses move on"});
+          {camera.calibration.name, "all " + counted(camera.images.size(), "image") +
+                                        " have the same pixels, while the poses move on"});
       continue;
     }
     camera.images = std::move(kept);
     recording->findings.push_back(
-        {camera.calibration.name,
-         counted(repeated.size(), "image") + " left out, which repeat the pixels of the one before "
-         "while the poses move on: frame" + (repeated.size() == 1 ? " " : "s ") +
-             first_few(repeated)});
+        {camera.calibration.name, counted(repeated.size(), "image") +
+                                      " left out, which repeat the pixels of the one before "
+                                      "while the poses move on: frame" +
+                                      (repeated.size() == 1 ? " " : "s ") + first_few(repeated)});
   }
 }
 

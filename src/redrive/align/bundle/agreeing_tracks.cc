@@ -94,8 +94,8 @@ AgreeingTracks find_agreeing(const std::vector<Track>& tracks, std::vector<doubl
   for (;;) {
     found.triangulated = triangulate_tracks(*model, tracks, found.sigma_px, pool);
     found.sigma_px = measure_noise(*model, tracks, found.triangulated);
-    found.support = reject_outliers(tracks, found.sigma_px, model->initial_frames.size(),
-                                    &found.triangulated);
+    found.support =
+        reject_outliers(tracks, found.sigma_px, model->initial_frames.size(), &found.triangulated);
     const std::vector<int> doubtful = doubtful_frames(found.support, kContradicted);
     if (std::ranges::all_of(doubtful, [&](int f) { return (*restarts)[f] >= kMostRestarts; }))
       return found;

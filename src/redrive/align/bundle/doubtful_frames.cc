@@ -76,8 +76,10 @@ Vector6d interpolation_sigma(const RigModel& model, const std::vector<int>& list
   while (contains(listed, frame + after)) ++after;
   // At an end the two nearest frames on the other side are extrapolated.
   int a = -before, b = after;
-  if (frame + a < 0) a = b, ++b;
-  else if (frame + b >= n) b = a, --a;
+  if (frame + a < 0)
+    a = b, ++b;
+  else if (frame + b >= n)
+    b = a, --a;
   Vector6d squares = Vector6d::Zero();
   int count = 0;
   for (int f = std::max({0, -a, -b}); f < n - std::max({0, a, b}); ++f) {

@@ -13,8 +13,8 @@
 namespace redrive {
 namespace {
 
-constexpr int kBlack = 2;             // of 255
-constexpr int kBlackRoot = 23;        // the same in the square root of brightness: sqrt(2 * 255)
+constexpr int kBlack = 2;       // of 255
+constexpr int kBlackRoot = 23;  // the same in the square root of brightness: sqrt(2 * 255)
 constexpr std::size_t kReturns = 20'000;
 constexpr double kFewReturns = 0.001;  // share
 constexpr double kFocalFactor = 1.5;   // EXIF is rounded and of film in another format
@@ -113,9 +113,9 @@ std::vector<Finding> find_black_images(const RigImages& images) {
       if (!grey.empty() && most <= kBlackRoot) black.push_back(images.scene.frames[f].id);
     }
     if (!black.empty())
-      findings.push_back({images.scene.rig[c].name,
-                          counted(black.size(), "image") + " black: frame" +
-                              (black.size() == 1 ? " " : "s ") + first_few(black)});
+      findings.push_back(
+          {images.scene.rig[c].name, counted(black.size(), "image") + " black: frame" +
+                                         (black.size() == 1 ? " " : "s ") + first_few(black)});
   }
   return findings;
 }
@@ -131,10 +131,11 @@ std::optional<Finding> contradicted_focal_length(const RecordedCamera& camera) {
                ratio = calibration.fx() / said_px;
   if (ratio < kFocalFactor && ratio > 1 / kFocalFactor) return std::nullopt;
   char what[200];
-  std::snprintf(what, sizeof what,
-                "its images name a focal length of %.0f mm on film, %.0f px, and the calibration has "
-                "%.0f px: another lens, or another size of the images",
-                *head->film_focal_mm, said_px, calibration.fx());
+  std::snprintf(
+      what, sizeof what,
+      "its images name a focal length of %.0f mm on film, %.0f px, and the calibration has "
+      "%.0f px: another lens, or another size of the images",
+      *head->film_focal_mm, said_px, calibration.fx());
   return Finding{calibration.name, what};
 }
 

@@ -45,9 +45,10 @@ LidarReturns returns_at(const std::vector<std::pair<Eigen::Vector3f, std::int64_
 TEST(DriveChecks, ReturnsAreSoughtInTheViewNearestInTime) {
   const Scene scene = one_camera(3);
   EXPECT_EQ(check_lidar_in_images(scene, {}).verdict, Verdict::kCannotTell);
-  const auto ahead = check_lidar_in_images(
-      scene, returns_at({{{0, 0, 5}, 40'000'000}, {{9, 0, 5}, 0}, {{0, 0, 5}, 60'000'000},
-                         {{1, 0, 25}, 900'000'000}}));
+  const auto ahead = check_lidar_in_images(scene, returns_at({{{0, 0, 5}, 40'000'000},
+                                                              {{9, 0, 5}, 0},
+                                                              {{0, 0, 5}, 60'000'000},
+                                                              {{1, 0, 25}, 900'000'000}}));
   EXPECT_EQ(ahead.verdict, Verdict::kGood);
   EXPECT_EQ(ahead.why, "50 % of the returns lie in an image") << "the third is behind frame 1";
   const auto behind = check_lidar_in_images(scene, returns_at({{{0, 0, -5}, 0}, {{0, 9, 5}, 0}}));
@@ -71,9 +72,14 @@ TEST(DriveChecks, NamesBlackImages) {
 TEST(DriveChecks, FocalLengthOfExifContradictsTheCalibration) {
   const TemporaryFolder folder;
   // 26 mm of a lens on film, in an image of 40 x 30: 30 px.
-  const std::string tiff("II*\0\x08\0\0\0\x01\0\x69\x87\x04\0\x01\0\0\0\x1a\0\0\0\0\0\0\0"
-                         "\x01\0\x05\xa4\x03\0\x01\0\0\0\x1a\0\0\0\0\0\0\0", 44);
-  std::string jpeg("\xff\xd8\xff\xe1\0\x34" "Exif\0\0", 12);
+  const std::string tiff(
+      "II*\0\x08\0\0\0\x01\0\x69\x87\x04\0\x01\0\0\0\x1a\0\0\0\0\0\0\0"
+      "\x01\0\x05\xa4\x03\0\x01\0\0\0\x1a\0\0\0\0\0\0\0",
+      44);
+  std::string jpeg(
+      "\xff\xd8\xff\xe1\0\x34"
+      "Exif\0\0",
+      12);
   jpeg += tiff;
   jpeg.append("\xff\xc0\0\x0b\x08\0\x1e\0\x28\x01\x01\x11\0", 13);
   write_file(folder.path / "0.jpg", jpeg);
@@ -89,9 +95,10 @@ TEST(DriveChecks, FocalLengthOfExifContradictsTheCalibration) {
   };
   EXPECT_FALSE(said(33));
   ASSERT_TRUE(said(60));
-  EXPECT_EQ(said(60)->what,
-            "its images name a focal length of 26 mm on film, 30 px, and the calibration has 60 px: "
-            "another lens, or another size of the images");
+  EXPECT_EQ(
+      said(60)->what,
+      "its images name a focal length of 26 mm on film, 30 px, and the calibration has 60 px: "
+      "another lens, or another size of the images");
   EXPECT_TRUE(said(15));
 }
 
