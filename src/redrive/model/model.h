@@ -80,6 +80,9 @@ struct StepOutput {
   int pixels = 0;        ///< pixels drawn
   int epoch_pixels = 0;  ///< those that count towards the epoch; rgb_mse is their error
   int active_rays = 0;   ///< rays that the field was evaluated on; 0: does not apply
+  /// Stage of the schedule, the same on all ranks. Errors of two steps are comparable only within
+  /// one stage; a method that draws images at several sizes has a stage for each.
+  int stage = 0;
   /// Update of the error map: cells and their squared errors, mean of the channels. Resident on the
   /// backend's device, valid until the next step with the same buffers. Empty: no update.
   std::span<const std::uint32_t> cells;

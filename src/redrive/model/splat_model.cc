@@ -288,6 +288,7 @@ StepOutput SplatModel::step(kernels::Backend& backend, const TrainingSet& data,
   StepSums& sums = buffers->workspace.sums();
   sums = {};
   StepOutput out;
+  out.stage = at_level;
   if (request.pose_gradients) out.views.resize(data.scene.views.size());
   for (std::size_t w = first; w < end; ++w) {
     const ImageWindow& window = level.windows[w];

@@ -17,7 +17,7 @@ constexpr const char* kCellErrors = "cell_errors";
 constexpr const char* kMoments[] = {"adam.first_moment", "adam.second_moment"};
 constexpr const char* kPoses[] = {"poses", "poses.first_moment", "poses.second_moment"};
 constexpr const char* kPacked = "adam.packed";
-constexpr const char* kFormat = "redrive-17";
+constexpr const char* kFormat = "redrive-18";
 
 /// Visits the scalars of a state, without its model's, once each by name; writing and reading share
 /// this list.
@@ -36,7 +36,7 @@ void visit_numbers(State& state, const Visit& visit) {
   visit("watch.first_mse", state.watch.first_mse);
   visit("watch.late_mse", state.watch.late_mse);
   visit("watch.late_variance", state.watch.late_variance);
-  visit("loss_watch.pixels", state.loss_watch.pixels);
+  visit("loss_watch.conditions", state.loss_watch.conditions);
   visit("loss_watch.rays", state.loss_watch.rays);
   visit("loss_watch.smoothed", state.loss_watch.smoothed);
   visit("loss_watch.best", state.loss_watch.best);

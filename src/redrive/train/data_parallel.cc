@@ -23,6 +23,7 @@ void accumulate(const StepResult& one, int ranks, StepResult* all) {
     all->loss_terms = one.loss_terms;
     for (LossTerm& term : all->loss_terms) term.value = 0;
     all->colour_variance = one.colour_variance;
+    all->stage = one.stage;
     all->views.resize(one.views.size());
   }
   for (std::size_t i = 0; i < all->loss_terms.size(); ++i)
@@ -45,6 +46,7 @@ void visit_numbers(Result& result, const Visit& visit) {
   visit(result.loss);
   visit(result.finite);
   visit(result.colour_variance);
+  visit(result.stage);
   for (auto& term : result.loss_terms) visit(term.value);
   for (auto& view : result.views)
     for (int k = 0; k < 3; ++k) {

@@ -4,6 +4,7 @@
 // registered in this test only, paints vertical strips of one colour each on every image.
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -12,6 +13,7 @@
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
 #include "redrive/base/rng.h"
+#include "redrive/train/loss_watch.h"
 #include "redrive/train/memory.h"
 #include "redrive/train/train_testing.h"
 #include "redrive/train/training_data.h"
@@ -27,6 +29,11 @@ struct StripModel final : Model {
   int strips = 0;  ///< state: doubles every steps_per_split steps, to 16
   // Faults to inject: Ctrl-C, or a kill in the middle of a step.
   static inline std::int64_t stop_at = -1, kill_at = -1;
+  // Steps from `harder_from` on are a stage with this much more error.
+  static inline std::int64_t harder_from = std::numeric_limits<std::int64_t>::max();
+  static inline double harder_by = 0;
+  // Steps from `spoiled_from` on have an error of 1, until the run is rolled back.
+  static inline std::int64_t spoiled_from = std::numeric_limits<std::int64_t>::max();
   static inline std::atomic<bool> stop{false};
 
   const char* method() const override { return "strips"; }
@@ -88,6 +95,8 @@ struct StripModel final : Model {
         loss += off * off / (3.0 * static_cast<double>(pixels));
         gradients[slot] += 2 * off / (3.0f * static_cast<float>(pixels));
       }
+    if (request.step >= harder_from) loss += harder_by;
+    if (request.step >= spoiled_from) loss = 1;
     buffers->workspace.begin(backend);
     StepSums& sums = buffers->workspace.sums();
     sums.opacity = 1;
@@ -96,6 +105,7 @@ struct StripModel final : Model {
     sums.terms[1] = 0.5 * loss;
     StepOutput output;
     output.pixels = output.epoch_pixels = static_cast<int>(pixels);
+    output.stage = request.step >= harder_from ? 1 : 0;
     if (request.pose_gradients) output.views.resize(data.scene.views.size());
     return output;
   }
@@ -214,6 +224,59 @@ TEST_F(ImageMethodTest, KilledInterruptedAndResumedEndsBitEqual) {
   EXPECT_EQ(parts.state.step, 45);
   train(&parts, *backend_, never_);
   EXPECT_TRUE(same_weights(parts.state, whole.state));
+  EXPECT_EQ(curve(parts), curve(whole));
+}
+
+/// Restores what StripModel's steps do.
+struct HarderStage {
+  HarderStage(std::int64_t from, double by) {
+    StripModel::harder_from = from;
+    StripModel::harder_by = by;
+  }
+  ~HarderStage() {
+    StripModel::harder_from = StripModel::spoiled_from = std::numeric_limits<std::int64_t>::max();
+  }
+};
+
+// The schedule goes to images that have ten times the error: nothing diverges.
+TEST_F(ImageMethodTest, AHarderStageIsNoDivergence) {
+  const HarderStage stage(410, 0.5);
+  redrive::Run run = strip_run("run", 900);
+  EXPECT_EQ(train(&run, *backend_, never_), TrainEnd::kFinished);
+  EXPECT_EQ(run.state.rollbacks, 0);
+  EXPECT_EQ(run.state.rate_factor, 1);
+  std::vector<std::int64_t> around;
+  for (const MetricsRow& row : read_metrics(run.paths)) {
+    if (row.step > 380 && row.step < 440) around.push_back(row.step);
+    EXPECT_EQ(row.loss > 0.5, row.step > 410) << "step " << row.step;
+  }
+  EXPECT_THAT(around, testing::ElementsAre(400, 410, 425)) << "no row has steps of both stages";
+  EXPECT_GT(run.state.loss_watch.best, 0.5);
+}
+
+// A loss that rose before the change is not the reference of what follows.
+TEST_F(ImageMethodTest, ADivergenceBeforeAHarderStageIsUndone) {
+  const HarderStage stage(410, 0.01);
+  StripModel::spoiled_from = 380;
+  redrive::Run run = strip_run("run", 500);
+  EXPECT_THROW(train(&run, *backend_, never_), UsageError) << "it is spoiled at every rate";
+  const TrainState left = load_checkpoint(run.paths.checkpoint());
+  EXPECT_EQ(left.rollbacks, kMaxRollbacks);
+  EXPECT_LE(left.step, 380);
+}
+
+TEST_F(ImageMethodTest, AHarderStageIsTheSameForAResumedRun) {
+  const HarderStage stage(41, 0.5);
+  redrive::Run whole = strip_run("whole", 60), parts = strip_run("parts", 60);
+  train(&whole, *backend_, never_);
+  StripModel::stop = false;
+  StripModel::stop_at = 42;
+  EXPECT_EQ(train(&parts, *backend_, StripModel::stop), TrainEnd::kInterrupted);
+  StripModel::stop_at = -1;
+  parts = reopened(parts);
+  train(&parts, *backend_, never_);
+  EXPECT_TRUE(same_weights(parts.state, whole.state));
+  EXPECT_EQ(parts.state.loss_watch, whole.state.loss_watch);
   EXPECT_EQ(curve(parts), curve(whole));
 }
 

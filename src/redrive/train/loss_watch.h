@@ -7,9 +7,11 @@
 // where a field explains its images. It has diverged after ten consecutive high windows (250
 // steps). Twice is far above noise: the standard deviation of squared errors is two or three times
 // their mean, so the mean over 10^4 rays has an error of 3 %, and healthy runs of either method
-// stay within 20 % of their minimum. Ten times as many rays would take 400 steps of small batches
-// and average away a divergence: with a much too high learning rate, a grid learns for 150 steps
-// only.
+// stay within 20 % of their minimum. The minimum begins anew when errors stop being comparable: at
+// another stage of the schedule (StepOutput::stage), when pose refinement begins, with other masks
+// and with another number of processes. A loss that is high just then is rolled back, so that it
+// does not become the reference. Ten times as many rays would take 400 steps of small batches and
+// average away a divergence: with a much too high learning rate, a grid learns for 150 steps only.
 #pragma once
 
 #include "redrive/train/state.h"

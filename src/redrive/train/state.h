@@ -28,11 +28,11 @@ struct StartWatch {
 
 /// State of the check for divergence (train/loss_watch.h).
 struct LossWatch {
-  std::uint64_t pixels = 0;  ///< of an epoch; with edited masks, losses are not comparable
-  double rays = 0;           ///< over which `smoothed` averages
-  double smoothed = 0;       ///< mean squared error of the last windows
-  double best = 0;           ///< least smoothed error so far; 0 until there are enough rays
-  int high = 0;              ///< consecutive windows that were far above it
+  std::uint64_t conditions = 0;  ///< hash of what makes errors comparable; `best` is of these
+  double rays = 0;               ///< over which `smoothed` averages
+  double smoothed = 0;           ///< mean squared error of the last windows
+  double best = 0;               ///< least smoothed error so far; 0 until there are enough rays
+  int high = 0;                  ///< consecutive windows that were far above it
 
   bool operator==(const LossWatch&) const = default;
 };

@@ -87,7 +87,7 @@ class Trainer {
         step();
         if (observer_) observer_->between_steps(run_, scene_, frames_);
       }
-      if (state_.window.steps > 0) close_window();
+      if (state_.window.steps > 0) close_window(state_.step);
       if (!loss_rose()) {
         finish_training();
         return end(TrainEnd::kFinished);
@@ -189,7 +189,6 @@ class Trainer {
   /// Adapts the state to the pixels, which differ from before after masks were edited or when it is
   /// fresh.
   void adapt_state() {
-    if (state_.loss_watch.pixels != sampler_.pixels()) state_.loss_watch = {sampler_.pixels()};
     const std::size_t cells = state_.model->uses_error_map() ? sampler_.cells().size() : 0;
     if (state_.cell_errors.size() != cells) {
       state_.cell_errors = Buffer<float>(cells);
@@ -216,7 +215,7 @@ class Trainer {
     const auto begin = std::chrono::steady_clock::now();
     const std::int64_t number = state_.step;
     StepRequest request = next_step(state_);
-    request.progress = progress();
+    request.progress = progress_before_ = progress();
     request.pose_gradients = refines();
     request.colour_variance = watches_colours(number);
     if (surfaces_) request.surfaces = &*surfaces_;
@@ -229,6 +228,7 @@ class Trainer {
     const double seconds = of_processes(seconds_since(begin)).front();
     state_.seconds += seconds;
 
+    if (!begin_conditions(conditions(result.stage), number)) return roll_back(high_loss());
     if (const auto reason = watch_start(result, number, &state_.watch)) return restart(*reason);
     if (!result.finite) return skip();
     state_.bad_steps = 0;
@@ -241,7 +241,7 @@ class Trainer {
       window.terms[i] += result.loss_terms[i].value;
     window.seconds += seconds;
     if (progress_.due()) show_progress();
-    if (state_.step % kStepsPerRow == 0) close_window();
+    if (state_.step % kStepsPerRow == 0) close_window(state_.step);
     if (has_diverged(state_.loss_watch)) return roll_back(high_loss());
     save_due_ |= state_.step % options_.checkpoint_every == 0 ||
                  state_.seconds - saved_seconds_ >= kSecondsPerCheckpoint;
@@ -339,15 +339,35 @@ class Trainer {
     save();
   }
 
-  void close_window() {
+  /// Returns a hash of what makes errors comparable with those of the current step.
+  std::uint64_t conditions(int stage) const {
+    const bool moves = state_.poses.refines() && progress_before_ > refinement_.start;
+    std::uint64_t hash = sampler_.pixels();
+    for (const int number : {processes_ ? processes_->size() : 1, stage, moves ? 1 : 0})
+      hash = mix64(hash ^ static_cast<std::uint64_t>(number));
+    return hash;
+  }
+
+  /// Begins a new reference of the loss if the conditions changed after `steps` steps. Returns
+  /// false if the loss was high by then: it must not become the reference.
+  bool begin_conditions(std::uint64_t now, std::int64_t steps) {
+    if (now == state_.loss_watch.conditions) return true;
+    if (state_.window.steps > 0) close_window(steps);
+    if (loss_rose()) return false;
+    state_.loss_watch = {now};
+    return true;
+  }
+
+  /// Writes the row of metrics.jsonl that ends at `step`.
+  void close_window(std::int64_t step) {
     const LossWindow& window = state_.window;
     if (window.steps > 0) {
       MetricsRow row;
-      row.step = state_.step;
+      row.step = step;
       row.seconds = state_.seconds;
       row.loss = window.loss / window.steps;
       row.psnr_db = decibels(window.mse / window.steps);
-      row.learning_rate = learning_rate(state_.step - 1);
+      row.learning_rate = learning_rate(step - 1);
       row.rays_per_s = rays_per_second();
       row.epoch = static_cast<int>((state_.pixels_drawn - 1) / sampler_.pixels());
       std::size_t i = 0;
@@ -424,6 +444,7 @@ class Trainer {
   PoseRefinement refinement_;
   StepBuffers buffers_;
   double saved_seconds_;        // state_.seconds at the last checkpoint
+  double progress_before_ = 0;  // progress() before the current step
   bool save_due_ = false;       // since then
   bool last_was_high_ = false;  // the last whole window; false at every checkpoint
   // Of ViewImages::statistics, before the first step and at the last row of metrics.
