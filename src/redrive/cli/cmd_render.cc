@@ -24,6 +24,7 @@
 #include "redrive/render/renderer.h"
 #include "redrive/render/view_pose.h"
 #include "redrive/scene/edit_actors.h"
+#include "redrive/train/memory.h"
 #include "redrive/train/run.h"
 
 namespace redrive {

@@ -14,6 +14,7 @@
 #include "redrive/cli/training.h"
 #include "redrive/cli/view_server.h"
 #include "redrive/cli/without_model.h"
+#include "redrive/train/memory.h"
 #include "redrive/view/run_watch.h"
 #include "redrive/view/traffic.h"
 #include "redrive/view/viewer.h"

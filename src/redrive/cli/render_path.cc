@@ -17,6 +17,7 @@
 #include "redrive/image/video.h"
 #include "redrive/render/camera_path.h"
 #include "redrive/render/renderer.h"
+#include "redrive/train/memory.h"
 
 namespace redrive {
 namespace {

@@ -14,6 +14,7 @@
 #include "redrive/view/live_view.h"
 
 namespace redrive {
+
 std::unique_ptr<kernels::Backend> make_backend(const TrainOptions& options) {
   return kernels::make_backend({options.backend, options.isa, options.threads});
 }
