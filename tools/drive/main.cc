@@ -60,7 +60,7 @@ int main(int argc, char** argv) {
                                 "must be a multiple of 3 and at least 240");
     redrive::check_output_folder("OUT", out, false);
     redrive::ThreadPool pool(threads > 0 ? threads : redrive::hardware_threads());
-    redrive::write_output_folder(out, [&](const std::filesystem::path& folder) {
+    redrive::write_output_folder("OUT", out, false, [&](const std::filesystem::path& folder) {
       redrive::drive::write_drive(folder, options, pool);
     });
   } catch (const std::exception& error) {

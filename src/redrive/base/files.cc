@@ -5,7 +5,6 @@
 #include <cctype>
 #include <cerrno>
 #include <cstring>
-#include <utility>
 
 #include <fcntl.h>
 #include <sys/stat.h>
@@ -14,56 +13,108 @@
 #include <nlohmann/json.hpp>
 
 #include "redrive/base/error.h"
+#include "redrive/base/memory_limit.h"
+#include "redrive/base/unfinished.h"
 
 namespace redrive {
 namespace {
 
-/// A file descriptor that closes itself.
-class Descriptor {
+/// A regular file that is open for reading.
+class InputFile {
  public:
-  Descriptor(const std::filesystem::path& path, int flags)
-      : fd_(::open(path.c_str(), flags | O_CLOEXEC, 0666)) {}
-  ~Descriptor() {
+  explicit InputFile(const std::filesystem::path& path)
+      // O_NONBLOCK: a pipe without a writer must not block.
+      : path_(path), fd_(::open(path.c_str(), O_RDONLY | O_NONBLOCK | O_NOCTTY | O_CLOEXEC)) {
+    struct stat status {};
+    const bool there = fd_ >= 0 && ::fstat(fd_, &status) == 0;
+    const int why = errno;
+    if (there && S_ISREG(status.st_mode)) {
+      size_ = static_cast<std::uint64_t>(status.st_size);
+      return;
+    }
     if (fd_ >= 0) ::close(fd_);
+    if (!there) fail(std::strerror(why));
+    fail(S_ISDIR(status.st_mode) ? "is a folder, a file was expected"
+                                 : "is a pipe or a device, a regular file was expected");
   }
-  Descriptor(const Descriptor&) = delete;
-  Descriptor& operator=(const Descriptor&) = delete;
-  int get() const { return fd_; }
-  bool ok() const { return fd_ >= 0; }
-  bool close() { return ::close(std::exchange(fd_, -1)) == 0; }
+  ~InputFile() { ::close(fd_); }
+  InputFile(const InputFile&) = delete;
+  InputFile& operator=(const InputFile&) = delete;
+
+  std::uint64_t size() const { return size_; }
+  /// Reads at most `size` bytes; none at the file's end.
+  std::size_t read(char* bytes, std::size_t size) const {
+    while (true) {
+      const ssize_t n = ::read(fd_, bytes, size);
+      if (n >= 0) return static_cast<std::size_t>(n);
+      if (errno != EINTR) fail(std::strerror(errno));
+    }
+  }
+  [[noreturn]] void fail(const std::string& rule) const { throw InputError(path_, "", "", rule); }
 
  private:
+  const std::filesystem::path& path_;
   int fd_;
+  std::uint64_t size_ = 0;
 };
 
-bool write_all(int fd, std::string_view bytes) {
-  while (!bytes.empty()) {
-    const ssize_t n = ::write(fd, bytes.data(), bytes.size());
-    if (n < 0 && errno == EINTR) continue;
-    if (n < 0) return false;
-    bytes.remove_prefix(static_cast<std::size_t>(n));
+constexpr int kMaxLevels = 64;
+
+/// Returns the most brackets that are open at a time. Up to the first fault of the text that is
+/// right; the parser says where that is.
+int json_levels(std::string_view text) {
+  int level = 0, most = 0;
+  for (std::size_t i = 0; i < text.size(); ++i) {
+    const char c = text[i];
+    if (c == '"') {
+      for (++i; i < text.size() && text[i] != '"'; ++i)
+        if (text[i] == '\\') ++i;
+    } else if (c == '[' || c == '{') {
+      most = std::max(most, ++level);
+    } else if (c == ']' || c == '}') {
+      --level;
+    }
   }
-  return true;
+  return most;
 }
 
 }  // namespace
 
-std::string read_file(const std::filesystem::path& path) {
-  const Descriptor file(path, O_RDONLY);
-  struct stat status {};
-  if (!file.ok() || ::fstat(file.get(), &status) != 0)
-    throw InputError(path, "", "", std::strerror(errno));
-  if (S_ISDIR(status.st_mode)) throw InputError(path, "", "", "is a folder, a file was expected");
+std::string read_file(const std::filesystem::path& path, std::uint64_t most) {
+  const InputFile file(path);
+  // Asks for the machine's memory only where it may matter.
+  if (file.size() > kMaxTextBytes) most = std::min(most, memory_bytes());
+  const auto check = [&](std::uint64_t size) {
+    if (size > most)
+      throw InputError(path, "size", std::to_string(size) + " bytes",
+                       "such a file may have " + std::to_string(most));
+  };
+  check(file.size());
   std::string bytes;
-  bytes.reserve(static_cast<std::size_t>(status.st_size));
+  bytes.reserve(file.size());
   char block[1 << 16];
-  while (true) {
-    const ssize_t n = ::read(file.get(), block, sizeof(block));
-    if (n < 0 && errno == EINTR) continue;
-    if (n < 0) throw InputError(path, "", "", std::strerror(errno));
-    if (n == 0) return bytes;
-    bytes.append(block, static_cast<std::size_t>(n));
+  while (const std::size_t n = file.read(block, sizeof block)) {
+    bytes.append(block, n);
+    check(bytes.size());  // files of /proc have more than their size
   }
+  return bytes;
+}
+
+std::string read_head(const std::filesystem::path& path, std::size_t size) {
+  const InputFile file(path);
+  std::string bytes(size, '\0');
+  std::size_t have = 0;
+  while (const std::size_t n = file.read(bytes.data() + have, size - have)) have += n;
+  bytes.resize(have);
+  return bytes;
+}
+
+void read_blocks(const std::filesystem::path& path,
+                 const std::function<void(std::string_view)>& take) {
+  const InputFile file(path);
+  std::string block(1 << 20, '\0');
+  while (const std::size_t n = file.read(block.data(), block.size()))
+    take(std::string_view(block).substr(0, n));
 }
 
 void write_file(const std::filesystem::path& path, std::string_view bytes) {
@@ -71,27 +122,23 @@ void write_file(const std::filesystem::path& path, std::string_view bytes) {
 }
 
 void write_file(const std::filesystem::path& path, std::span<const std::string_view> parts) {
-  // A fixed name, so that the next write replaces the leftover of a killed process; hidden and with
-  // the program's name, so that it is no user's file.
-  const std::filesystem::path temporary =
-      path.parent_path() / std::string(".").append(path.filename().string()).append(".redrive-tmp");
-  const auto fail = [&](const char* what) {
-    const int error = errno;
-    ::unlink(temporary.c_str());
-    throw IoError(path, std::string("cannot ") + what + ": " + std::strerror(error));
-  };
-  Descriptor file(temporary, O_WRONLY | O_CREAT | O_TRUNC);
-  if (!file.ok()) fail("create");
-  for (const std::string_view bytes : parts)
-    if (!write_all(file.get(), bytes)) fail("write");
-  if (::fsync(file.get()) != 0) fail("write to disk");
-  if (!file.close()) fail("close");
-  if (::rename(temporary.c_str(), path.c_str()) != 0) fail("replace");
-  // The new name is durable once the folder is on disk, too. Some file systems cannot sync folders;
-  // the file is whole anyway.
-  const Descriptor folder(path.has_parent_path() ? path.parent_path() : ".",
-                          O_RDONLY | O_DIRECTORY);
-  if (folder.ok()) ::fsync(folder.get());
+  UnfinishedFile file(path);
+  for (const std::string_view bytes : parts) file.write(bytes);
+  file.finish();
+}
+
+void make_folders_within(const std::filesystem::path& root, const std::filesystem::path& folders) {
+  std::filesystem::path folder = root;
+  std::error_code error;
+  for (const std::filesystem::path& part : folders) {
+    folder /= part;
+    std::filesystem::create_directory(folder, error);
+    const auto there = std::filesystem::symlink_status(folder);
+    if (std::filesystem::is_symlink(there))
+      throw IoError(folder, "is a link; nothing is written outside of " + root.string());
+    if (error || !std::filesystem::is_directory(there))
+      throw IoError(folder, error ? error.message() : "is no folder");
+  }
 }
 
 bool has_extension(const std::filesystem::path& path,
@@ -104,13 +151,11 @@ bool has_extension(const std::filesystem::path& path,
 
 nlohmann::json parse_json(std::string_view text, const std::filesystem::path& path) {
   // Printing a value, as messages do, recurses once per level: a file of brackets would overflow
-  // the stack.
-  const auto shallow = [&](int depth, nlohmann::json::parse_event_t, nlohmann::json&) {
-    if (depth > 64) throw InputError(path, "", "", "not usable JSON: nested deeper than 64 levels");
-    return true;
-  };
+  // the stack. Counted here, since a parser with a callback takes quadratic time (nlohmann 3.11).
+  if (json_levels(text) > kMaxLevels)
+    throw InputError(path, "", "", "not usable JSON: nested deeper than 64 levels");
   try {
-    return nlohmann::json::parse(text, shallow);
+    return nlohmann::json::parse(text);
   } catch (const nlohmann::json::exception& error) {
     // "[json.exception.parse_error.101] parse error at line 1, column 5: ..." without the library's
     // own name.

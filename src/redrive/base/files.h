@@ -2,7 +2,10 @@
 // Reads and writes files, whole or not at all.
 #pragma once
 
+#include <cstddef>
+#include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <initializer_list>
 #include <span>
 #include <string>
@@ -12,19 +15,38 @@
 
 namespace redrive {
 
-/// Returns the file's bytes. InputError if it is missing or unreadable.
-std::string read_file(const std::filesystem::path& path);
+// The most bytes that are read of a file, by its kind. Text becomes ten times its size in memory.
+constexpr std::uint64_t kMaxTextBytes = std::uint64_t{1} << 28;   ///< JSON, calibrations, poses
+constexpr std::uint64_t kMaxImageBytes = std::uint64_t{1} << 30;  ///< PNG, JPEG
+constexpr std::uint64_t kMaxDataBytes = std::uint64_t{1} << 36;   ///< points, models, checkpoints
+
+/// Returns the file's bytes. InputError if it is missing, unreadable, no regular file (a pipe, a
+/// device), or has more than `most` bytes or than this machine's memory.
+std::string read_file(const std::filesystem::path& path, std::uint64_t most = kMaxTextBytes);
+
+/// Returns the file's first `size` bytes, fewer where it has fewer. InputError as read_file.
+std::string read_head(const std::filesystem::path& path, std::size_t size);
+
+/// Calls `take` with one block of the file after the other, whatever its size. InputError as
+/// read_file.
+void read_blocks(const std::filesystem::path& path,
+                 const std::function<void(std::string_view block)>& take);
 
 /// Writes `path` atomically: a temporary file in its folder, fsync, rename. On IoError (disk full,
 /// permissions, ...) the old file is untouched and no temporary is left.
 void write_file(const std::filesystem::path& path, std::string_view bytes);
 void write_file(const std::filesystem::path& path, std::span<const std::string_view> parts);
 
+/// Makes the folders of the relative path `folders` within `root`. IoError where one of them is a
+/// link or no folder: nothing is written outside of `root`.
+void make_folders_within(const std::filesystem::path& root, const std::filesystem::path& folders);
+
 /// Whether the name ends in one of these, e.g. ".jpg"; ignores case.
 bool has_extension(const std::filesystem::path& path,
                    std::initializer_list<std::string_view> extensions);
 
-/// Parses JSON. InputError names the file and the parser's line and column.
+/// Parses JSON of at most 64 levels, in time in proportion to its bytes. InputError names the file
+/// and the parser's line and column.
 nlohmann::json parse_json(std::string_view text, const std::filesystem::path& path);
 nlohmann::json read_json(const std::filesystem::path& path);
 

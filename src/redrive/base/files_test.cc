@@ -94,6 +94,57 @@ TEST_F(Files, ReportsReadErrors) {
   EXPECT_THROW(read_file(folder_), InputError);
 }
 
+/// Returns the message of read_file's InputError.
+std::string refusal(const fs::path& file, std::uint64_t most = kMaxTextBytes) {
+  try {
+    return "read: " + read_file(file, most).substr(0, 20);
+  } catch (const InputError& error) {
+    return error.what();
+  }
+}
+
+TEST_F(Files, RegularFilesAloneAreRead) {
+  ASSERT_EQ(mkfifo((folder_ / "pipe").c_str(), 0600), 0);  // without a writer: must not block
+  fs::create_symlink("/dev/zero", folder_ / "endless");
+  for (const char* file : {"pipe", "endless"}) {
+    EXPECT_THAT(refusal(folder_ / file), HasSubstr("is a pipe or a device")) << file;
+    EXPECT_THROW(read_head(folder_ / file, 10), InputError) << file;
+    EXPECT_THROW(read_blocks(folder_ / file, [](std::string_view) {}), InputError) << file;
+  }
+}
+
+TEST_F(Files, SizesAreBounded) {
+  write_file(folder_ / "a", "12345");
+  EXPECT_EQ(read_file(folder_ / "a", 5), "12345");
+  EXPECT_THAT(refusal(folder_ / "a", 4), HasSubstr("size = 5 bytes: such a file may have 4"));
+  fs::resize_file(folder_ / "a", std::uintmax_t{1} << 40);  // sparse
+  for (const std::uint64_t most : {kMaxTextBytes, kMaxImageBytes, kMaxDataBytes})
+    EXPECT_THAT(refusal(folder_ / "a", most), HasSubstr("1099511627776 bytes")) << most;
+  EXPECT_EQ(read_head(folder_ / "a", 7), std::string("12345\0\0", 7));
+}
+
+TEST_F(Files, BlocksAreTheWholeFile) {
+  std::string bytes(3'000'001, 'x'), joined;
+  bytes.back() = 'y';
+  write_file(folder_ / "a", bytes);
+  read_blocks(folder_ / "a", [&](std::string_view block) { joined += block; });
+  EXPECT_EQ(joined, bytes);
+  EXPECT_EQ(read_head(folder_ / "a", 4'000'000), bytes);
+}
+
+TEST_F(Files, FoldersAreMadeWithin) {
+  make_folders_within(folder_, "a/b");
+  make_folders_within(folder_, "a/b");
+  EXPECT_TRUE(fs::is_directory(folder_ / "a/b"));
+  fs::create_directory(folder_ / "elsewhere");
+  fs::create_directory_symlink(folder_ / "elsewhere", folder_ / "a/link");
+  EXPECT_THROW(make_folders_within(folder_ / "a", "link"), IoError);
+  EXPECT_THROW(make_folders_within(folder_ / "a", "link/c"), IoError);
+  EXPECT_TRUE(fs::is_empty(folder_ / "elsewhere"));
+  write_file(folder_ / "file", "");
+  EXPECT_THROW(make_folders_within(folder_, "file"), IoError);
+}
+
 TEST_F(Files, JsonErrorsNameFileAndPosition) {
   write_file(folder_ / "a.json", "{\"a\":\n  nan}");
   try {
@@ -123,6 +174,18 @@ TEST(ParseJson, NestingIsLimited) {
       EXPECT_THAT(error.what(), HasSubstr("deeper than 64"));
     }
   }
+}
+
+TEST(ParseJson, BracketsInStringsAreNoLevels) {
+  const std::string text = R"(["\"[[)" + std::string(100, '[') + R"(", {"\\": 1}])";
+  EXPECT_EQ(parse_json(text, "a.json").size(), 2u);
+}
+
+// With time in the square of their number these take an hour.
+TEST(ParseJson, ManyObjectsTakeLinearTime) {
+  std::string text = "{\"first\": {}";
+  for (int i = 0; i < 500'000; ++i) text += ",\n\"" + std::to_string(i) + "\": {\"x\": [1]}";
+  EXPECT_EQ(parse_json(text + "}", "a.json").size(), 500'001u);
 }
 
 TEST_F(Files, ExtensionsAreComparedWithoutCase) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A folder that is written whole or not at all.
+// A folder for an option that names one, written whole or not at all.
 #pragma once
 
 #include <filesystem>
@@ -11,10 +11,9 @@ namespace redrive {
 /// write_output_folder made it: no other folder is ever removed.
 void check_output_folder(const char* option, const std::filesystem::path& folder, bool force);
 
-/// Makes the folder beside its final place, calls `fill` with it, marks it as made here, and moves
-/// it there. An existing one, which check_output_folder allowed, is removed then. If anything
-/// throws, everything is as before. IoError.
-void write_output_folder(const std::filesystem::path& folder,
+/// Checks the folder as above, writes it by `fill` (write_folder in base/unfinished.h) and marks it
+/// as made here.
+void write_output_folder(const char* option, const std::filesystem::path& folder, bool force,
                          const std::function<void(const std::filesystem::path&)>& fill);
 
 }  // namespace redrive

@@ -14,8 +14,9 @@ namespace fs = std::filesystem;
 
 class OutputFolderTest : public ::testing::Test {
  protected:
-  void write(const char* text) const {
-    write_output_folder(out_, [&](const fs::path& folder) { write_file(folder / "a", text); });
+  void write(const char* text, bool force) const {
+    write_output_folder("OUT", out_, force,
+                        [&](const fs::path& folder) { write_file(folder / "a", text); });
   }
   std::ptrdiff_t entries() const {
     return std::distance(fs::directory_iterator(folder_.path), fs::directory_iterator());
@@ -27,37 +28,31 @@ class OutputFolderTest : public ::testing::Test {
 
 TEST_F(OutputFolderTest, ReplacesOnlyWhatItMade) {
   EXPECT_NO_THROW(check_output_folder("OUT", out_, false));
-  write("first");
+  write("first", false);
+  EXPECT_THROW(write("second", false), UsageError);
   EXPECT_THROW(check_output_folder("OUT", out_, false), UsageError);
   EXPECT_NO_THROW(check_output_folder("OUT", out_, true));
-  write("second");
+  write("second", true);
   EXPECT_EQ(read_file(out_ / "a"), "second");
   EXPECT_EQ(entries(), 1);
   for (const char* file : {"sparse/0/cameras.bin", "transforms.json", "000000.png"}) {
     const fs::path foreign = folder_.path / "foreign";
     folder_.write(foreign / file, "");
     EXPECT_THROW(check_output_folder("OUT", foreign, true), UsageError) << file;
+    EXPECT_THROW(write_output_folder("OUT", foreign, true, [](const fs::path&) {}), UsageError);
+    EXPECT_TRUE(fs::exists(foreign / file)) << file;
     fs::remove_all(foreign);
   }
 }
 
 TEST_F(OutputFolderTest, LeavesEverythingAsItWas) {
-  write("first");
+  write("first", false);
   const auto fail = [](const fs::path& folder) {
     write_file(folder / "a", "half");
     throw Interrupted();
   };
-  EXPECT_THROW(write_output_folder(out_, fail), Interrupted);
+  EXPECT_THROW(write_output_folder("OUT", out_, true, fail), Interrupted);
   EXPECT_EQ(read_file(out_ / "a"), "first");
-  EXPECT_EQ(entries(), 1);
-}
-
-TEST_F(OutputFolderTest, RemovesWhatAKilledProgramLeft) {
-  folder_.write(".out.redrive-tmp/b", "half");
-  folder_.write(".out.redrive-old/b", "old");
-  write("first");
-  write("second");
-  EXPECT_FALSE(fs::exists(out_ / "b"));
   EXPECT_EQ(entries(), 1);
 }
 

@@ -9,6 +9,7 @@
 
 #include "redrive/base/cpu_features.h"
 #include "redrive/base/error.h"
+#include "redrive/base/interruption.h"
 #include "redrive/base/parallel_tbb.h"
 
 namespace redrive {
@@ -32,6 +33,7 @@ void run_chunk(void* context, int chunk) {
   Job& job = *static_cast<Job*>(context);
   (void)job.started.load(std::memory_order_acquire);
   try {
+    check_interruption();
     (*job.body)(chunk);
   } catch (...) {
     const std::lock_guard lock(job.mutex);

@@ -19,7 +19,8 @@ class ThreadPool {
   int threads() const;
 
   /// Runs body(chunk) for every chunk in [0, chunks) and returns when all are done. The
-  /// exception of the lowest chunk that throws is rethrown when all have ended. Not reentrant.
+  /// exception of the lowest chunk that throws is rethrown when all have ended. Chunks that begin
+  /// after Ctrl-C throw Interrupted (base/interruption.h). Not reentrant.
   void run(int chunks, const std::function<void(int chunk)>& body);
 
   /// Splits [0, size) into ranges of `grain` and runs body(begin, end) on each.

@@ -5,6 +5,7 @@
 #include <cstdio>
 
 #include "redrive/align/bundle/unobservable_extrinsics.h"
+#include "redrive/base/unfinished.h"
 #include "redrive/math/angles.h"
 #include "redrive/recording/pose_files.h"
 #include "redrive/report/align_page.h"
@@ -109,9 +110,11 @@ AlignResult align_verbose(const Recording& recording, AlignOptions options, Thre
 
 void write_alignment(const std::filesystem::path& folder, const Recording& recording,
                      const AlignResult& result) {
-  write_pose_files(folder,
-                   recording.reader->make_pose_files(recording, result.frames, result.cameras));
-  write_align_page(folder, recording, result);
+  write_folder(folder, /*replace=*/false, [&](const std::filesystem::path& made) {
+    write_pose_files(made,
+                     recording.reader->make_pose_files(recording, result.frames, result.cameras));
+    write_align_page(made, recording, result);
+  });
 }
 
 }  // namespace redrive

@@ -23,7 +23,7 @@ struct AlignArguments {
   int threads = 0;
   AlignOptions options;
   std::vector<std::string> rolling_shutter, cameras;
-  bool no_lidar = false, no_images = false;
+  bool no_lidar = false, no_images = false, outside_files = false;
 };
 
 int run_align(AlignArguments arguments) {
@@ -33,7 +33,8 @@ int run_align(AlignArguments arguments) {
   if (!arguments.out.empty()) check_run_is_new(arguments.out);  // before minutes of work
   arguments.options.images = !arguments.no_images;
   arguments.options.lidar = !arguments.no_lidar;
-  Recording recording = open_recording(arguments.recording);
+  Recording recording =
+      open_recording(arguments.recording, PoseSource::kRecorded, arguments.outside_files);
   keep_frames(parse_frame_range(arguments.frames), &recording);
   keep_cameras(arguments.cameras, &recording);
   arguments.options.bundle.readouts = apply_readout_options(arguments.rolling_shutter, &recording);
@@ -54,6 +55,7 @@ Action configure_align(CLI::App& command) {
   command.add_option("RECORDING", arguments->recording, "folder of the recording")->required();
   add_frames_option(command, &arguments->frames);
   add_cameras_option(command, &arguments->cameras);
+  add_outside_files_option(command, &arguments->outside_files);
   command.add_option(
       "--out", arguments->out,
       "folder for poses, calibration and report.html; must not exist (default: prints "

@@ -41,7 +41,7 @@ namespace {
 
 struct ExportCommandOptions {
   std::string from, format, out, frames, poses;
-  bool force = false;
+  bool force = false, outside_files = false;
   ExportOptions encode;
   std::optional<std::int64_t> actor;
   double voxel_m = 0;
@@ -53,6 +53,7 @@ void refuse_part_of_run(const ExportCommandOptions& options) {
   const char* rule = "is for recordings; a run has frames and poses of its own";
   if (!options.frames.empty()) throw UsageError("--frames", options.frames, rule);
   if (!options.poses.empty()) throw UsageError("--poses", options.poses, rule);
+  if (options.outside_files) throw UsageError("--outside-files", "", rule);
 }
 
 /// A run or a recording to export.
@@ -64,7 +65,8 @@ struct Source {
 Source open_source(const ExportCommandOptions& options) {
   constexpr int kDownscale = 2;  // of the images that points take colours from
   if (!is_run_folder(options.from))
-    return {false, open_without_model(options.from, kDownscale, options.frames, options.poses)};
+    return {false, open_without_model(options.from, kDownscale, options.frames, options.poses,
+                                      options.outside_files)};
   refuse_part_of_run(options);
   return {true, open_to_render(options.from)};
 }
@@ -121,7 +123,7 @@ int export_photos(const ExportCommandOptions& options, bool (*has_camera)(const 
   ThreadPool pool(options.backend.threads > 0 ? options.backend.threads : hardware_threads());
   const PointCloud points = recorded_points(source, pool);
   const std::atomic<bool>& stop = stop_on_signal();
-  write_output_folder(options.out, [&](const std::filesystem::path& folder) {
+  write_output_folder("OUT", options.out, options.force, [&](const std::filesystem::path& folder) {
     write(folder, set, points, pool, stop);
   });
   std::printf("%s: %s of %s, poses %s\nworld: %s\n", options.out.c_str(),
@@ -153,7 +155,7 @@ int export_drive(const ExportCommandOptions& options, const Write& write) {
   ThreadPool pool(options.backend.threads > 0 ? options.backend.threads : hardware_threads());
   const std::atomic<bool>& stop = stop_on_signal();
   DriveNotes notes;
-  write_output_folder(options.out, [&](const std::filesystem::path& folder) {
+  write_output_folder("OUT", options.out, options.force, [&](const std::filesystem::path& folder) {
     notes = write(folder, drive, pool, stop);
   });
   std::printf("%s: %s, poses %s\n", options.out.c_str(),
@@ -385,6 +387,7 @@ Action configure_export(CLI::App& command) {
   command.add_flag("--force", options->force,
                    "overwrites an existing file, or a folder of an earlier export");
   add_frames_option(command, &options->frames);
+  add_outside_files_option(command, &options->outside_files);
   command.add_option("--poses", options->poses,
                      "of a recording: folder with poses and calibration, as align writes it");
   add_backend_options(command, &options->backend);

@@ -13,6 +13,7 @@
 #include "redrive/align/tracks/patch.h"
 #include "redrive/base/cpu_features.h"
 #include "redrive/base/error.h"
+#include "redrive/base/unfinished.h"
 #include "redrive/camera/camera.h"
 #include "redrive/camera/ray_share.h"
 #include "redrive/cli/command.h"
@@ -107,9 +108,9 @@ void check_lidar(Inspection* result) {
 }
 
 Inspection inspect(const std::string& root, const std::string& frames,
-                   const std::vector<std::string>& cameras) {
+                   const std::vector<std::string>& cameras, bool outside_files) {
   Inspection result;
-  result.recording = open_recording(root);
+  result.recording = open_recording(root, PoseSource::kRecorded, outside_files);
   keep_frames(parse_frame_range(frames), &result.recording);
   keep_cameras(cameras, &result.recording);
   result.findings = result.recording.findings;
@@ -150,12 +151,6 @@ std::vector<MovingObject> search_moving(const Recording& recording, const Scene&
 /// Writes <CAM>.png and moving.json, to be edited, and <CAM>_overlay.png, to be inspected: the
 /// middle image with masked pixels in red.
 void write_masks(const std::filesystem::path& folder, Inspection* result) {
-  std::error_code error;
-  if (!std::filesystem::create_directory(folder, error)) {
-    if (error) throw IoError(folder, error.message());
-    throw UsageError("--masks", folder.string(),
-                     "exists already; nothing is overwritten, choose another name");
-  }
   ThreadPool pool(hardware_threads());
   for (CameraReport& report : result->cameras) {  // one at a time, to save memory
     const CameraCalibration& calibration = report.recorded->calibration;
@@ -182,12 +177,12 @@ void write_masks(const std::filesystem::path& folder, Inspection* result) {
 constexpr int kPreflightMaxWidth = 640;  // pixels; wider images are downscaled
 
 /// UsageError if the folder exists and is not empty.
-void require_empty_folder(const std::filesystem::path& folder) {
+void require_empty_folder(const char* option, const std::filesystem::path& folder) {
   std::error_code error;
   const bool exists = std::filesystem::exists(folder, error);
   if (exists &&
       !(std::filesystem::is_directory(folder, error) && std::filesystem::is_empty(folder, error)))
-    throw UsageError("--report", folder.string(),
+    throw UsageError(option, folder.string(),
                      "exists already; nothing is overwritten, choose another name");
 }
 
@@ -213,10 +208,9 @@ void write_report(const std::filesystem::path& folder, Inspection* result) {
                                  "other methods mask them"});
     images.moving = images.moving.with(found);
   }
-  std::error_code error;
-  std::filesystem::create_directories(folder, error);
-  if (error) throw IoError(folder, error.message());
-  write_preflight_page(folder, result->recording, images, lidar, *result->preflight);
+  write_folder(folder, /*replace=*/false, [&](const std::filesystem::path& made) {
+    write_preflight_page(made, result->recording, images, lidar, *result->preflight);
+  });
 }
 
 /// Returns annotated objects, and those that move and that nobody annotated.
@@ -230,15 +224,18 @@ std::vector<ObjectSummary> list_objects(const Recording& recording) {
 struct InspectOptions {
   std::string recording, frames, masks, report;
   std::vector<std::string> cameras;
-  bool json = false, objects = false;
+  bool json = false, objects = false, outside_files = false;
 };
 
 int run_inspect(const InspectOptions& options) {
-  const auto& [root, frames, masks, report, cameras, json, objects] = options;
-  if (!report.empty()) require_empty_folder(report);
-  Inspection result = inspect(root, frames, cameras);
+  const auto& [root, frames, masks, report, cameras, json, objects, outside_files] = options;
+  if (!masks.empty()) require_empty_folder("--masks", masks);
+  if (!report.empty()) require_empty_folder("--report", report);
+  Inspection result = inspect(root, frames, cameras, outside_files);
   if (objects && result.problems.empty()) result.objects = list_objects(result.recording);
-  if (!masks.empty() && result.problems.empty()) write_masks(masks, &result);
+  if (!masks.empty() && result.problems.empty())
+    write_folder(masks, /*replace=*/false,
+                 [&](const std::filesystem::path& made) { write_masks(made, &result); });
   if (!report.empty() && result.problems.empty()) write_report(report, &result);
   if (json) {
     // JSON must be UTF-8; file names need not be.
@@ -259,6 +256,7 @@ Action configure_inspect(CLI::App& command) {
   command.add_option("RECORDING", options->recording, "folder of the recording")->required();
   add_frames_option(command, &options->frames);
   add_cameras_option(command, &options->cameras);
+  add_outside_files_option(command, &options->outside_files);
   command.add_flag("--json", options->json, "JSON on standard output instead of the table");
   command.add_flag("--objects", options->objects,
                    "lists annotated objects, and ones that move by the LiDAR: type, moving or "

@@ -24,6 +24,7 @@
 #include "redrive/render/renderer.h"
 #include "redrive/render/view_pose.h"
 #include "redrive/scene/edit_actors.h"
+#include "redrive/train/memory.h"
 #include "redrive/train/run.h"
 
 namespace redrive {
@@ -179,6 +180,7 @@ int render_one(const RenderOptions& options) {
                      axes, shift_m);
   const auto backend = make_checked_backend(options.backend);
   std::printf("%s\n", kernels::describe(*backend).c_str());
+  check_rendering_memory(run, &camera.camera);
   const RayTable rays = make_ray_table(camera.camera, backend->threads());
   const RenderedImage image =
       render_image(*backend, *run.state.model, rays,
@@ -234,13 +236,15 @@ int render_poses(const RenderOptions& options) {
 
   const auto backend = make_checked_backend(options.backend);
   std::printf("%s\n", kernels::describe(*backend).c_str());
+  for (const RigCamera* camera : cameras) check_rendering_memory(run, &camera->camera);
+  std::error_code error;
+  fs::create_directories(out, error);
+  if (error) throw IoError(out, error.message());
   for (std::size_t i = 0; i < poses.views.size(); ++i) {
     const fs::path file = out / poses.views[i].file;
     const RenderedImage image =
         render_image(*backend, *run.state.model, cameras[i]->camera, poses_of[i], exposures[i]);
-    std::error_code error;
-    fs::create_directories(file.parent_path(), error);
-    if (error) throw IoError(file.parent_path(), error.message());
+    make_folders_within(out, fs::path(poses.views[i].file).parent_path());
     write_image(file, to_image8(image));
     std::printf("%zu/%zu %s: %d x %d\n", i + 1, poses.views.size(), file.c_str(), image.width,
                 image.height);

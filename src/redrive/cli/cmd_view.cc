@@ -10,9 +10,11 @@
 #include "redrive/cli/actor_options.h"
 #include "redrive/cli/backend_options.h"
 #include "redrive/cli/command.h"
+#include "redrive/cli/frames_option.h"
 #include "redrive/cli/training.h"
 #include "redrive/cli/view_server.h"
 #include "redrive/cli/without_model.h"
+#include "redrive/train/memory.h"
 #include "redrive/view/run_watch.h"
 #include "redrive/view/traffic.h"
 #include "redrive/view/viewer.h"
@@ -22,6 +24,7 @@ namespace {
 
 struct ViewOptions {
   std::string run, actors = "all", edit;
+  bool outside_files = false;
   ViewServerOptions server;
   kernels::BackendChoice backend;
 };
@@ -33,11 +36,16 @@ int run_view(const ViewOptions& options) {
     throw UsageError(options.edit.empty() ? "--actors" : "--edit",
                      options.edit.empty() ? options.actors : options.edit,
                      "needs a run: a recording has its images alone");
+  if (is_run && options.outside_files)
+    throw UsageError("--outside-files", "", "is for recordings; a run has what train was given");
   std::optional<view::RunWatch> watch;
   if (is_run) watch.emplace(options.run);
-  auto run = is_run ? watch->run() : std::make_shared<const Run>(open_without_model(options.run));
+  auto run = is_run ? watch->run()
+                    : std::make_shared<const Run>(
+                          open_without_model(options.run, 1, "", "", options.outside_files));
   const auto backend = make_checked_backend(options.backend);
   std::printf("%s\n", kernels::describe(*backend).c_str());
+  for (const RigCamera& rig : run->scene.rig) check_rendering_memory(*run, &rig.camera);
   const view::FirstEdit edit = view::first_edit(run->scene, options.actors, options.edit);
   for (const std::string& remark : edit.remarks)
     std::printf("%s: %s\n", options.edit.c_str(), remark.c_str());
@@ -57,6 +65,7 @@ Action configure_view(CLI::App& command) {
   command.add_option("RUN", options->run, "run folder, as train makes it, or a recording")
       ->required();
   add_actor_options(command, &options->actors, &options->edit);
+  add_outside_files_option(command, &options->outside_files);
   add_view_server_options(command, &options->server);
   add_backend_options(command, &options->backend);
   return [options] { return run_view(*options); };

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// --frames and --cameras of commands that take a recording.
+// --frames, --cameras and --outside-files of commands that take a recording.
 #pragma once
 
 #include <string>
@@ -22,6 +22,12 @@ inline void add_cameras_option(CLI::App& command, std::vector<std::string>* came
       .add_option("--cameras", *cameras,
                   "A,B: takes these cameras alone (default: all with images)")
       ->delimiter(',');
+}
+
+inline void add_outside_files_option(CLI::App& command, bool* outside_files) {
+  command.add_flag(
+      "--outside-files", *outside_files,
+      "also reads images, masks and points that transforms.json names outside of its folder");
 }
 
 }  // namespace redrive

@@ -5,7 +5,7 @@
 #include <unistd.h>
 
 #include <cstdio>
-#include <filesystem>
+#include <iostream>
 #include <map>
 #include <string>
 
@@ -14,6 +14,7 @@
 #include <CLI/Formatter.hpp>
 
 #include "redrive/base/error.h"
+#include "redrive/base/interruption.h"
 #include "redrive/base/process_group.h"
 #include "redrive/cli/command.h"
 #include "redrive/cli/failure.h"
@@ -47,6 +48,16 @@ std::string known_commands() {
   for (const redrive::Command& command : kCommands)
     names += (names.empty() ? "there are " : ", ") + std::string(command.name);
   return names;
+}
+
+/// Throws IoError where what was printed did not arrive. A closed pipe (| head) is no error.
+void check_standard_output() {
+  struct stat out {};
+  const bool pipe =
+      fstat(STDOUT_FILENO, &out) == 0 && (S_ISFIFO(out.st_mode) || S_ISSOCK(out.st_mode));
+  std::cout.flush();
+  if ((std::fflush(stdout) != 0 || std::ferror(stdout) || !std::cout) && !pipe)
+    throw redrive::IoError("standard output", "cannot be written");
 }
 
 /// Prints what is wrong with the arguments, or the help that they ask for, once where a launcher
@@ -84,14 +95,7 @@ int run(int argc, char** argv) {
   } catch (const CLI::ParseError& error) {
     return end_parsing(app, error);
   }
-  const int code = actions.at(app.get_subcommands().front())();
-  // A closed pipe (| head) is no error; a file that could not be written is.
-  struct stat out {};
-  const bool pipe =
-      fstat(STDOUT_FILENO, &out) == 0 && (S_ISFIFO(out.st_mode) || S_ISSOCK(out.st_mode));
-  if ((std::fflush(stdout) != 0 || std::ferror(stdout)) && !pipe)
-    throw redrive::IoError("standard output", "cannot be written");
-  return code;
+  return actions.at(app.get_subcommands().front())();
 }
 
 }  // namespace
@@ -102,8 +106,11 @@ int main(int argc, char** argv) {
   // are kept for the next: the system clears each page that it gives anew.
   mallopt(M_MMAP_THRESHOLD, 4 << 20);
   mallopt(M_TRIM_THRESHOLD, 1 << 30);
+  redrive::handle_signals();
   try {
-    return run(argc, argv);
+    const int code = run(argc, argv);
+    check_standard_output();
+    return code;
   } catch (...) {
     return redrive::print_failure();
   }

@@ -198,7 +198,7 @@ int render_lidar(const RenderOptions& options) {
     const std::atomic<bool>& stop = stop_on_signal();
     const auto progress = image_progress("rendered", "frames");
     int scans = 0;
-    write_output_folder(out, [&](const fs::path& folder) {
+    write_output_folder("--out", out, options.force, [&](const fs::path& folder) {
       KittiFolder files(folder);
       int done = 0;
       for (const Frame& frame : run.scene.frames) {

@@ -17,6 +17,7 @@
 #include "redrive/image/video.h"
 #include "redrive/render/camera_path.h"
 #include "redrive/render/renderer.h"
+#include "redrive/train/memory.h"
 
 namespace redrive {
 namespace {
@@ -93,6 +94,7 @@ int render_path(const RenderOptions& options) {
 
   const auto backend = make_checked_backend(options.backend);
   std::printf("%s\n", kernels::describe(*backend).c_str());
+  check_rendering_memory(run, &lens);
   const std::atomic<bool>& stop = stop_on_signal();
   const int images = path.images();
   const auto progress = image_progress("rendered");
@@ -118,7 +120,7 @@ int render_path(const RenderOptions& options) {
     for (int i = 0; i < images; ++i) video.add(image_at(i));
     video.finish();
   } else {
-    write_output_folder(out, [&](const fs::path& folder) {
+    write_output_folder("--out", out, options.force, [&](const fs::path& folder) {
       for (int i = 0; i < images; ++i) write_image(folder / image_name(i), image_at(i));
     });
   }

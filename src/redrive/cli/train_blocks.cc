@@ -29,7 +29,7 @@ class BlockTrainer {
     JobHandler handler;
     handler.work = [this](int block) { return train(block); };
     handler.stopped = [this] { return stop_.load(); };
-    handler.stop = stop_training;
+    handler.stop = request_stop;
     return handler;
   }
 
@@ -142,7 +142,6 @@ void check_one_process(const ProcessGroup& group) {
 }
 
 int train_blocks(ProcessGroup& group, DividedRun* whole) {
-  remove_unfinished_folders(*whole);
   for (Block& block : whole->blocks)  // whose folder somebody removed, since it was damaged
     block.finished &= std::filesystem::exists(RunPaths{whole->folder(block)}.checkpoint());
   std::vector<int> jobs;

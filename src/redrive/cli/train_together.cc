@@ -33,11 +33,14 @@ int lead_together(ProcessGroup& processes, Run* run, const TrainingData& trainin
   std::printf("%d processes compute each step together\n", processes.size());
   std::fflush(stdout);
   start_together(processes);
+  ExitCode failure = kExitOk;
   try {
     return train_to_end(run, training, backend, stop_on_signal(), {}, &processes);
-  } catch (...) {  // they wait for this process
-    processes.abort(print_failure());
+  } catch (...) {
+    failure = print_failure();
   }
+  processes.abort(failure);  // they wait for this process
+  return failure;            // for the compiler
 }
 
 void follow_together(ProcessGroup& processes, const std::filesystem::path& root) {

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/cli/training.h"
 
-#include <signal.h>
-
 #include <algorithm>
 #include <cstdio>
 
@@ -16,31 +14,6 @@
 #include "redrive/view/live_view.h"
 
 namespace redrive {
-namespace {
-
-std::atomic<bool> stop_flag{false};
-static_assert(std::atomic<bool>::is_always_lock_free);
-
-}  // namespace
-
-const std::atomic<bool>& stop_on_signal() {
-  struct sigaction action {};
-  action.sa_handler = [](int) { stop_flag = true; };
-  action.sa_flags = SA_RESTART | static_cast<int>(SA_RESETHAND);
-  sigaction(SIGINT, &action, nullptr);
-  sigaction(SIGTERM, &action, nullptr);
-  action.sa_flags = SA_RESTART;
-  sigaction(SIGUSR1, &action, nullptr);  // which mpirun forwards
-  // A closing terminal sends SIGHUP twice: by the shell and by the kernel.
-  struct sigaction before {};
-  sigaction(SIGHUP, nullptr, &before);
-  if (before.sa_handler != SIG_IGN) sigaction(SIGHUP, &action, nullptr);  // not under nohup
-  // A closed pipe (`train | head`) must not end training.
-  signal(SIGPIPE, SIG_IGN);
-  return stop_flag;
-}
-
-void stop_training() { stop_flag = true; }
 
 std::unique_ptr<kernels::Backend> make_backend(const TrainOptions& options) {
   return kernels::make_backend({options.backend, options.isa, options.threads});

@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Code that train and resume share: Ctrl-C, summaries before and after training, the page of a run
+// Code that train and resume share: summaries before and after training, the page of a run
 // that trains.
 #pragma once
 
 #include <atomic>
 
+#include "redrive/base/interruption.h"
 #include "redrive/cli/view_server.h"
 #include "redrive/kernels/backend.h"
 #include "redrive/train/trainer.h"
@@ -14,13 +15,6 @@ namespace redrive {
 
 /// Trains where no method is given: the best after equal time (docs/benchmarks.md).
 constexpr const char* kDefaultMethod = "splat";
-
-/// Returns a flag that Ctrl-C, SIGTERM, SIGHUP or SIGUSR1 sets; a second Ctrl-C or SIGTERM ends the
-/// program at once. A closed pipe (SIGPIPE) does not end training.
-const std::atomic<bool>& stop_on_signal();
-
-/// Sets that flag: training ends as after Ctrl-C.
-void stop_training();
 
 /// Returns the backend that the options choose. Throws UsageError.
 std::unique_ptr<kernels::Backend> make_backend(const TrainOptions& options);

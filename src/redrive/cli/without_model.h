@@ -22,9 +22,10 @@ inline bool is_run_folder(const std::string& folder) {
 /// folder `poses` if it is not empty, as a run without a model, over white where its images are
 /// transparent. Throws InputError as open_recording and apply_pose_files.
 inline Run open_without_model(const std::string& folder, int downscale = 1,
-                              const std::string& frames = "", const std::string& poses = "") {
+                              const std::string& frames = "", const std::string& poses = "",
+                              bool outside_files = false) {
   Run run;
-  run.recording = open_recording(folder);
+  run.recording = open_recording(folder, PoseSource::kRecorded, outside_files);
   keep_frames(parse_frame_range(frames), &run.recording);
   if (!poses.empty())
     apply_pose_files(read_pose_files(run.recording, poses), poses, &run.recording);

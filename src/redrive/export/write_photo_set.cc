@@ -165,7 +165,7 @@ void write_images(const fs::path& images, const fs::path& masks, const PhotoSet&
       image.rgb = resample(how->map, recorded.rgb, recorded.width, recorded.height, 3, 0);
       write_image(out, image);
     } else if (out.extension() == photo.source.extension()) {
-      write_file(out, read_file(photo.source));
+      write_file(out, read_file(photo.source, kMaxImageBytes));
     } else {
       write_image(out, read_image(photo.source));
     }

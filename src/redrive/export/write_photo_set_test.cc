@@ -42,10 +42,10 @@ class WritePhotoSetTest : public ::testing::Test {
 
 TEST_F(WritePhotoSetTest, LeavesNothingWhenStopped) {
   stop_ = true;
-  EXPECT_THROW(
-      write_output_folder(
-          out_, [&](const fs::path& folder) { write_colmap(folder, set(), {}, pool_, stop_); }),
-      Interrupted);
+  EXPECT_THROW(write_output_folder(
+                   "OUT", out_, false,
+                   [&](const fs::path& folder) { write_colmap(folder, set(), {}, pool_, stop_); }),
+               Interrupted);
   EXPECT_FALSE(fs::exists(out_));
   EXPECT_FALSE(fs::exists(folder_.path / ".out.redrive-tmp"));
 }

@@ -14,7 +14,7 @@ constexpr int kJpegQuality = 92;
 }  // namespace
 
 Image8 read_image(const std::filesystem::path& path) {
-  const std::string bytes = read_file(path);
+  const std::string bytes = read_file(path, kMaxImageBytes);
   if (is_jpeg(bytes)) return decode_jpeg(bytes, path);
   if (is_png(bytes)) return decode_png(bytes, path);
   throw InputError(path, "", "",
@@ -22,7 +22,7 @@ Image8 read_image(const std::filesystem::path& path) {
 }
 
 Image16 read_png16(const std::filesystem::path& path) {
-  const std::string bytes = read_file(path);
+  const std::string bytes = read_file(path, kMaxImageBytes);
   if (!is_png(bytes)) throw InputError(path, "", "", "not a PNG image");
   return decode_png16(bytes, path);
 }

@@ -2,6 +2,7 @@
 #include "redrive/image/video.h"
 
 #include "redrive/base/error.h"
+#include "redrive/base/unfinished.h"
 
 #ifdef REDRIVE_VIDEO
 
@@ -9,8 +10,6 @@
 #include <cstring>
 
 #include <dlfcn.h>
-#include <fcntl.h>
-#include <unistd.h>
 
 extern "C" {
 #include <libavcodec/avcodec.h>
@@ -97,7 +96,10 @@ const FFmpeg& ffmpeg() {
 std::optional<std::string> video_obstacle() { return ffmpeg().obstacle; }
 
 struct VideoWriter::Impl {
-  std::filesystem::path file, temporary;
+  explicit Impl(const std::filesystem::path& path) : file(path), unfinished(path) {}
+
+  std::filesystem::path file;
+  UnfinishedFile unfinished;  ///< FFmpeg opens it by its name
   AVFormatContext* format = nullptr;
   AVStream* stream = nullptr;
   AVCodecContext* codec = nullptr;
@@ -114,7 +116,6 @@ struct VideoWriter::Impl {
     ff.avcodec_free_context(&codec);
     if (format) ff.avio_closep(&format->pb);
     ff.avformat_free_context(format);
-    if (!temporary.empty()) ::unlink(temporary.c_str());
   }
 
   /// Throws where FFmpeg returned an error.
@@ -143,21 +144,17 @@ struct VideoWriter::Impl {
 };
 
 VideoWriter::VideoWriter(const std::filesystem::path& file, int width, int height, double fps)
-    : impl_(std::make_unique<Impl>()) {
+    : impl_(std::make_unique<Impl>(file)) {
   REDRIVE_CHECK(!video_obstacle());
   REDRIVE_CHECK_OP(width, >=, 2);
   REDRIVE_CHECK_OP(height, >=, 2);
   REDRIVE_CHECK(fps >= 1 && fps <= 240);
   const FFmpeg& ff = ffmpeg();
   Impl& video = *impl_;
-  video.file = file;
-  const std::filesystem::path temporary =
-      file.parent_path() / ("." + file.filename().string() + ".redrive-tmp");
-  const std::string url = "file:" + temporary.string();  // a name with ':' is no protocol
+  const std::string url = "file:" + video.unfinished.path().string();  // ':' in it is no protocol
   video.check(ff.avformat_alloc_output_context2(&video.format, nullptr, "mp4", url.c_str()),
               "write MP4");
   video.check(ff.avio_open(&video.format->pb, url.c_str(), AVIO_FLAG_WRITE), "create");
-  video.temporary = temporary;
 
   const AVCodec* const encoder = ff.avcodec_find_encoder_by_name("libx264");
   video.codec = ff.avcodec_alloc_context3(encoder);
@@ -222,12 +219,7 @@ void VideoWriter::finish() {
   video.check(ff.av_write_trailer(video.format), "write");
   video.check(video.format->pb->error, "write");
   video.check(ff.avio_closep(&video.format->pb), "close");
-  const int file = ::open(video.temporary.c_str(), O_RDONLY | O_CLOEXEC);
-  const bool on_disk = file >= 0 && ::fsync(file) == 0;
-  if (file >= 0) ::close(file);
-  if (!on_disk || ::rename(video.temporary.c_str(), video.file.c_str()) != 0)
-    throw IoError(video.file, std::string("cannot replace: ") + std::strerror(errno));
-  video.temporary.clear();
+  video.unfinished.finish();
 }
 
 }  // namespace redrive

@@ -6,6 +6,7 @@
 
 #include <opencv2/imgproc.hpp>
 
+#include "redrive/base/opencv_threads.h"
 #include "redrive/kernels/image_score.h"
 
 namespace redrive::kernels {

@@ -54,7 +54,7 @@ template <class Record>
 std::vector<Record> read(const fs::path& file,
                          std::vector<Record> (*binary)(std::string_view, const fs::path&),
                          std::vector<Record> (*text)(std::string_view, const fs::path&)) {
-  return (file.extension() == ".bin" ? binary : text)(read_file(file), file);
+  return (file.extension() == ".bin" ? binary : text)(read_file(file, kMaxDataBytes), file);
 }
 
 std::vector<PointRecord> read_point_records(const fs::path& file) {
@@ -198,6 +198,9 @@ Recording open(const fs::path& root, PoseSource source) {
     if (!names.insert(image.name).second)
       throw InputError(images_file, record + " name", image.name, "is there twice");
     const fs::path path = folder / image.name;
+    if (lies_outside(path, folder))
+      throw InputError(images_file, record + " name", image.name,
+                       "leads out of " + folder.string());
     if (!is_there(path)) {
       missing.push_back(image.name);
       continue;

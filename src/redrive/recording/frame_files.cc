@@ -40,6 +40,12 @@ bool is_folder(const fs::path& path) {
   return fs::is_directory(path, error);
 }
 
+bool lies_outside(const fs::path& file, const fs::path& folder) {
+  const auto plain = [](const fs::path& path) { return fs::absolute(path).lexically_normal(); };
+  const fs::path within = plain(file).lexically_relative(plain(folder));
+  return within.empty() || *within.begin() == "..";
+}
+
 std::vector<fs::path> list_folder(const fs::path& folder) {
   std::vector<fs::path> entries;
   std::error_code error;

@@ -34,6 +34,9 @@ std::vector<ImageFile> images_with_poses(std::vector<FrameFile> images, const st
                                          const std::vector<FramePose>& frames,
                                          std::vector<Finding>* findings);
 
+/// Whether the path, without following links, leads out of the folder.
+bool lies_outside(const std::filesystem::path& file, const std::filesystem::path& folder);
+
 /// InputError, with the findings, if no camera has an image that can be used.
 void require_cameras(const Recording& recording);
 

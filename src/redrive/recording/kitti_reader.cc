@@ -68,7 +68,8 @@ std::int64_t time_offset_ns(const Timestamps& times, const std::string& camera,
 }
 
 std::vector<LidarPoint> Reader::read_lidar(const FrameFile& file) const {
-  return parse_scan(read_file(file.path), file.path, body_from_velodyne, scans.at(file.frame_id));
+  return parse_scan(read_file(file.path, kMaxDataBytes), file.path, body_from_velodyne,
+                    scans.at(file.frame_id));
 }
 
 std::uint64_t Reader::lidar_point_count(const FrameFile& file) const {

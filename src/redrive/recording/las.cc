@@ -5,7 +5,6 @@
 #include <cmath>
 #include <cstdio>
 #include <cstring>
-#include <fstream>
 #include <limits>
 #include <string>
 
@@ -193,7 +192,7 @@ std::vector<LidarPoint> parse_las(std::string_view bytes, const std::filesystem:
 }
 
 std::vector<LidarPoint> read_las(const std::filesystem::path& file) {
-  return parse_las(read_file(file), file);
+  return parse_las(read_file(file, kMaxDataBytes), file);
 }
 
 std::string make_las(std::span<const LidarRecord> points, double step_m) {
@@ -242,10 +241,10 @@ std::string make_las(std::span<const LidarRecord> points, double step_m) {
 }
 
 std::uint64_t las_point_count(const std::filesystem::path& file) {
-  char header[kPointCountOffset + 4]{};
-  std::ifstream(file, std::ios::binary).read(header, sizeof header);
-  const std::string_view bytes(header, sizeof header);
-  return bytes.starts_with("LASF") ? little_endian<std::uint32_t>(bytes, kPointCountOffset) : 0;
+  const std::string bytes = read_head(file, kPointCountOffset + 4);
+  return bytes.starts_with("LASF") && bytes.size() == kPointCountOffset + 4
+             ? little_endian<std::uint32_t>(bytes, kPointCountOffset)
+             : 0;
 }
 
 }  // namespace redrive

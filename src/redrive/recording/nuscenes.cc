@@ -60,7 +60,7 @@ SceneFolder find_scene_folder(const fs::path& root) {
 class Reader : public RecordingReader {
  public:
   std::vector<LidarPoint> read_lidar(const FrameFile& file) const override {
-    return parse_scan(read_file(file.path), file.path,
+    return parse_scan(read_file(file.path, kMaxDataBytes), file.path,
                       {body_from_lidar, revolution_ends_ns.at(file.path)}, poses);
   }
   std::uint64_t lidar_point_count(const FrameFile& file) const override {

@@ -30,7 +30,7 @@ std::vector<Eigen::Vector3d> parse_ply(std::string_view bytes, const std::filesy
 }
 
 std::vector<Eigen::Vector3d> read_ply(const std::filesystem::path& file) {
-  return parse_ply(read_file(file), file);
+  return parse_ply(read_file(file, kMaxDataBytes), file);
 }
 
 std::string make_ply(std::span<const PlyPoint> points, bool normals,

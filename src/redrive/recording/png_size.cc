@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/recording/png_size.h"
 
-#include <cstring>
-#include <fstream>
+#include <cstdint>
 #include <string>
 
 #include "redrive/base/error.h"
+#include "redrive/base/files.h"
 
 namespace redrive {
 namespace {
@@ -17,11 +17,14 @@ std::string size_text(ImageSize size) {
 }  // namespace
 
 std::optional<ImageSize> png_size(const std::filesystem::path& path) {
-  unsigned char head[24] = {};
-  std::ifstream(path, std::ios::binary).read(reinterpret_cast<char*>(head), sizeof head);
-  if (std::memcmp(head, "\x89PNG\r\n\x1a\n", 8) != 0) return std::nullopt;
-  const auto big_endian = [&](int at) {
-    return head[at] << 24 | head[at + 1] << 16 | head[at + 2] << 8 | head[at + 3];
+  constexpr std::size_t kHead = 24;
+  const std::string head = read_head(path, kHead);
+  if (head.size() < kHead || !head.starts_with("\x89PNG\r\n\x1a\n")) return std::nullopt;
+  const auto big_endian = [&](std::size_t at) {
+    std::uint32_t value = 0;
+    for (std::size_t i = at; i < at + 4; ++i)
+      value = value << 8 | static_cast<std::uint8_t>(head[i]);
+    return static_cast<int>(value);
   };
   const ImageSize size{big_endian(16), big_endian(20)};
   constexpr int kMaxSide = 65536;

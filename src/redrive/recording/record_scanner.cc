@@ -1,11 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/recording/record_scanner.h"
 
-#include <cerrno>
-#include <cstring>
-#include <fstream>
-
 #include "redrive/base/error.h"
+#include "redrive/base/files.h"
 
 namespace redrive {
 namespace {
@@ -80,11 +77,7 @@ void RecordScanner::fail(const std::string& rule) const {
 }
 
 void scan_file(RecordScanner* scanner) {
-  std::ifstream file(scanner->file(), std::ios::binary);
-  std::string block(1 << 20, '\0');
-  while (file.read(block.data(), static_cast<std::streamsize>(block.size())) || file.gcount() > 0)
-    scanner->add(std::string_view(block).substr(0, static_cast<std::size_t>(file.gcount())));
-  if (!file.eof()) throw InputError(scanner->file(), "", "", std::strerror(errno));
+  read_blocks(scanner->file(), [&](std::string_view block) { scanner->add(block); });
   scanner->finish();
 }
 

@@ -56,7 +56,7 @@ TEST(RecordScanner, ReadsAFile) {
   RecordScanner missing(folder.path / "u.json", [](std::string_view, std::size_t) {});
   EXPECT_THAT(input_error([&] { scan_file(&missing); }), HasSubstr("u.json: No such file"));
   RecordScanner none(folder.path, [](std::string_view, std::size_t) {});
-  EXPECT_THAT(input_error([&] { scan_file(&none); }), HasSubstr("Is a directory"));
+  EXPECT_THAT(input_error([&] { scan_file(&none); }), HasSubstr("is a folder"));
 }
 
 }  // namespace

@@ -99,6 +99,8 @@ struct Recording {
   bool metric = true;
   std::optional<BoundingCube> bounds;  ///< in the global frame; nothing: unbounded
   std::vector<Finding> findings;       ///< frames dropped without a pose, missing images, ...
+  std::filesystem::path outside_file;  ///< a file that the recording's text names outside of its
+                                       ///< folder; empty: none
 
   const RecordedCamera* find_camera(const std::string& name) const;
 };
@@ -107,8 +109,9 @@ struct Recording {
 enum class PoseSource { kRecorded, kGroundTruth };
 
 /// Opens a recording of any known format (recording/registry.cc). InputError if the format is
-/// unknown, or if it ships no ground truth and that is asked for.
+/// unknown, if it ships no ground truth and that is asked for, and without `outside_files` if its
+/// text names files outside of its folder: it may come from a stranger.
 Recording open_recording(const std::filesystem::path& root,
-                         PoseSource source = PoseSource::kRecorded);
+                         PoseSource source = PoseSource::kRecorded, bool outside_files = false);
 
 }  // namespace redrive

@@ -49,12 +49,16 @@ const RecordedCamera* Recording::find_camera(const std::string& name) const {
   return nullptr;
 }
 
-Recording open_recording(const std::filesystem::path& root, PoseSource source) {
+Recording open_recording(const std::filesystem::path& root, PoseSource source, bool outside_files) {
   std::string sought;
   for (const Format& format : kFormats) {
     if (format.looks_like(root)) {
       Recording recording = format.open(root, source);
       recording.format = format.name;
+      if (!outside_files && !recording.outside_file.empty())
+        throw InputError(root, "", recording.outside_file.string(),
+                         "lies outside of the recording's folder, which names it; "
+                         "--outside-files reads it");
       leave_out_repeated_images(&recording);
       return recording;
     }

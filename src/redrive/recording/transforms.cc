@@ -96,12 +96,13 @@ class Collector {
     if (!images_.insert(image).second)
       throw InputError(file, "file_path", entry.file,
                        "a second frame with the image " + image.string());
+    const MaskFile mask = find_mask(file, entry, image);
+    for (const fs::path& named : {image, mask.path}) note_outside(named);
     const CameraCalibration& c = *entry.camera;
     const auto key = std::tuple(c.model, c.parameters, c.width, c.height);
     const auto [found, is_new] = cameras_.try_emplace(key, recording_.cameras.size());
     if (is_new) recording_.cameras.push_back({c, {}});
-    recording_.cameras[found->second].images.push_back(
-        {{id, image}, find_mask(file, entry, image), held_out});
+    recording_.cameras[found->second].images.push_back({{id, image}, mask, held_out});
   }
 
   /// `path`: ply_file_path, may be empty.
@@ -112,6 +113,7 @@ class Collector {
       recording_.findings.push_back({"ply_file_path", file.string() + " is missing: no points"});
       return;
     }
+    note_outside(file);
     recording_.points_file = file;
     recording_.reader = std::make_shared<Reader>();
   }
@@ -139,6 +141,11 @@ class Collector {
   std::vector<Finding>& findings() { return recording_.findings; }
 
  private:
+  void note_outside(const fs::path& file) {
+    if (recording_.outside_file.empty() && !file.empty() && lies_outside(file, recording_.root))
+      recording_.outside_file = file;
+  }
+
   Recording recording_;
   std::set<fs::path> images_;
   std::vector<std::string> missing_;

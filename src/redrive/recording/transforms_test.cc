@@ -311,8 +311,8 @@ TEST(Transforms, RejectsNaNAndTextThatEndsEarly) {
   EXPECT_THAT(message(text), AllOf(HasSubstr("dir/transforms.json"), HasSubstr("line 1")));
 }
 
-// instant-ngp and nerfstudio write such paths.
-TEST(Transforms, PathsMayLeadOutOfTheFolder) {
+// instant-ngp and nerfstudio write such paths, and a stranger may.
+TEST(Transforms, PathsLeadOutOfTheFolderWhereThatIsAllowed) {
   const TemporaryFolder folder;
   json text = document();
   text["frames"] = {frame("../images/1.png")};
@@ -321,15 +321,30 @@ TEST(Transforms, PathsMayLeadOutOfTheFolder) {
   folder.write("set/transforms.json", text.dump());
   folder.write("images/1.png", "");
   folder.write("mask.png", "");
-  Recording recording = open_recording(folder.path / "set");
+  const auto opened = [&] {
+    return open_recording(folder.path / "set", PoseSource::kRecorded, /*outside_files=*/true);
+  };
+  const auto refusal = [&] { return input_error([&] { open_recording(folder.path / "set"); }); };
+  EXPECT_THAT(refusal(), AllOf(HasSubstr("images/1.png"), HasSubstr("--outside-files")));
+  Recording recording = opened();
   const ImageFile& image = recording.cameras.at(0).images.at(0);
   EXPECT_TRUE(fs::equivalent(image.path, folder.path / "images/1.png"));
   EXPECT_EQ(image.mask.path, folder.path / "mask.png");
   EXPECT_TRUE(recording.points_file.empty());
   EXPECT_THAT(finding(recording), AllOf(HasSubstr("ply_file_path"), HasSubstr("is missing")));
   folder.write("points.ply", "");
-  EXPECT_TRUE(
-      fs::equivalent(open_recording(folder.path / "set").points_file, folder.path / "points.ply"));
+  EXPECT_TRUE(fs::equivalent(opened().points_file, folder.path / "points.ply"));
+  folder.write("set/1.png", "");
+  text["frames"] = {frame((folder.path / "set/1.png").string())};  // absolute, but within
+  folder.write("set/transforms.json", text.dump());
+  EXPECT_THAT(refusal(), HasSubstr("points.ply"));
+  text["frames"][0]["mask_path"] = "../mask.png";
+  text.erase("ply_file_path");
+  folder.write("set/transforms.json", text.dump());
+  EXPECT_THAT(refusal(), HasSubstr("mask.png"));
+  text["frames"][0].erase("mask_path");
+  folder.write("set/transforms.json", text.dump());
+  EXPECT_EQ(open_recording(folder.path / "set").frames.size(), 1u);
 }
 
 TEST(Transforms, UsesTheSplitOfTheFile) {

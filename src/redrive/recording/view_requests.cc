@@ -18,6 +18,8 @@ std::string output_name_from_json(const JsonField& field) {
   const std::string name = field.string();
   const std::filesystem::path path(name);
   const auto odd = [](unsigned char c) { return c < 0x20 || c == 0x7f || c == '\\'; };
+  constexpr std::size_t kMaxLength = 1000;
+  if (name.size() > kMaxLength) field.fail("expected a file name of at most 1000 characters");
   if (name.empty() || path.is_absolute() || std::any_of(name.begin(), name.end(), odd)) {
     field.fail("expected a relative file name");
   }

@@ -10,6 +10,7 @@
 
 #include <opencv2/imgproc.hpp>
 
+#include "redrive/base/opencv_threads.h"
 #include "redrive/image/image_io.h"
 #include "redrive/report/html.h"
 #include "redrive/report/plot.h"

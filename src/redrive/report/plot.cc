@@ -13,6 +13,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
+#include "redrive/base/interruption.h"
 #include "redrive/image/image_io.h"
 #include "redrive/report/html.h"
 
@@ -202,6 +203,7 @@ void draw_plot(const std::filesystem::path& folder, const std::string& name,
   int status = 0;
   while (waitpid(child, &status, 0) < 0 && errno == EINTR) {
   }
+  check_interruption();  // Ctrl-C at a terminal ends gnuplot, too
   if (!WIFEXITED(status) || WEXITSTATUS(status) != 0) {
     std::filesystem::remove(part, error);
     throw IoError(image, "gnuplot failed on " + script_file.string());

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/report/preflight_page.h"
+#include "redrive/base/opencv_threads.h"
 #include "redrive/image/image_io.h"
 
 #include <sstream>

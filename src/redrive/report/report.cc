@@ -11,6 +11,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
+#include "redrive/base/unfinished.h"
 #include "redrive/eval/moving_scores.h"
 #include "redrive/report/html.h"
 #include "redrive/report/plot.h"
@@ -55,13 +56,12 @@ std::string heading(const Run& run, const kernels::Backend& backend) {
 
 using OnFile = std::function<void(const std::filesystem::path&)>;
 
-std::string training(const Run& run, const OnFile& on_file) {
+std::string training(const Run& run, const std::filesystem::path& folder, const OnFile& on_file) {
   std::string out = "<h2>Training</h2>\n";
   const std::vector<MetricsRow> rows = read_metrics(run.paths);
   if (rows.empty()) return out + "<p>No metrics yet.</p>\n";
   const std::string title =
       recording_name(run) + ", " + run.options.method + restarts_text(run.state);
-  const std::filesystem::path folder = run.paths.figures();
   out += "<div class=\"row\">\n" +
          plot_figure(folder, "loss", loss_script(rows, title), "training loss");
   on_file(folder / "loss.png");
@@ -228,7 +228,7 @@ std::string image_row(const std::filesystem::path& folder, const ImageRow& row,
 
 /// Returns the section of the novel sets with ground truth; empty if there is none.
 std::string novel_views(const Run& run, kernels::Backend& backend, const Run* compared,
-                        const OnFile& on_file) {
+                        const std::filesystem::path& folder, const OnFile& on_file) {
   const std::vector<NovelGroundTruth> ground_truths = novel_ground_truths(run);
   if (ground_truths.empty()) return "";
   const Coverage coverage(run, backend);
@@ -236,8 +236,8 @@ std::string novel_views(const Run& run, kernels::Backend& backend, const Run* co
       "<h2>Novel views</h2>\n<p>Coverage by the run's own depth: a surface counts as seen where a "
       "training image shows it, neither masked nor occluded.</p>\n";
   for (const NovelGroundTruth& ground_truth : ground_truths)
-    out += image_row(run.paths.figures(),
-                     novel_image_row(run, backend, ground_truth, coverage, compared), on_file);
+    out +=
+        image_row(folder, novel_image_row(run, backend, ground_truth, coverage, compared), on_file);
   return out;
 }
 
@@ -268,15 +268,16 @@ std::string options_table(const TrainOptions& options) {
 
 }  // namespace
 
-void write_figures(const Run& run, kernels::Backend& backend, const FigureOptions& options) {
-  const OnFile on_file = options.written ? options.written : [](const std::filesystem::path&) {};
-  const std::filesystem::path folder = run.paths.figures();
-  std::error_code error;
-  std::filesystem::create_directories(folder, error);
-  if (error) throw IoError(folder, error.message());
+namespace {
 
+/// Writes the figures into the folder and returns the page's body.
+std::string figures_and_page(const Run& run, kernels::Backend& backend,
+                             const FigureOptions& options, const std::filesystem::path& folder) {
+  const OnFile on_file = [&](const std::filesystem::path& file) {
+    if (options.written) options.written(run.paths.figures() / file.filename());
+  };
   std::string body = heading(run, backend);
-  body += training(run, on_file);  // first: fails at once where gnuplot is missing
+  body += training(run, folder, on_file);  // first: fails at once where gnuplot is missing
   body += poses_section(run, folder);
   if (run.state.poses.refines())
     for (const char* plot : {"poses_moved.png", "poses_turned.png"}) on_file(folder / plot);
@@ -288,7 +289,7 @@ void write_figures(const Run& run, kernels::Backend& backend, const FigureOption
                        ", drawn at random.</p>\n";
   for (int camera = 0; camera < cameras; ++camera)
     images += image_row(folder, camera_image_row(run, backend, camera, options.compared), on_file);
-  const std::string novel = novel_views(run, backend, options.compared, on_file);
+  const std::string novel = novel_views(run, backend, options.compared, folder, on_file);
   const Evaluation own = evaluate(run, backend, options.eval);
   if (options.compared) {
     const Evaluation other = evaluate(*options.compared, backend, options.eval);
@@ -296,9 +297,18 @@ void write_figures(const Run& run, kernels::Backend& backend, const FigureOption
   } else {
     body += scores(own, nullptr, "");
   }
-  body += images + novel + options_table(run.options);
+  return body + images + novel + options_table(run.options);
+}
+
+}  // namespace
+
+void write_figures(const Run& run, kernels::Backend& backend, const FigureOptions& options) {
+  std::string body;
+  write_folder(run.paths.figures(), /*replace=*/true, [&](const std::filesystem::path& folder) {
+    body = figures_and_page(run, backend, options, folder);
+  });
   write_file(run.paths.report(), html_page("redrive: " + recording_name(run), body));
-  on_file(run.paths.report());
+  if (options.written) options.written(run.paths.report());
 }
 
 }  // namespace redrive

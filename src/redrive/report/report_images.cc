@@ -11,6 +11,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/evenly_spaced.h"
+#include "redrive/base/opencv_threads.h"
 #include "redrive/base/rng.h"
 #include "redrive/render/view_pose.h"
 #include "redrive/scene/load_views.h"

@@ -239,7 +239,7 @@ ActorBody parse_actor_body(std::string_view bytes, const std::filesystem::path& 
 }
 
 ActorBody read_actor_body(const std::filesystem::path& file) {
-  return parse_actor_body(read_file(file), file);
+  return parse_actor_body(read_file(file, kMaxDataBytes), file);
 }
 
 std::shared_ptr<const ActorBody> ActorBodies::read(const std::filesystem::path& file) {

@@ -22,6 +22,7 @@
 
 #include <opencv2/core.hpp>
 
+#include "redrive/base/opencv_threads.h"
 #include "redrive/camera/camera.h"
 #include "redrive/math/rigid3.h"
 

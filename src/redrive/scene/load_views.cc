@@ -8,6 +8,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "redrive/base/error.h"
+#include "redrive/base/opencv_threads.h"
 #include "redrive/image/image_io.h"
 #include "redrive/scene/resample.h"
 
@@ -147,7 +148,6 @@ std::vector<float> load_depth(const std::filesystem::path& path, const RigCamera
 
 ViewLoader::ViewLoader(const Scene& scene, ThreadPool& pool)
     : maps_(scene.undistort ? scene.rig.size() : 0) {
-  cv::setNumThreads(1);
   scene_.rig = scene.rig;
   scene_.downscale = scene.downscale;
   scene_.undistort = scene.undistort;

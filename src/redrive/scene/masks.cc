@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/scene/masks.h"
+#include "redrive/base/opencv_threads.h"
 #include "redrive/image/image_io.h"
 
 #include <opencv2/imgproc.hpp>
@@ -255,7 +256,6 @@ Mask find_static_mask(const Scene& scene, int camera, const std::vector<Image8>&
 
 std::vector<Mask> static_masks(const Scene& scene, const std::vector<Image8>& images,
                                const std::filesystem::path& folder, ThreadPool& pool, bool on_car) {
-  cv::setNumThreads(1);  // parallel over cameras instead
   std::vector<Mask> masks(scene.rig.size());
   pool.run(static_cast<int>(masks.size()), [&](int c) {
     const RigCamera& rig = scene.rig[c];

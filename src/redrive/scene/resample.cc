@@ -4,6 +4,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "redrive/base/error.h"
+#include "redrive/base/opencv_threads.h"
 
 namespace redrive {
 

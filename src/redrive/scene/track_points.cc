@@ -11,6 +11,7 @@
 #include <opencv2/video/tracking.hpp>
 
 #include "redrive/base/error.h"
+#include "redrive/base/opencv_threads.h"
 
 namespace redrive {
 namespace {
@@ -390,7 +391,6 @@ class CameraTracker {
 
 PointCloud track_points(const Scene& scene, const ViewImages& images, ThreadPool& pool) {
   REDRIVE_CHECK_OP(images.size(), ==, scene.views.size());
-  cv::setNumThreads(1);  // parallel over images instead
   const auto trained = std::ranges::count(scene.views, false, &View::held_out);
   // Every start is tracked forward and backward.
   const int every = std::max<int>(kStartEvery, (2 * trained + kMaxStarts - 1) / kMaxStarts);

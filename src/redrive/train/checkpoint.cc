@@ -267,7 +267,7 @@ void save_checkpoint(const std::filesystem::path& file, const TrainState& state)
 }
 
 TrainState load_checkpoint(const std::filesystem::path& file) {
-  return parse_checkpoint(read_file(file), file);
+  return parse_checkpoint(read_file(file, kMaxDataBytes), file);
 }
 
 }  // namespace redrive

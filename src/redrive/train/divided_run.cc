@@ -21,7 +21,6 @@ namespace {
 // Gaussians and hash grids are sized for hundreds of metres; a shorter core than the overlaps of
 // 20 m at both of its ends costs more than it saves.
 constexpr double kLongestCore_m = 200, kShortestCore_m = 40, kShrink = 0.8;
-constexpr const char* kTemporary = ".tmp-";  // in the names of create_run
 
 /// Returns the run of a block without parameters.
 Run planned_run(const DividedRun& whole, const Block& block) {
@@ -164,7 +163,10 @@ DividedRun open_divided_run(const std::filesystem::path& root) {
 
 void create_block(const DividedRun& whole, const Block& block) {
   const std::filesystem::path folder = whole.folder(block);
+  make_folders_within(whole.paths.root, folder.parent_path().filename());
   std::error_code error;
+  if (std::filesystem::is_symlink(folder, error))
+    throw IoError(folder, "is a link; nothing is written outside of the run's folder");
   if (std::filesystem::exists(folder, error)) return;
   Run run = planned_run(whole, block);
   record_hyperparameters(*run.state.model, &run.options);
@@ -190,15 +192,6 @@ Run open_block(const DividedRun& whole, const Block& block) {
   if (options_to_json(run.options) != before)
     write_config(run.paths, run.options, run.state.model.get());
   return run;
-}
-
-void remove_unfinished_folders(const DividedRun& whole) {
-  std::error_code error;
-  std::vector<std::filesystem::path> unfinished;
-  for (const auto& entry : std::filesystem::directory_iterator(whole.paths.root / "blocks", error))
-    if (entry.path().filename().string().find(kTemporary) != std::string::npos)
-      unfinished.push_back(entry.path());
-  for (const std::filesystem::path& folder : unfinished) std::filesystem::remove_all(folder, error);
 }
 
 BlockMetrics read_block_metrics(const std::filesystem::path& root) {

@@ -58,9 +58,6 @@ void create_block(const DividedRun& whole, const Block& block);
 /// Opens the run of a block to train it on, from its last checkpoint if it has one. The limits on
 /// epochs, steps and seconds, and what it may use of the machine, are those of the whole.
 Run open_block(const DividedRun& whole, const Block& block);
-/// Removes what killed processes left of folders that they were making. Nobody may train a block
-/// meanwhile.
-void remove_unfinished_folders(const DividedRun& whole);
 
 /// The blocks' rows of metrics.jsonl.
 struct BlockMetrics {

@@ -93,14 +93,13 @@ TEST_F(DividedRunTest, ABlockIsARunOfItsFramesWithTheMasksOfTheWhole) {
   ThreadPool pool(2);
   create_divided_run(folder_.path / "run", &whole, pool, {});
   ASSERT_TRUE(is_divided_run(folder_.path / "run"));
-  std::filesystem::create_directory(folder_.path / "run/blocks/001.tmp-7");
+  folder_.write("run/blocks/.001.redrive-tmp/config.json", "half");  // of a killed process
 
   DividedRun again = open_divided_run(folder_.path / "run");
-  remove_unfinished_folders(again);
-  EXPECT_FALSE(std::filesystem::exists(folder_.path / "run/blocks/001.tmp-7"));
   EXPECT_EQ(blocks_text(again.blocks), blocks_text(whole.blocks));
   const Block& second = again.blocks[1];
   create_block(again, second);
+  EXPECT_FALSE(std::filesystem::exists(folder_.path / "run/blocks/.001.redrive-tmp"));
   create_block(again, second);  // does nothing
   again.options.max_steps = 20;
   const redrive::Run run = open_block(again, second);

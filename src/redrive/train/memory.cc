@@ -5,6 +5,7 @@
 #include <cstdio>
 
 #include "redrive/base/error.h"
+#include "redrive/base/memory_limit.h"
 #include "redrive/recording/recording_reader.h"
 #include "redrive/scene/cloud_returns.h"
 #include "redrive/scene/masks.h"
@@ -161,6 +162,20 @@ void check_memory(const MemoryEstimate& need, std::uint64_t allowed, const Train
                          {need.lidar + std::max(need.sorting, need.of_lidar), kOfLidar},
                          {need.search, kOfSearch},
                          {need.step, need.step_option}}));
+}
+
+void check_rendering_memory(const Run& run, const Camera* camera) {
+  // A pixel's ray, its colour, depth and opacity twice, its bytes and those of the file; measured.
+  constexpr std::uint64_t kPixel = 100;
+  std::error_code error;
+  const std::uint64_t file = std::filesystem::file_size(run.paths.checkpoint(), error),
+                      need = kProgram + (error ? 0 : 2 * file) +
+                             (camera ? kPixel * pixels(*camera) : 0),
+                      allowed = allowed_memory(run.options, memory_bytes());
+  if (need > allowed)
+    throw UsageError(
+        "--memory", run.options.memory,
+        "is that of " + run.paths.config().string() + "; rendering " + memory_text(need, allowed));
 }
 
 }  // namespace redrive

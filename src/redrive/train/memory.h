@@ -59,4 +59,8 @@ std::string describe_memory(const MemoryEstimate& need, std::uint64_t allowed);
 /// Throws UsageError naming the options to lower if more is needed than allowed.
 void check_memory(const MemoryEstimate& need, std::uint64_t allowed, const TrainOptions& options);
 
+/// Throws UsageError if the run's --memory allows less than its model takes and, unless it is null,
+/// an image of the camera.
+void check_rendering_memory(const Run& run, const Camera* camera = nullptr);
+
 }  // namespace redrive

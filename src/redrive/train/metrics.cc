@@ -20,7 +20,10 @@ namespace {
 
 void append_line(const std::filesystem::path& path, const nlohmann::json& json) {
   const std::string line = json.dump() + "\n";
-  const int file = ::open(path.c_str(), O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0644);
+  const int file =
+      ::open(path.c_str(), O_WRONLY | O_CREAT | O_APPEND | O_NOFOLLOW | O_CLOEXEC, 0644);
+  if (file < 0 && errno == ELOOP)
+    throw IoError(path, "is a link; nothing is written outside of the run's folder");
   if (file < 0) throw IoError(path, std::strerror(errno));
   errno = ENOSPC;  // the cause of a partial write
   const bool written = ::write(file, line.data(), line.size()) == static_cast<ssize_t>(line.size());
@@ -127,7 +130,8 @@ std::vector<MetricsRow> parse_metrics(std::string_view bytes, const std::filesys
   for_lines(file, bytes, [&, current = 0](const Line& line) mutable {
     if (line.position.restarts != current) rows.clear();
     current = line.position.restarts;
-    std::erase_if(rows, [&](const MetricsRow& row) { return row.step > line.undone_to; });
+    // Rows are in the order of their steps: looking at the last ones takes linear time.
+    while (!rows.empty() && rows.back().step > line.undone_to) rows.pop_back();
     if (!line.is_event) rows.push_back(line.row);
   });
   return rows;

@@ -294,6 +294,8 @@ std::vector<TrainField> make_fields() {
              "keep every n-th frame for eval; 0: none, not 1"),
       flag("undistort", &O::undistort,
            "resample the images without distortion first, as the report did (pinhole cameras)"),
+      flag("outside-files", &O::outside_files,
+           "also read images, masks and points that transforms.json names outside of its folder"),
       flag(
           "truth-poses", &O::ground_truth_poses,
           "use the ground-truth poses and calibration of a synthetic recording, to separate errors "

@@ -223,7 +223,8 @@ void validate(const TrainOptions& options) {
 Recording open_recording(const TrainOptions& options) {
   Recording recording =
       open_recording(options.recording,
-                     options.ground_truth_poses ? PoseSource::kGroundTruth : PoseSource::kRecorded);
+                     options.ground_truth_poses ? PoseSource::kGroundTruth : PoseSource::kRecorded,
+                     options.outside_files);
   apply_readout_options(options.rolling_shutter, &recording);
   return recording;
 }

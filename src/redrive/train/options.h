@@ -34,6 +34,7 @@ struct TrainOptions {
   int holdout_every = 0;
   bool undistort = false;
   bool ground_truth_poses = false;  ///< uses the ground-truth poses and calibration
+  bool outside_files = false;       ///< reads files that the recording names outside of its folder
   std::string poses;   ///< folder of other poses and another calibration (recording/pose_files.h);
                        ///< "": the recording's own
   bool align = false;  ///< runs redrive align first and uses its poses

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/train/run.h"
 
-#include <unistd.h>
-
 #include <algorithm>
 #include <cmath>
 
@@ -10,9 +8,11 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
+#include "redrive/base/unfinished.h"
 #include "redrive/model/method.h"
 #include "redrive/recording/pose_files.h"
 #include "redrive/scene/moving_file.h"
+#include "redrive/train/memory.h"
 
 namespace redrive {
 namespace {
@@ -106,25 +106,13 @@ void check_run_is_new(const std::filesystem::path& root) {
 RunPaths create_run(const std::filesystem::path& out, const TrainOptions& options,
                     const std::function<void(const RunPaths&)>& fill, Model* model) {
   check_run_is_new(out);
-  const std::filesystem::path root = out.has_filename() ? out : out.parent_path();  // "run/" is run
-  std::error_code error;
-  if (root.has_parent_path()) std::filesystem::create_directories(root.parent_path(), error);
-  // Creates it under a temporary name and renames it: a kill in between must not leave a folder
-  // that train rejects because it exists and resume because it holds no run.
-  std::filesystem::path temporary = root;
-  temporary += ".tmp-" + std::to_string(::getpid());
-  if (error || !std::filesystem::create_directory(temporary, error))
-    throw IoError(temporary, error ? error.message() : "exists already");
-  try {
-    write_config({temporary}, options, model);
-    if (fill) fill({temporary});
-    std::filesystem::rename(temporary, root, error);
-    if (error) throw IoError(root, error.message());
-  } catch (...) {
-    std::filesystem::remove_all(temporary, error);
-    throw;
-  }
-  return {root};
+  // A kill in between must not leave a folder that train rejects because it exists and resume
+  // because it holds no run.
+  write_folder(out, /*replace=*/false, [&](const std::filesystem::path& made) {
+    write_config({made}, options, model);
+    if (fill) fill({made});
+  });
+  return {out.has_filename() ? out : out.parent_path()};  // "run/" is run
 }
 
 void write_config(const RunPaths& paths, const TrainOptions& options, Model* model) {
@@ -166,6 +154,7 @@ Run open_run(const std::filesystem::path& root, bool to_resume) {
     run.state = make_initial_state(run.options, run.scene);
     load_actors(&run);
   } else {
+    if (!to_resume) check_rendering_memory(run);
     run.state = load_checkpoint(run.paths.checkpoint());
     check_belongs(run);
     check_shown_hyperparameters(run, config);

@@ -83,9 +83,7 @@ void PathStore::save(const PathMessage& message) const {
       {"smoothness_value", 0},
       {"keyframes", keyframes},
       {"camera_path", cameras}};
-  std::error_code error;
-  fs::create_directory(folder(), error);
-  if (error) throw IoError(folder(), error.message());
+  make_folders_within(folder().parent_path(), folder().filename());
   write_file(to, document.dump() + "\n");
 }
 

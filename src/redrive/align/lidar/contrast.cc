@@ -8,6 +8,8 @@
 
 #include <opencv2/imgproc.hpp>
 
+#include "redrive/base/opencv_threads.h"
+
 namespace redrive {
 namespace {
 

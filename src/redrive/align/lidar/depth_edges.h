@@ -12,6 +12,7 @@
 
 #include "redrive/align/lidar/contrast.h"
 #include "redrive/align/rig/rig_model.h"
+#include "redrive/base/opencv_threads.h"
 #include "redrive/base/parallel.h"
 
 namespace redrive {

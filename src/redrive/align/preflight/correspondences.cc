@@ -4,6 +4,8 @@
 #include <opencv2/imgproc.hpp>
 #include <opencv2/video/tracking.hpp>
 
+#include "redrive/base/opencv_threads.h"
+
 namespace redrive {
 namespace {
 

@@ -475,7 +475,6 @@ Preflight check_recording(const Recording& recording, const RigImages& images,
     result.clock.why = why;
     return result;
   }
-  cv::setNumThreads(1);  // cameras run in parallel
   std::vector<ContrastFit> contrast;
   std::vector<std::optional<EdgeScore>> edges(recording.cameras.size());
   if (!lidar.empty()) {

@@ -3,6 +3,7 @@
 
 #include <opencv2/imgproc.hpp>
 
+#include "redrive/base/opencv_threads.h"
 #include "redrive/scene/load_views.h"
 #include "redrive/scene/masks.h"
 

@@ -8,6 +8,7 @@
 
 #include <opencv2/core.hpp>
 
+#include "redrive/base/opencv_threads.h"
 #include "redrive/base/parallel.h"
 #include "redrive/scene/moving_objects.h"
 #include "redrive/scene/scene.h"

@@ -6,6 +6,7 @@
 
 #include "redrive/align/tracks/epipolar.h"
 #include "redrive/align/tracks/patch.h"
+#include "redrive/base/opencv_threads.h"
 
 namespace redrive {
 namespace {

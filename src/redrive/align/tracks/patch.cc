@@ -6,6 +6,8 @@
 #include <Eigen/Cholesky>
 #include <opencv2/imgproc.hpp>
 
+#include "redrive/base/opencv_threads.h"
+
 namespace redrive {
 namespace {
 

@@ -11,6 +11,8 @@
 #include <Eigen/Core>
 #include <opencv2/core.hpp>
 
+#include "redrive/base/opencv_threads.h"
+
 namespace redrive {
 
 inline constexpr int kPatchHalf = 7;  // 15 x 15 pixels

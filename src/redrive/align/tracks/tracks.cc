@@ -7,6 +7,7 @@
 #include "redrive/align/tracks/epipolar_outliers.h"
 #include "redrive/align/tracks/feature_tracker.h"
 #include "redrive/align/tracks/patch.h"
+#include "redrive/base/opencv_threads.h"
 
 namespace redrive {
 namespace {
@@ -59,7 +60,6 @@ RigImages load_track_images(const Recording& recording, ThreadPool& pool,
 
 std::vector<Track> find_tracks(const RigImages& full, ThreadPool& pool,
                                const TrackOptions& options) {
-  cv::setNumThreads(1);  // cameras run in parallel
   const RigImages images = downscaled_to_width(full, kWidest, kPatchHalf, pool);
   std::vector<std::vector<Track>> of_camera(images.cameras());
   std::vector<TrackOptions> camera_options(images.cameras(), options);

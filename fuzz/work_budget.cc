@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: Apache-2.0
+// Ends a fuzz target whose parser takes more processor time than a budget for each byte, as one
+// whose time grows with the square of its input does. Linked to each target in front of its
+// function (--wrap in fuzz/CMakeLists.txt).
+#include <time.h>
+
+#include <cstddef>
+#include <cstdint>
+#include <cstdio>
+
+namespace {
+
+// With sanitizers, parsers take 0.1 to 2 microseconds a byte; decoders of images first take memory
+// for all pixels.
+constexpr double kFirst_s = 0.5, kByte_s = 20e-6;
+
+double thread_seconds() {
+  timespec now{};
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+  return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
+}
+
+}  // namespace
+
+extern "C" int __real_LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size);
+
+extern "C" int __wrap_LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  const double begin = thread_seconds();
+  const int result = __real_LLVMFuzzerTestOneInput(data, size);
+  const double took = thread_seconds() - begin,
+               allowed = kFirst_s + kByte_s * static_cast<double>(size);
+  if (took > allowed) {
+    std::fprintf(stderr, "%.2f s of processor time for %zu bytes, %.2f allowed\n", took, size,
+                 allowed);
+    __builtin_trap();
+  }
+  return result;
+}

@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: Apache-2.0
+// Files and folders that are written beside their place and moved there when they are whole.
+//
+// Their names are new ones: nothing that lies there, a link above all, is written through. Each is
+// locked as long as its process lives, so that what a dead process left is told from what a living
+// one writes, and removed. On file systems without locks a leftover stays.
+#pragma once
+
+#include <filesystem>
+#include <functional>
+#include <string_view>
+
+namespace redrive {
+
+/// A file beside `place`, removed unless it is finished. Several may be written for one place.
+class UnfinishedFile {
+ public:
+  explicit UnfinishedFile(const std::filesystem::path& place);  ///< IoError
+  ~UnfinishedFile();
+  UnfinishedFile(const UnfinishedFile&) = delete;
+  UnfinishedFile& operator=(const UnfinishedFile&) = delete;
+
+  const std::filesystem::path& path() const { return path_; }
+  void write(std::string_view bytes) const;  ///< IoError
+  /// Moves the file, once it is on disk, to its place and replaces what lies there. IoError.
+  void finish();
+
+ private:
+  [[noreturn]] void fail(const char* what) const;
+
+  std::filesystem::path place_, path_;
+  int descriptor_ = -1;
+};
+
+/// Makes a folder beside `place`, calls `fill` with it and moves it to its place, where nothing or
+/// an empty folder may lie, or with `replace` any folder, which is removed then. If anything
+/// throws, everything is as before. UsageError if another process is writing it or has written it
+/// meanwhile; IoError.
+void write_folder(const std::filesystem::path& place, bool replace,
+                  const std::function<void(const std::filesystem::path& folder)>& fill);
+
+/// Whether this process has an unfinished file or folder. May be called by a signal's handler.
+bool has_unfinished();
+
+}  // namespace redrive
