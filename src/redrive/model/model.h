@@ -80,8 +80,8 @@ struct StepOutput {
   int pixels = 0;        ///< pixels drawn
   int epoch_pixels = 0;  ///< those that count towards the epoch; rgb_mse is their error
   int active_rays = 0;   ///< rays that the field was evaluated on; 0: does not apply
-  /// Update of the error map: cells and their squared errors, mean of the channels. Resident on the
-  /// backend's device, valid until the next step with the same buffers. Empty: no update.
+  /// Update of the error map: cells and their squared errors, mean of the channels. Valid until the
+  /// next step with the same buffers. Empty: no update.
   std::span<const std::uint32_t> cells;
   std::span<const float> squared_errors;
   std::vector<ViewGradient>
@@ -221,8 +221,8 @@ class Model : public Configurable {
   virtual void update(kernels::Backend& backend, double learning_rate, std::int64_t step,
                       std::span<float> gradients, AdamState* adam);
   /// Called after each applied step with the outputs of all ranks. May change the shapes of
-  /// tensors, with `parameters` and the moments (densify, prune), after downloading them. Must be
-  /// deterministic. step: from 1.
+  /// tensors, with `parameters` and the moments (densify, prune). Must be deterministic. step: from
+  /// 1.
   virtual void finish_step(kernels::Backend&, const StepRequest&, const StepOutput&,
                            std::int64_t /*step*/, AdamState*) {}
 

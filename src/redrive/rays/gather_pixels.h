@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Draws the pixels of a training step and writes their rays, one ray at a time from plain numbers,
-// so that devices and the host run the same functions. PixelSampler (rays/ray_table.h) decides
+// Draws the pixels of a training step and writes their rays. PixelSampler (ray_table.h) decides
 // which pixels are drawn and owns the source.
 #pragma once
 
@@ -8,13 +7,12 @@
 #include <bit>
 #include <cstddef>
 #include <cstdint>
-#include <memory>
 #include <span>
 
 #include "redrive/base/rng.h"
 #include "redrive/field/exposure.h"
-#include "redrive/kernels/gather/error_map.h"
 #include "redrive/math/shutter_row.h"
+#include "redrive/rays/error_map.h"
 
 namespace redrive {
 
@@ -59,15 +57,6 @@ struct PixelSpans {
   std::span<const ErrorMapImage> cell_images;
   std::span<const float> cell_pixels;  ///< ErrorMapLayout::pixels
 };
-
-/// A sampler's source in host memory. A device copies it at the first gather; one source belongs to
-/// one backend.
-template <class Spans>
-struct GatherSource : Spans {
-  int pose_version = 0;  ///< incremented when Spans::poses change
-  mutable std::shared_ptr<void> resident;
-};
-using PixelSource = GatherSource<PixelSpans>;
 
 /// Parameters of one batch, made by PixelSampler::draw.
 struct PixelDraw {
@@ -213,7 +202,7 @@ REDRIVE_HD inline void write_ray_weight(const PixelDraw& draw, std::span<const f
   out.weight[i] = balance_heuristic_weight(errors[out.cell[i]], mean, share);
 }
 
-/// Writes all rays of the batch, on the host.
+/// Writes all rays of the batch.
 inline void gather_pixels(const PixelSpans& from, const PixelDraw& draw,
                           std::span<const float> errors, const GatheredRays& out) {
   const std::size_t epoch_rays = draw.epoch_rays, n = epoch_rays + draw.error_map_rays;
