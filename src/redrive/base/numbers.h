@@ -20,7 +20,7 @@ inline double mean_of(std::span<const float> numbers) {
 /// Whether no number is infinite or NaN.
 inline bool all_finite(std::span<const float> numbers) {
   constexpr std::uint32_t kExponent = 0x7f800000;  // all ones: infinity or NaN
-  std::uint32_t bad = 0;  // no early exit, so that the loop is vectorised
+  std::uint32_t bad = 0;                           // no early exit, so that the loop is vectorised
   for (const float number : numbers)
     bad |= (std::bit_cast<std::uint32_t>(number) & kExponent) == kExponent;
   return bad == 0;

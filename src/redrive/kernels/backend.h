@@ -83,7 +83,7 @@ class Backend {
                     std::span<float> first_moment, std::span<float> second_moment) = 0;
 
   // ---- whole images
-  /// The default runs on the host in one thread. The number of threads changes no bit.
+  /// The default runs in one thread. The number of threads changes no bit.
   virtual ImageScore score(const ImagePair& images);
 
   // ---- stages of one method

@@ -38,7 +38,7 @@ struct GatheredReturns {
 
 /// Returns the transform at a time from the world of the recorded poses to that of the current
 /// poses.
-REDRIVE_HD inline PlainTransform world_from_recorded(const LidarSpans& from, std::int64_t t_ns) {
+inline PlainTransform world_from_recorded(const LidarSpans& from, std::int64_t t_ns) {
   const PlainTransform world_from_body =
                            product(inverse(from.global_from_world), pose_at(from.poses, t_ns)),
                        body_from_global = inverse(pose_at(from.recorded, t_ns));
@@ -46,8 +46,8 @@ REDRIVE_HD inline PlainTransform world_from_recorded(const LidarSpans& from, std
 }
 
 /// Writes ray i of the batch.
-REDRIVE_HD inline void gather_return(const LidarSpans& from, const LidarDraw& draw, std::size_t i,
-                                     const GatheredReturns& out) {
+inline void gather_return(const LidarSpans& from, const LidarDraw& draw, std::size_t i,
+                          const GatheredReturns& out) {
   const std::size_t returns = from.range_m.size(), n = out.range_m.size();
   const std::uint64_t drawn = draw.first + i,
                       key = random_key(draw.seed, kStreamLidar, drawn / returns);
