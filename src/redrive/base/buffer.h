@@ -40,9 +40,6 @@ class Buffer {
   operator std::span<T>() { return span(); }
   operator std::span<const T>() const { return span(); }
 
-  /// The copy in a backend's own memory, if there is one (kernels/backend.h, make_resident).
-  mutable std::shared_ptr<void> resident;
-
  private:
   struct Free {
     void operator()(T* p) const { std::free(p); }

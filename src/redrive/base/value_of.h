@@ -4,14 +4,12 @@
 
 #include <type_traits>
 
-#include "redrive/base/host_device.h"
-
 namespace redrive {
 
 /// Returns x without its derivatives: x itself, or the scalar part `a` of a ceres::Jet, with which
 /// tests differentiate. Takes any type with such a member, so that Ceres need not be included.
 template <class T>
-REDRIVE_HD constexpr auto value_of(const T& x) {
+constexpr auto value_of(const T& x) {
   if constexpr (std::is_arithmetic_v<T>)
     return x;
   else

@@ -211,7 +211,7 @@ void time_splats(Runner& runner, kernels::Backend& backend, const SyntheticDrive
 
 void time_kernels(Runner& runner, kernels::Backend& backend, const SyntheticDrive& drive) {
   const NerfConfig config;
-  KernelBatch b(backend, drive, config, 96);
+  KernelBatch b(drive, config, 96);
   const double samples = static_cast<double>(b.t.size()),
                forward_flops = 2 * nerf_macs_per_sample(config);
   const double per_ray = b.model().samples,

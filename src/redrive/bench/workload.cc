@@ -74,8 +74,7 @@ TrainOptions options_of(const std::string& method, int width, int samples) {
   return options;
 }
 
-KernelBatch::KernelBatch(kernels::Backend& backend, const SyntheticDrive& drive,
-                         const NerfConfig& config, int samples)
+KernelBatch::KernelBatch(const SyntheticDrive& drive, const NerfConfig& config, int samples)
     : state(make_initial_state(options_of("nerf", config.width, samples), drive.scene)) {
   PixelSampler(drive.scene, drive.images, 1).gather(0, kBatchRays, &rays);
   const std::size_t n = static_cast<std::size_t>(rays.n) * samples;
@@ -100,10 +99,6 @@ KernelBatch::KernelBatch(kernels::Backend& backend, const SyntheticDrive& drive,
   rgb = Buffer<float>(3 * rays.n);
   depth = Buffer<float>(rays.n);
   opacity = Buffer<float>(rays.n);
-  for (const Buffer<float>* numbers :
-       {&t, &dt, &raw, &d_raw, &rgb, &depth, &opacity, &d_rgb, &gradients, &state.model->parameters,
-        &state.adam.first_moment, &state.adam.second_moment})
-    kernels::make_resident(backend, *numbers);
 }
 
 kernels::StratifiedSampling KernelBatch::sampling() const {
@@ -126,10 +121,6 @@ GridBatch::GridBatch(kernels::Backend& backend, const SyntheticDrive& drive)
   std::ranges::fill(raw.span(), 1e-3f);
   d_table = Buffer<float>(grid().table.size());
   d_weights = Buffer<float>(network().weights.size());
-  for (const Buffer<float>* numbers :
-       {&edges, &position, &footprint, &features, &d_features, &harmonics, &raw, &d_table,
-        &d_weights, &state.model->parameters})
-    kernels::make_resident(backend, *numbers);
   kernels::GridStages& stages = backend.grid();
   stages.sample_uniform(
       rays_of(rays),

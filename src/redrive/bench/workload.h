@@ -34,14 +34,13 @@ void add_actors(int n, SyntheticDrive* drive);
 TrainOptions options_of(const std::string& method, int width, int samples);
 
 /// Inputs and outputs of the kernels for one batch of --method nerf, filled with values like those
-/// of a real step. All but the rays are resident on the backend's device.
+/// of a real step.
 struct KernelBatch {
   TrainState state;
   RayBatch rays;
   Buffer<float> t, dt, raw, d_raw, rgb, depth, opacity, d_rgb, gradients;
 
-  KernelBatch(kernels::Backend& backend, const SyntheticDrive& drive, const NerfConfig& config,
-              int samples);
+  KernelBatch(const SyntheticDrive& drive, const NerfConfig& config, int samples);
   kernels::Rays ray_spans() const { return {rays.n, rays.origin, rays.direction}; }
   const NerfModel& model() const { return static_cast<const NerfModel&>(*state.model); }
   kernels::Samples sample_spans() const { return {model().samples, t, dt}; }

@@ -11,7 +11,6 @@
 #include <cmath>
 #include <cstddef>
 
-#include "redrive/base/host_device.h"
 #include "redrive/field/exposure.h"
 
 namespace redrive {
@@ -29,7 +28,7 @@ struct AppearanceConfig {
   float regulariser_weight = 5e-4f;
   float knot_spacing_s = kKnotSpacing_s;
 
-  REDRIVE_HD std::size_t size() const { return 3 * static_cast<std::size_t>(cameras) * knots; }
+  std::size_t size() const { return 3 * static_cast<std::size_t>(cameras) * knots; }
 };
 
 /// The two knots around a time and the weight of the second.
@@ -37,7 +36,7 @@ struct KnotWeights {
   std::size_t first, second;  ///< index of the knot's red parameter in [cameras, knots, 3]
   float second_weight;
 };
-REDRIVE_HD inline KnotWeights knots_at(const AppearanceConfig& config, const Exposure& exposure) {
+inline KnotWeights knots_at(const AppearanceConfig& config, const Exposure& exposure) {
   const float at =
       std::clamp(exposure.t_s / config.knot_spacing_s, 0.0f, static_cast<float>(config.knots - 1));
   const int first = static_cast<int>(at), second = std::min(first + 1, config.knots - 1);
@@ -47,8 +46,8 @@ REDRIVE_HD inline KnotWeights knots_at(const AppearanceConfig& config, const Exp
 
 /// Returns the gains of r, g, b; 1 where exposure.camera is -1 or the model has no gains.
 template <class T>
-REDRIVE_HD std::array<T, 3> colour_gains(const AppearanceConfig& config, const T* parameters,
-                                         const Exposure& exposure) {
+std::array<T, 3> colour_gains(const AppearanceConfig& config, const T* parameters,
+                              const Exposure& exposure) {
   using std::exp;
   if (exposure.camera < 0 || config.size() == 0) return {T(1), T(1), T(1)};
   const KnotWeights at = knots_at(config, exposure);
@@ -62,9 +61,9 @@ REDRIVE_HD std::array<T, 3> colour_gains(const AppearanceConfig& config, const T
 /// Calls add(index of the parameter, its derivative) for the two knots of each channel, from the
 /// gains that colour_gains returned; the first knot first.
 template <class T, class Add>
-REDRIVE_HD void colour_gains_adjoint(const AppearanceConfig& config, const Exposure& exposure,
-                                     const std::array<T, 3>& gains, const std::array<T, 3>& d_gains,
-                                     const Add& add) {
+void colour_gains_adjoint(const AppearanceConfig& config, const Exposure& exposure,
+                          const std::array<T, 3>& gains, const std::array<T, 3>& d_gains,
+                          const Add& add) {
   if (exposure.camera < 0 || config.size() == 0) return;
   const KnotWeights at = knots_at(config, exposure);
   for (int k = 0; k < 3; ++k) {
@@ -81,7 +80,7 @@ struct GainRegulariser {
   T value, derivative;
 };
 template <class T>
-REDRIVE_HD GainRegulariser<T> gain_regulariser(const AppearanceConfig& config, T parameter) {
+GainRegulariser<T> gain_regulariser(const AppearanceConfig& config, T parameter) {
   const T factor(config.regulariser_weight * kLogGainScale * kLogGainScale /
                  static_cast<float>(config.size()));
   return {factor * parameter * parameter, T(2) * factor * parameter};

@@ -12,7 +12,6 @@
 #include <array>
 #include <cmath>
 
-#include "redrive/base/host_device.h"
 #include "redrive/base/value_of.h"
 
 namespace redrive {
@@ -30,7 +29,7 @@ struct Contraction {
 /// into that in the unit cube. T may be a ceres::Jet; the factor is then a constant. In a bounded
 /// scene points outside the near region map outside [0, 1]^3.
 template <class T>
-REDRIVE_HD T contract(const Contraction& contraction, const T world[3], T unit[3]) {
+T contract(const Contraction& contraction, const T world[3], T unit[3]) {
   using std::abs;
   using std::cbrt;
   T u[3], m(0);
@@ -57,8 +56,8 @@ REDRIVE_HD T contract(const Contraction& contraction, const T world[3], T unit[3
 /// Writes d_world = (d unit / d world)^T d_unit, the vector-Jacobian product of contract's
 /// position. The returned factor is taken as constant.
 template <class T>
-REDRIVE_HD void contract_adjoint(const Contraction& contraction, const T world[3],
-                                 const T d_unit[3], T d_world[3]) {
+void contract_adjoint(const Contraction& contraction, const T world[3], const T d_unit[3],
+                      T d_world[3]) {
   const T inverse = T(1) / T(contraction.half_m);
   T u[3], m(0);
   int largest = 0;

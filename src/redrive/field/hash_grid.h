@@ -15,7 +15,6 @@
 #include <span>
 #include <vector>
 
-#include "redrive/base/host_device.h"
 #include "redrive/base/value_of.h"
 #include "redrive/field/constants.h"
 
@@ -51,8 +50,8 @@ void hash_grid_initialize(const HashGridConfig& config, std::uint64_t seed, std:
 /// Returns the row of a vertex within its level; coordinates in 0..resolution + 1. The paper's hash
 /// (eq. 4) with x added instead of xored: rows of neighbours along x are consecutive, so that both
 /// are one load, except that the last row of a hashed level is followed by its first.
-REDRIVE_HD inline std::uint32_t hash_grid_row(const HashGridLevel& level, std::uint32_t x,
-                                              std::uint32_t y, std::uint32_t z) {
+inline std::uint32_t hash_grid_row(const HashGridLevel& level, std::uint32_t x, std::uint32_t y,
+                                   std::uint32_t z) {
   const std::uint32_t side = static_cast<std::uint32_t>(level.resolution) + 2;
   if (level.dense) return x + side * (y + side * z);
   return (x + ((y * kHashPrimeY) ^ (z * kHashPrimeZ))) & (level.rows - 1);
@@ -63,7 +62,7 @@ REDRIVE_HD inline std::uint32_t hash_grid_row(const HashGridLevel& level, std::u
 /// (1 - level.min_weight) where w < 1. `footprint`: standard deviation of the sample's volume in
 /// the unit cube; 0 gives weight 1, infinity 0, NaN 1.
 template <class T>
-REDRIVE_HD T hash_grid_level_weight(const HashGridLevel& level, T footprint) {
+T hash_grid_level_weight(const HashGridLevel& level, T footprint) {
   const T widths = T(2.0 * level.resolution) * footprint;
   if (!(widths > T(1))) return T(1);
   const T above = T(1) / widths - T(level.min_weight);
@@ -78,7 +77,7 @@ struct HashGridCell {
   T fraction[3];
 
   /// Clamps positions outside the unit cube to its faces; NaN becomes 0.
-  REDRIVE_HD HashGridCell(const HashGridLevel& level, const T position[3]) {
+  HashGridCell(const HashGridLevel& level, const T position[3]) {
     for (int k = 0; k < 3; ++k) {
       const T inside = position[k] > T(0) ? (position[k] < T(1) ? position[k] : T(1)) : T(0);
       const T scaled = inside * T(level.resolution) + T(0.5);
@@ -89,22 +88,21 @@ struct HashGridCell {
   }
 
   /// Row of vertex `c` (bit k of c set: the far one along axis k), and its interpolation weight.
-  REDRIVE_HD std::uint32_t row(const HashGridLevel& level, int c) const {
+  std::uint32_t row(const HashGridLevel& level, int c) const {
     return hash_grid_row(level, corner[0] + (c & 1), corner[1] + (c >> 1 & 1),
                          corner[2] + (c >> 2 & 1));
   }
-  REDRIVE_HD T share(int c, int axis) const {
+  T share(int c, int axis) const {
     return (c >> axis & 1) ? fraction[axis] : T(1) - fraction[axis];
   }
-  REDRIVE_HD T weight(int c) const { return share(c, 0) * share(c, 1) * share(c, 2); }
+  T weight(int c) const { return share(c, 0) * share(c, 1) * share(c, 2); }
 };
 
 /// Writes the features of one level, features[features_per_level]. Table and position may differ in
 /// type.
 template <class Table, class T, class Out>
-REDRIVE_HD void hash_grid_encode_level(const HashGridLevel& level, int features_per_level,
-                                       const Table* table, const T position[3], T footprint,
-                                       Out* features) {
+void hash_grid_encode_level(const HashGridLevel& level, int features_per_level, const Table* table,
+                            const T position[3], T footprint, Out* features) {
   const HashGridCell<T> cell(level, position);
   for (int f = 0; f < features_per_level; ++f) features[f] = Out(0);
   for (int c = 0; c < 8; ++c) {
@@ -129,9 +127,9 @@ void hash_grid_encode(const HashGridConfig& config, std::span<const HashGridLeve
 /// Calls add(index in the table, its derivative) for each row of one level. The caller decides how
 /// concurrent additions are ordered.
 template <class T, class Add>
-REDRIVE_HD void hash_grid_adjoint_level(const HashGridLevel& level, int features_per_level,
-                                        const T position[3], T footprint, const T* d_features,
-                                        const Add& add) {
+void hash_grid_adjoint_level(const HashGridLevel& level, int features_per_level,
+                             const T position[3], T footprint, const T* d_features,
+                             const Add& add) {
   const HashGridCell<T> cell(level, position);
   const T level_weight = hash_grid_level_weight(level, footprint);
   for (int c = 0; c < 8; ++c) {
@@ -143,9 +141,9 @@ REDRIVE_HD void hash_grid_adjoint_level(const HashGridLevel& level, int features
 
 /// Adds one level's part to d_position[3]. The footprint is taken as constant.
 template <class T>
-REDRIVE_HD void hash_grid_position_adjoint_level(const HashGridLevel& level, int features_per_level,
-                                                 const T* table, const T position[3], T footprint,
-                                                 const T* d_features, T* d_position) {
+void hash_grid_position_adjoint_level(const HashGridLevel& level, int features_per_level,
+                                      const T* table, const T position[3], T footprint,
+                                      const T* d_features, T* d_position) {
   const HashGridCell<T> cell(level, position);
   const T level_weight = hash_grid_level_weight(level, footprint);
   for (int c = 0; c < 8; ++c) {

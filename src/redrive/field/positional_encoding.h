@@ -4,8 +4,6 @@
 
 #include <cmath>
 
-#include "redrive/base/host_device.h"
-
 namespace redrive {
 
 /// Writes out[3 + 6 * octaves]: x, y, z, then for each coordinate p
@@ -29,8 +27,7 @@ void positional_encoding(const T point[3], int octaves, T* out) {
 /// Writes d_point from the output of positional_encoding and its adjoint d_out:
 ///   d_point = d_p + sum over l of 2^l pi (cos_l d_sin_l - sin_l d_cos_l).
 template <class T>
-REDRIVE_HD void positional_encoding_adjoint(const T* out, int octaves, const T* d_out,
-                                            T d_point[3]) {
+void positional_encoding_adjoint(const T* out, int octaves, const T* d_out, T d_point[3]) {
   for (int d = 0; d < 3; ++d) {
     d_point[d] = d_out[d];
     for (int l = 0; l < octaves; ++l) {

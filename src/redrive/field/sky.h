@@ -5,7 +5,6 @@
 
 #include <cstddef>
 
-#include "redrive/base/host_device.h"
 #include "redrive/field/activation.h"
 
 namespace redrive {
@@ -15,28 +14,28 @@ constexpr float kSkyRadius = 0.5f;
 
 /// Maps one coordinate of a unit direction to the unit cube.
 template <class T>
-REDRIVE_HD T sky_coordinate(T direction) {
+T sky_coordinate(T direction) {
   return T(kSkyRadius) * (direction + T(1));
 }
 template <class T>
-REDRIVE_HD T sky_coordinate_adjoint(T d_coordinate) {
+T sky_coordinate_adjoint(T d_coordinate) {
   return T(kSkyRadius) * d_coordinate;
 }
 
 /// Standard deviation of a pixel's cone on the sphere: half a pixel of side pixel_angle (rad).
-REDRIVE_HD inline float sky_footprint(float pixel_angle) { return 0.5f * kSkyRadius * pixel_angle; }
+inline float sky_footprint(float pixel_angle) { return 0.5f * kSkyRadius * pixel_angle; }
 
 /// Returns one colour channel in (0, 1): the sigmoid of its feature, summed over `levels` values
 /// that lie `stride` numbers apart.
 template <class T>
-REDRIVE_HD T sky_colour(const T* feature, int levels, std::size_t stride) {
+T sky_colour(const T* feature, int levels, std::size_t stride) {
   T sum(0);
   for (int l = 0; l < levels; ++l) sum += feature[l * stride];
   return sigmoid(sum);
 }
 /// Returns the adjoint of the feature of each level, from the colour that sky_colour returned.
 template <class T>
-REDRIVE_HD T sky_colour_adjoint(T colour, T d_colour) {
+T sky_colour_adjoint(T colour, T d_colour) {
   return d_colour * colour * (T(1) - colour);
 }
 

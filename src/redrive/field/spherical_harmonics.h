@@ -5,13 +5,12 @@
 // sphere.
 #pragma once
 
-#include "redrive/base/host_device.h"
 #include "redrive/field/constants.h"
 
 namespace redrive {
 
 template <class T>
-REDRIVE_HD void spherical_harmonics(const T d[3], T out[kHarmonics]) {
+void spherical_harmonics(const T d[3], T out[kHarmonics]) {
   const T x = d[0], y = d[1], z = d[2], xx = x * x, yy = y * y, zz = z * z;
   out[0] = T(0.28209479177387814);
   out[1] = T(-0.48860251190291987) * y;

@@ -2,7 +2,6 @@
 // Derivatives of the loss with respect to a ray's origin and direction, from those of its samples.
 #pragma once
 
-#include "redrive/base/host_device.h"
 #include "redrive/kernels/nerf_stages.h"
 
 namespace redrive::kernels {
@@ -11,9 +10,9 @@ namespace redrive::kernels {
 /// from those of its samples' positions in the unit cube x_s = (origin + t_s direction - center)
 /// scale. Coordinate k of d_x_s is d_position[k * stride + s]. Sums in double, in order.
 template <class T>
-REDRIVE_HD void add_ray_gradient(const UnitFromWorld& unit_from_world, int n_rays,
-                                 const Samples& samples, int ray, const T* d_position,
-                                 std::size_t stride, const RayGradients& of_rays) {
+void add_ray_gradient(const UnitFromWorld& unit_from_world, int n_rays, const Samples& samples,
+                      int ray, const T* d_position, std::size_t stride,
+                      const RayGradients& of_rays) {
   const float* t = &samples.t[static_cast<std::size_t>(ray) * samples.per_ray];
   for (int k = 0; k < 3; ++k) {
     double d_origin = 0, d_direction = 0;

@@ -7,8 +7,8 @@
 // (nerf_stages.h, grid_stages.h) with one accessor here.
 //
 // Conventions. Stages take spans and sizes only, and check the sizes (REDRIVE_CHECK). They let
-// non-finite values through: the caller looks for them (not_finite). A stage writes its loss to
-// `*loss`; if that number is resident on a device, the host waits for it only when it downloads it.
+// non-finite values through: the caller looks for them (base/numbers.h). A stage writes its loss to
+// `*loss`.
 #pragma once
 
 #include <cstdint>
@@ -16,13 +16,8 @@
 #include <optional>
 #include <span>
 #include <string>
-#include <type_traits>
-#include <vector>
 
-#include "redrive/base/buffer.h"
 #include "redrive/base/cpu_features.h"
-#include "redrive/kernels/gather/gather_pixels.h"
-#include "redrive/kernels/gather/gather_returns.h"
 #include "redrive/kernels/rays.h"
 #include "redrive/optim/adam.h"
 
@@ -69,42 +64,6 @@ class Backend {
   virtual std::optional<Isa> isa() const = 0;  ///< cpu only
   virtual int threads() const = 0;
 
-  // ---- memory. A backend with memory of its own copies a stage's arguments there and its results
-  // back, except for numbers that are resident. The other backends use the host's memory, and these
-  // functions do nothing.
-  /// Copies numbers to the backend's memory. While the returned handle lives, stages read and
-  /// change that copy, and the host's is out of date until it is downloaded. Null where the backend
-  /// uses the host's memory. make_resident() below takes a buffer.
-  virtual std::shared_ptr<void> make_resident(std::span<const float> /*numbers*/) {
-    return nullptr;
-  }
-  virtual bool is_resident(std::span<const float> /*numbers*/) const { return false; }
-  /// Updates the host's copy of a part of what is resident.
-  virtual void download(std::span<const float> /*part*/) {}
-  /// Updates the resident copy of a part after the host has changed it.
-  virtual void upload(std::span<const float> /*part*/) {}
-
-  // ---- vectors; the defaults run on the host
-  virtual void fill(std::span<float> numbers, float value);
-  /// Mean of at least one number, summed in double in a fixed order.
-  virtual void mean(std::span<const float> numbers, double* mean);
-  /// Writes 0 if all numbers are finite, else more.
-  virtual void not_finite(std::span<const float> numbers, double* count);
-
-  // ---- gather/: training rays; the defaults run on the host
-  /// Writes the rays of `draw` (PixelSampler::draw) to `out`, sized by resize_batch. `errors`: one
-  /// per cell of the error map, or empty if no ray is drawn by it. A backend with memory of its own
-  /// copies the source at the first call, and its poses again after they have changed.
-  virtual void gather_pixels(const PixelSource& from, const PixelDraw& draw,
-                             std::span<const float> errors, const GatheredRays& out);
-  /// Writes the LiDAR rays of `draw` (LidarSampler::draw) to `out`.
-  virtual void gather_returns(const LidarSource& from, const LidarDraw& draw,
-                              const GatheredReturns& out);
-  /// Updates `errors` by the squared errors of rays drawn in `cells` [n], in order
-  /// (gather/error_map.h).
-  virtual void update_error_map(std::span<const std::uint32_t> cells,
-                                std::span<const float> squares, std::span<float> errors);
-
   // ---- volume/
   /// raw [4, n_rays * per_ray]: r, g, b before the sigmoid, density before the ReLU; background [3,
   /// n_rays], or empty: black.
@@ -124,7 +83,7 @@ class Backend {
                     std::span<float> first_moment, std::span<float> second_moment) = 0;
 
   // ---- whole images
-  /// The default runs on the host in one thread. The number of threads changes no bit.
+  /// The default runs in one thread. The number of threads changes no bit.
   virtual ImageScore score(const ImagePair& images);
 
   // ---- stages of one method
@@ -132,24 +91,6 @@ class Backend {
   virtual GridStages& grid() = 0;
   virtual GaussianStages& gaussians() = 0;
 };
-
-/// Numbers of any type as the memory functions take them.
-template <class T>
-std::span<const float> as_floats(std::span<const T> numbers) {
-  static_assert(std::is_trivially_copyable_v<T> && sizeof(T) % sizeof(float) == 0);
-  return {reinterpret_cast<const float*>(numbers.data()),
-          numbers.size() * (sizeof(T) / sizeof(float))};
-}
-
-/// Makes a buffer resident for as long as it lives. One buffer, one backend.
-template <class T>
-void make_resident(Backend& backend, const Buffer<T>& numbers) {
-  if (!numbers.resident) numbers.resident = backend.make_resident(as_floats(numbers.span()));
-}
-template <class T>
-void download(Backend& backend, const std::vector<T>& numbers) {
-  backend.download(as_floats(std::span<const T>(numbers)));
-}
 
 /// --backend and --isa. `name` "auto": cpu where the processor has AVX2, else ref.
 struct BackendChoice {

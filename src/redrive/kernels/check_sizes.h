@@ -11,35 +11,6 @@ inline std::size_t sample_count(int n_rays, const Samples& samples) {
   return static_cast<std::size_t>(n_rays) * static_cast<std::size_t>(samples.per_ray);
 }
 
-inline void check_gather_pixels(const PixelSpans& from, const PixelDraw& draw, std::size_t errors,
-                                const GatheredRays& out) {
-  REDRIVE_CHECK_OP(draw.epoch_rays, >=, 1);
-  REDRIVE_CHECK_OP(draw.error_map_rays, >=, 0);
-  REDRIVE_CHECK_OP(draw.begin + draw.epoch_rays, <=, from.pixels);
-  const std::size_t n = static_cast<std::size_t>(draw.epoch_rays) + draw.error_map_rays;
-  for (const std::span<float> xyz : {out.origin, out.direction, out.target})
-    REDRIVE_CHECK_OP(xyz.size(), ==, 3 * n);
-  for (const std::size_t size : {out.pixel_angle.size(), out.exposure.size(), out.view.size()})
-    REDRIVE_CHECK_OP(size, ==, n);
-  if (!out.background.empty()) REDRIVE_CHECK_OP(out.background.size(), ==, 3 * n);
-  REDRIVE_CHECK(!from.random_background || !out.background.empty());
-  REDRIVE_CHECK_OP(out.cell.size(), ==, draw.error_map_rays > 0 ? n : 0);
-  REDRIVE_CHECK_OP(out.weight.size(), ==, out.cell.size());
-  if (draw.error_map_rays > 0) REDRIVE_CHECK_OP(errors, ==, from.cell_pixels.size());
-}
-
-inline void check_gather_returns(const LidarSpans& from, const GatheredReturns& out) {
-  const std::size_t returns = from.range_m.size(), n = out.range_m.size();
-  REDRIVE_CHECK_OP(returns, >, 0u);
-  for (const std::size_t size : {from.origin.size(), from.direction.size()})
-    REDRIVE_CHECK_OP(size, ==, 3 * returns);
-  for (const std::size_t size : {out.origin.size(), out.direction.size()})
-    REDRIVE_CHECK_OP(size, ==, 3 * n);
-  REDRIVE_CHECK_OP(out.pixel_angle.size(), ==, n);
-  REDRIVE_CHECK_OP(from.poses.size(), ==, from.recorded.size());
-  if (!from.poses.empty()) REDRIVE_CHECK_OP(from.t_ns.size(), ==, returns);
-}
-
 inline void check_samples(int n_rays, const Samples& samples) {
   REDRIVE_CHECK_OP(n_rays, >=, 1);
   REDRIVE_CHECK_OP(samples.per_ray, >=, 1);

@@ -7,7 +7,6 @@
 #include <cstdint>
 #include <span>
 
-#include "redrive/base/host_device.h"
 #include "redrive/field/appearance.h"
 #include "redrive/field/contraction.h"
 #include "redrive/field/exposure.h"
@@ -37,7 +36,7 @@ struct UnitPoints {
   /// Distance between coordinates, if these are the first n of more points; 0: n.
   std::size_t stride = 0;
 
-  REDRIVE_HD float coordinate(int k, std::size_t i) const {
+  float coordinate(int k, std::size_t i) const {
     return position[k * (stride > 0 ? stride : n) + i];
   }
   UnitPoints first(std::size_t count) const {

@@ -7,7 +7,6 @@ namespace redrive::kernels {
 
 std::span<float> NerfStages::scratch(Buffer<float>* buffer, std::size_t n) {
   if (buffer->size() < n) *buffer = Buffer<float>(n);
-  make_resident(backend_, *buffer);
   return buffer->span().first(n);
 }
 

@@ -83,8 +83,8 @@ class NerfStages {
                            const CompositeOut& out);
 
  private:
-  /// The first n numbers of a buffer that grows as needed and is resident on the backend.
-  std::span<float> scratch(Buffer<float>* buffer, std::size_t n);
+  /// The first n numbers of a buffer that grows as needed.
+  static std::span<float> scratch(Buffer<float>* buffer, std::size_t n);
 
   Backend& backend_;
   Buffer<float> raw_, d_raw_, d_rgb_;

@@ -1,10 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Poses as plain numbers for host and GPU: rigid transforms of rays, and interpolation of poses.
+// Poses as plain numbers: rigid transforms of rays, and interpolation of poses.
 #pragma once
 
 #include <cmath>
-
-#include "redrive/base/host_device.h"
 
 namespace redrive {
 
@@ -21,21 +19,21 @@ struct PlainPose : PlainTransform {
 
 /// Returns coordinate k of the rotated vector, in Eigen's order of summation, which differs for the
 /// third: bit for bit the same.
-REDRIVE_HD inline double rotated(const PlainTransform& motion, const double* vector, int k) {
+inline double rotated(const PlainTransform& motion, const double* vector, int k) {
   const double x = motion.rotation[3 * k] * vector[0], y = motion.rotation[3 * k + 1] * vector[1],
                z = motion.rotation[3 * k + 2] * vector[2];
   return k < 2 ? (x + y) + z : x + (y + z);
 }
 
 /// Returns coordinate k of the transformed point, in Eigen's order of summation.
-REDRIVE_HD inline double transformed(const PlainTransform& motion, const double* point, int k) {
+inline double transformed(const PlainTransform& motion, const double* point, int k) {
   const double x = motion.rotation[3 * k] * point[0], y = motion.rotation[3 * k + 1] * point[1],
                z = motion.rotation[3 * k + 2] * point[2];
   return ((x + y) + z) + motion.translation[k];
 }
 
 /// Returns a_from_c, from a_from_b and b_from_c.
-REDRIVE_HD inline PlainTransform product(const PlainTransform& a, const PlainTransform& b) {
+inline PlainTransform product(const PlainTransform& a, const PlainTransform& b) {
   PlainTransform out;
   for (int column = 0; column < 3; ++column) {
     const double axis[3] = {b.rotation[column], b.rotation[3 + column], b.rotation[6 + column]};
@@ -46,7 +44,7 @@ REDRIVE_HD inline PlainTransform product(const PlainTransform& a, const PlainTra
 }
 
 /// Returns b_from_a, from a_from_b.
-REDRIVE_HD inline PlainTransform inverse(const PlainTransform& a) {
+inline PlainTransform inverse(const PlainTransform& a) {
   PlainTransform out;
   for (int i = 0; i < 9; ++i) out.rotation[i] = a.rotation[3 * (i % 3) + i / 3];
   for (int k = 0; k < 3; ++k) out.translation[k] = -rotated(out, a.translation, k);
@@ -54,13 +52,13 @@ REDRIVE_HD inline PlainTransform inverse(const PlainTransform& a) {
 }
 
 /// Returns the dot product of quaternions, in Eigen's order of summation.
-REDRIVE_HD inline double quaternion_dot(const double* a, const double* b) {
+inline double quaternion_dot(const double* a, const double* b) {
   return (a[0] * b[0] + a[2] * b[2]) + (a[1] * b[1] + a[3] * b[3]);
 }
 
 /// Interpolates from a (fraction 0) to b (1), or extrapolates: linear in position, slerp in
 /// rotation (Shoemake 1985).
-REDRIVE_HD inline PlainPose interpolate(const PlainPose& a, const PlainPose& b, double fraction) {
+inline PlainPose interpolate(const PlainPose& a, const PlainPose& b, double fraction) {
   constexpr double kSame = 1 - 0x1p-52;  // the sine of a smaller angle is 0
   const double cosine = quaternion_dot(a.quaternion, b.quaternion), least = std::fabs(cosine);
   double of_a = 1 - fraction, of_b = fraction;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The body's pose between the frames (recording/trajectory.h), also in plain numbers for GPUs.
+// The body's pose between the frames (recording/trajectory.h), in plain numbers.
 #pragma once
 
 #include <algorithm>
@@ -18,7 +18,7 @@ struct PlainFrame {
 
 /// Returns the pose at t_ns of frames of either kind, as recording/trajectory.h.
 template <class Frame>
-REDRIVE_HD auto pose_at(std::span<const Frame> frames, std::int64_t t_ns) {
+auto pose_at(std::span<const Frame> frames, std::int64_t t_ns) {
   const Frame *const first = frames.data(), *const end = first + frames.size();
   const Frame* after = std::lower_bound(
       first, end, t_ns, [](const Frame& frame, std::int64_t t) { return frame.t_ns < t; });

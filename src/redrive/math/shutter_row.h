@@ -11,12 +11,12 @@ namespace redrive {
 
 /// Returns the exposure time of row v (0: the middle of the first row) as a fraction of the
 /// readout: 0 at the upper edge, 1 at the lower one.
-REDRIVE_HD inline double row_fraction(double v, int height) { return (v + 0.5) / height; }
+inline double row_fraction(double v, int height) { return (v + 0.5) / height; }
 
 /// Returns the pose at `row` in 0..1 from n poses at evenly spaced times, from the upper edge (0)
 /// to the lower one (1), by linear interpolation and slerp between neighbours. A single pose holds
 /// for all rows.
-REDRIVE_HD inline PlainPose pose_at_row(const PlainPose* keys, std::size_t n, double row) {
+inline PlainPose pose_at_row(const PlainPose* keys, std::size_t n, double row) {
   if (n == 1) return keys[0];
   const double position = (row < 0 ? 0 : row > 1 ? 1 : row) * static_cast<double>(n - 1);
   const std::size_t key = static_cast<std::size_t>(position), before = key < n - 2 ? key : n - 2;

@@ -6,6 +6,8 @@
 
 #include <Eigen/Core>
 
+#include "redrive/base/numbers.h"
+
 namespace redrive {
 
 namespace {
@@ -58,15 +60,13 @@ struct GridModel::StepKeys {
   }
 };
 
-/// Rays in the memory of the backend.
 struct GridModel::RayBundle {
   kernels::Rays rays;
   std::span<const float> pixel_angle;
 
   RayBundle() = default;
-  RayBundle(const RayBatch& batch, Workspace* workspace)
-      : rays(upload_rays(batch, workspace)),
-        pixel_angle(workspace->put(std::span(batch.pixel_angle).first(batch.n))) {}
+  explicit RayBundle(const RayBatch& batch)
+      : rays(rays_of(batch)), pixel_angle(std::span(batch.pixel_angle).first(batch.n)) {}
 };
 
 /// Intervals of one iteration of sampling, with their positions in the unit cube.
@@ -130,13 +130,13 @@ GridModel::IntervalSamples GridModel::contract_intervals(kernels::Backend& backe
 void GridModel::evaluate_sky(kernels::Backend& backend, const RayBatch& batch, ForwardPass* pass,
                              Workspace* workspace) const {
   if (sky.n_levels == 0 && !batch.background.empty()) {
-    pass->background = workspace->put(batch.background);
+    pass->background = batch.background;
     return;
   }
   const auto colour = workspace->take(3 * static_cast<std::size_t>(batch.n));
   pass->background = colour;
   if (sky.n_levels == 0)
-    backend.fill(colour, background);
+    std::ranges::fill(colour, background);
   else
     backend.grid().sky(grid(kSkyGrid), pass->all.rays, pass->all.pixel_angle, colour);
 }
@@ -144,7 +144,6 @@ void GridModel::evaluate_sky(kernels::Backend& backend, const RayBatch& batch, F
 GridModel::ForwardPass GridModel::sample_proposals(kernels::Backend& backend, const RayBatch& batch,
                                                    const StepKeys* keys,
                                                    Workspace* workspace) const {
-  kernels::make_resident(backend, parameters);
   kernels::GridStages& stages = backend.grid();
   const bool jitter = keys != nullptr;
   const auto key = [&](int round) { return keys ? keys->of_iteration[round] : 0; };
@@ -169,19 +168,18 @@ GridModel::ForwardPass GridModel::sample_proposals(kernels::Backend& backend, co
   };
   const auto [coarse, fine] = proposal_samples;
   ForwardPass pass;
-  pass.all = RayBundle(batch, workspace);
+  pass.all = RayBundle(batch);
   const bool grouped = !batch.group.empty();
   const RayBatch mean_rays = grouped ? mean_rays_of_groups(batch) : RayBatch();
-  const RayBundle first = grouped ? RayBundle(mean_rays, workspace) : pass.all;
+  const RayBundle first = grouped ? RayBundle(mean_rays) : pass.all;
   const auto uniform = edges_for(first.rays.n, coarse);
   stages.sample_uniform(first.rays, {coarse, spacing, contraction, jitter, key(0)}, uniform);
   pass.proposal[0] = evaluate_proposal(first, coarse, uniform);
   auto edges = draw_edges(first.rays.n, pass.proposal[0], fine, 1);
   if (grouped) {
-    const std::vector<std::uint32_t> group = groups_of_rays(batch.group);
     const auto group_edges = edges;
     edges = edges_for(batch.n, fine);
-    stages.gather_rays(workspace->put(group), kernels::RayLayout::kRows, group_edges, edges);
+    stages.gather_rays(groups_of_rays(batch.group), kernels::RayLayout::kRows, group_edges, edges);
   }
   pass.proposal[1] = evaluate_proposal(pass.all, fine, edges);
   pass.intervals = {samples, draw_edges(batch.n, pass.proposal[1], samples, 2)};
@@ -248,7 +246,7 @@ GridModel::ForwardPass GridModel::forward(kernels::Backend& backend, const RayBa
   pass.scatter_to_all(stages, RayLayout::kRows, active_out.opacity, {}, out.opacity);
   pass.scatter_to_all(stages, RayLayout::kRows, active_out.weights, {}, out.weights);
   if (appearance.size() > 0 && !batch.exposure.empty()) {
-    pass.exposure = workspace->put(batch.exposure);
+    pass.exposure = batch.exposure;
     const auto gains = workspace->take(out.rgb.size());
     stages.apply_exposure({appearance, part(kAppearance)}, pass.exposure, gains, out.rgb);
     pass.gains = gains;
@@ -259,15 +257,11 @@ GridModel::ForwardPass GridModel::forward(kernels::Backend& backend, const RayBa
 void GridModel::render_rays(kernels::Backend& backend, const RayBatch& batch,
                             const kernels::CompositeOut& out, Workspace* workspace) const {
   const std::size_t rays = batch.n;
-  workspace->begin(backend);
-  const auto rgb = workspace->take(3 * rays), depth = workspace->take(rays),
-             opacity = workspace->take(rays), weights = workspace->take(rays * samples);
+  workspace->begin();
+  const auto weights = workspace->take(rays * samples);
   const ForwardPass pass =
-      forward(backend, batch, nullptr, {rgb, depth, opacity, weights}, workspace);
-  backend.grid().median_depth(batch.n, pass.intervals, weights, opacity, depth);
-  workspace->get(rgb, out.rgb);
-  workspace->get(depth, out.depth);
-  workspace->get(opacity, out.opacity);
+      forward(backend, batch, nullptr, {out.rgb, out.depth, out.opacity, weights}, workspace);
+  backend.grid().median_depth(batch.n, pass.intervals, weights, out.opacity, out.depth);
 }
 
 RayGradientsOutput GridModel::gradients(kernels::Backend& backend, const RayBatch& batch,
@@ -275,7 +269,7 @@ RayGradientsOutput GridModel::gradients(kernels::Backend& backend, const RayBatc
                                         std::span<float> gradients, Workspace* workspace) const {
   kernels::GridStages& stages = backend.grid();
   const std::size_t rays = batch.n;
-  workspace->begin(backend);
+  workspace->begin();
   const auto rgb = workspace->take(3 * rays), depth = workspace->take(rays),
              opacity = workspace->take(rays), weights = workspace->take(rays * samples),
              d_rgb = workspace->take(3 * rays), squares = workspace->set_aside(rays);
@@ -286,26 +280,24 @@ RayGradientsOutput GridModel::gradients(kernels::Backend& backend, const RayBatc
   RayGradientsOutput losses;
   losses.active_rays = pass.active.rays.n;
   StepSums& sums = workspace->sums();
-  backend.mean(opacity, &sums.opacity);
-  const auto target = workspace->put(std::span(batch.target).first(3 * rays)),
-             weight = workspace->put(batch.weight);
+  sums.opacity = mean_of(opacity);
+  const auto target = std::span(batch.target).first(3 * rays);
   backend.photometric_loss(rgb, target, d_rgb, &sums.rgb_mse);
   stages.huber_loss({{appearance, part(kAppearance)},
                      pass.exposure,
                      rgb,
                      pass.gains,
                      target,
-                     weight,
+                     batch.weight,
                      huber_delta},
                     d_rgb, squares, part_of(gradients, kAppearance), &sums.terms[kColourLoss]);
-  if (batch.error_map_rays > 0)
-    backend.mean(squares.first(rays - batch.error_map_rays), &sums.rgb_mse);
+  if (batch.error_map_rays > 0) sums.rgb_mse = mean_of(squares.first(rays - batch.error_map_rays));
   losses.squared_errors = squares;
 
   const auto d_raw = workspace->take(pass.raw.size()),
-             d_field = workspace->take(batch.refines ? 3 * pass.field.points.n : 0),
-             d_origin = workspace->take(batch.refines ? 3 * rays : 0),
-             d_direction = workspace->take(batch.refines ? 3 * rays : 0);
+             d_field = workspace->take(batch.refines ? 3 * pass.field.points.n : 0);
+  losses.d_origin.resize(batch.refines ? 3 * rays : 0);
+  losses.d_direction.resize(losses.d_origin.size());
   const auto d_active_rgb =
       pass.gather_active(stages, kernels::RayLayout::kColumns, 3, d_rgb, workspace);
   backend.composite_backward(losses.active_rays, pass.samples, pass.raw, pass.active_background,
@@ -318,14 +310,11 @@ RayGradientsOutput GridModel::gradients(kernels::Backend& backend, const RayBatc
                          d_raw.last(points), &sums.terms[kSparsityLoss]);
   }
   backward_field(backend, pass, d_raw, gradients, d_field, workspace);
-  if (batch.refines) backward_rays(backend, pass, d_field, d_origin, d_direction, workspace);
+  if (batch.refines)
+    backward_rays(backend, pass, d_field, losses.d_origin, losses.d_direction, workspace);
   if (sky.n_levels > 0)
     stages.sky_backward(grid(kSkyGrid), pass.all.rays, pass.all.pixel_angle, pass.background,
-                        opacity, d_rgb, part_of(gradients, kSkyGrid), d_direction);
-  losses.d_origin.resize(d_origin.size());
-  losses.d_direction.resize(d_direction.size());
-  workspace->get(d_origin, losses.d_origin);
-  workspace->get(d_direction, losses.d_direction);
+                        opacity, d_rgb, part_of(gradients, kSkyGrid), losses.d_direction);
   backward_proposals(backend, pass, weights, gradients,
                      std::span(sums.terms).subspan(kProposalLoss, 2), workspace);
   return losses;
@@ -336,7 +325,7 @@ void GridModel::range_gradients(kernels::Backend& backend, const RayBatch& batch
                                 Workspace* workspace) const {
   kernels::GridStages& stages = backend.grid();
   const std::size_t rays = batch.n, count = rays * samples;
-  workspace->begin(backend);
+  workspace->begin();
   const StepKeys keys(seed, kStreamLidarSamples, step, batch);
   ForwardPass pass = sample_proposals(backend, batch, &keys, workspace);
   pass.active = pass.all;  // every LiDAR ray has hit a surface
@@ -348,9 +337,9 @@ void GridModel::range_gradients(kernels::Backend& backend, const RayBatch& batch
   const float spread_m = std::max(
       last_range_spread_m,
       first_range_spread_m * std::exp2(-static_cast<float>(step) / range_spread_half_life));
-  stages.range_loss(batch.n, pass.intervals, weights, workspace->put(batch.range_m), spread_m,
-                    range_weight, d_weights, &workspace->sums().terms[kLidarLoss]);
-  backend.fill(d_raw.first(3 * count), 0);  // the loss does not depend on colours
+  stages.range_loss(batch.n, pass.intervals, weights, batch.range_m, spread_m, range_weight,
+                    d_weights, &workspace->sums().terms[kLidarLoss]);
+  std::ranges::fill(d_raw.first(3 * count), 0.0f);  // the loss does not depend on colours
   stages.weights_backward(batch.n, pass.intervals, density, weights, d_weights,
                           d_raw.subspan(3 * count));
   backward_field(backend, pass, d_raw, gradients, {}, workspace);

@@ -83,8 +83,8 @@ struct StepOutput {
   /// Stage of the schedule, the same on all ranks. Errors of two steps are comparable only within
   /// one stage; a method that draws images at several sizes has a stage for each.
   int stage = 0;
-  /// Update of the error map: cells and their squared errors, mean of the channels. Resident on the
-  /// backend's device, valid until the next step with the same buffers. Empty: no update.
+  /// Update of the error map: cells and their squared errors, mean of the channels. Valid until the
+  /// next step with the same buffers. Empty: no update.
   std::span<const std::uint32_t> cells;
   std::span<const float> squared_errors;
   std::vector<ViewGradient>
@@ -224,8 +224,8 @@ class Model : public Configurable {
   virtual void update(kernels::Backend& backend, double learning_rate, std::int64_t step,
                       std::span<float> gradients, AdamState* adam);
   /// Called after each applied step with the outputs of all ranks. May change the shapes of
-  /// tensors, with `parameters` and the moments (densify, prune), after downloading them. Must be
-  /// deterministic. step: from 1.
+  /// tensors, with `parameters` and the moments (densify, prune). Must be deterministic. step: from
+  /// 1.
   virtual void finish_step(kernels::Backend&, const StepRequest&, const StepOutput&,
                            std::int64_t /*step*/, AdamState*) {}
 

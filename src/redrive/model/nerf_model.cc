@@ -4,6 +4,7 @@
 #include <cstdio>
 
 #include "redrive/base/error.h"
+#include "redrive/base/numbers.h"
 #include "redrive/base/rng.h"
 
 namespace redrive {
@@ -160,11 +161,10 @@ void NerfModel::initialize(std::uint64_t seed) {
 RayGradientsOutput NerfModel::gradients(kernels::Backend& backend, const RayBatch& batch,
                                         std::uint64_t seed, std::int64_t step,
                                         std::span<float> gradients, Workspace* workspace) const {
-  kernels::make_resident(backend, parameters);
   const std::size_t n = batch.n, coarse = n * samples, fine = n * (samples + fine_samples);
-  workspace->begin(backend);
-  const kernels::Rays rays = upload_rays(batch, workspace);
-  const auto target = workspace->put(std::span(batch.target).first(3 * n));
+  workspace->begin();
+  const kernels::Rays rays = rays_of(batch);
+  const auto target = std::span(batch.target).first(3 * n);
   const auto opacity = workspace->take(n), depth = workspace->take(n);
 
   // Section 4: stratified samples, the field at each, the colour of the ray (eq. 3), its squared
@@ -179,11 +179,9 @@ RayGradientsOutput NerfModel::gradients(kernels::Backend& backend, const RayBatc
       batch.n, {samples, near_m, far_m, true, key(kStreamSamples, samples)}, t, dt);
   const kernels::Samples coarse_samples{samples, t, dt};
   RayGradientsOutput losses;
-  const std::size_t refined = batch.refines ? 3 * n : 0;
-  const kernels::RayGradients of_rays{
-      workspace->take(refined), workspace->take(refined)};  // both networks add to these gradients
-  backend.fill(of_rays.d_origin, 0);
-  backend.fill(of_rays.d_direction, 0);
+  losses.d_origin.resize(batch.refines ? 3 * n : 0);
+  losses.d_direction.resize(losses.d_origin.size());
+  const kernels::RayGradients of_rays{losses.d_origin, losses.d_direction};  // both networks add
   StepSums& sums = workspace->sums();
   backend.nerf().train_rays(field(0), rays, coarse_samples, target,
                             {workspace->take(3 * n), depth, opacity, weights},
@@ -199,11 +197,7 @@ RayGradientsOutput NerfModel::gradients(kernels::Backend& backend, const RayBatc
                               {workspace->take(3 * n), depth, opacity, {}},
                               gradients.last(nerf_parameter_count(config)), of_rays, &sums.rgb_mse);
   }
-  backend.mean(opacity, &sums.opacity);
-  losses.d_origin.resize(refined);
-  losses.d_direction.resize(refined);
-  workspace->get(of_rays.d_origin, losses.d_origin);
-  workspace->get(of_rays.d_direction, losses.d_direction);
+  sums.opacity = mean_of(opacity);
   return losses;
 }
 
@@ -211,28 +205,23 @@ RayGradientsOutput NerfModel::gradients(kernels::Backend& backend, const RayBatc
 /// and at samples drawn from the coarse weights (NeRF section 5.2); then only its colours are used.
 void NerfModel::render_rays(kernels::Backend& backend, const RayBatch& batch,
                             const kernels::CompositeOut& out, Workspace* workspace) const {
-  kernels::make_resident(backend, parameters);
   const std::size_t n = batch.n, coarse_size = n * samples,
                     fine_size = n * (samples + fine_samples);
-  workspace->begin(backend);
-  const kernels::Rays rays = upload_rays(batch, workspace);
-  const auto rgb = workspace->take(3 * n), depth = workspace->take(n), opacity = workspace->take(n),
-             t = workspace->take(coarse_size), dt = workspace->take(coarse_size),
+  workspace->begin();
+  const kernels::Rays rays = rays_of(batch);
+  const kernels::CompositeOut image{out.rgb, out.depth, out.opacity, {}};
+  const auto t = workspace->take(coarse_size), dt = workspace->take(coarse_size),
              weights = workspace->take(fine_samples > 0 ? coarse_size : 0);
   backend.nerf().sample_stratified(batch.n, {samples, near_m, far_m, /*jitter=*/false, /*key=*/0},
                                    t, dt);
   const kernels::Samples coarse{samples, t, dt};
-  backend.nerf().render_rays(field(0), rays, coarse, {rgb, depth, opacity, weights});
+  backend.nerf().render_rays(field(0), rays, coarse, {out.rgb, out.depth, out.opacity, weights});
   if (fine_samples > 0) {
     const auto fine_t = workspace->take(fine_size), fine_dt = workspace->take(fine_size);
     backend.nerf().sample_hierarchical(coarse, weights, fine_samples, /*jitter=*/false, /*key=*/0,
                                        fine_t, fine_dt);
-    backend.nerf().render_rays(field(1), rays, {samples + fine_samples, fine_t, fine_dt},
-                               {rgb, depth, opacity, {}});
+    backend.nerf().render_rays(field(1), rays, {samples + fine_samples, fine_t, fine_dt}, image);
   }
-  workspace->get(rgb, out.rgb);
-  workspace->get(depth, out.depth);
-  workspace->get(opacity, out.opacity);
 }
 
 }  // namespace redrive

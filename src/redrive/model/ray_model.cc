@@ -2,7 +2,6 @@
 #include "redrive/model/ray_model.h"
 
 #include <algorithm>
-#include <type_traits>
 
 #include "redrive/base/error.h"
 
@@ -12,20 +11,13 @@ namespace {
 /// The step keeps about 60 bytes for each sample of a batch (t, dt, weights, raw outputs and their
 /// derivatives, twice with a fine network), so 2^22 of them stay within a quarter of a gigabyte.
 constexpr std::int64_t kMaxBatchSamples = std::int64_t{1} << 22;
-/// Host bytes per sample: positions, densities, weights, features and their derivatives.
+/// Bytes per sample: positions, densities, weights, features and their derivatives.
 constexpr std::uint64_t kBytesPerSample = 128;
 
 // Rays of a tile: 8192 keep a backend's threads busy. Rays with many samples get smaller
 // tiles, so that the up to 200 bytes per sample stay below a quarter of a gigabyte (2^20 samples).
 constexpr int kMaxTileRays = 8192;
 constexpr int kMaxTileSamples = 1 << 20;
-
-/// Returns a sampler's source made resident on a backend.
-template <class Spans>
-void copy_source(const GatherSource<Spans>& source, GatherSource<Spans>* own) {
-  static_cast<Spans&>(*own) = source;
-  own->pose_version = source.pose_version;
-}
 
 /// Returns the batches of `buffers`, created by the first call.
 RayBuffers& ray_buffers(StepBuffers* buffers) {
@@ -35,57 +27,19 @@ RayBuffers& ray_buffers(StepBuffers* buffers) {
 
 }  // namespace
 
-void DeviceBatch::keep(kernels::Backend& backend, RayBatch* batch) {
-  Allocation* next = allocations_;
-  const auto keep = [&](auto& numbers) {
-    using T = typename std::remove_reference_t<decltype(numbers)>::value_type;
-    Allocation& kept = *next++;
-    const std::size_t size = numbers.size();
-    if (numbers.data() == kept.numbers && size <= kept.size) return;
-    kept.handle.reset();
-    numbers.resize(numbers.capacity());
-    kept = {numbers.data(), numbers.size(),
-            backend.make_resident(kernels::as_floats(std::span<const T>(numbers)))};
-    numbers.resize(size);
-  };
-  for (auto* const floats : {&batch->origin, &batch->direction, &batch->target, &batch->background,
-                             &batch->pixel_angle, &batch->weight, &batch->range_m})
-    keep(*floats);
-  keep(batch->exposure);
-  keep(batch->view);
-  keep(batch->cell);
-}
-
-void draw_batch(kernels::Backend& backend, const PixelSampler& sampler, int uniform, int error_rays,
-                const StepRequest& request, RayBuffers* buffers) {
-  const PixelSource& source = sampler.source();
-  copy_source(source, &buffers->images);
+void draw_batch(const PixelSampler& sampler, int uniform, int error_rays,
+                const StepRequest& request, RayBatch* batch) {
   // The end of an epoch has fewer pixels, but at least one per rank, which may include the first
   // ones of the next epoch.
-  const std::uint64_t ranks = request.world_size, rank = request.rank,
-                      left = source.pixels - request.pixels_drawn % source.pixels,
+  const std::uint64_t ranks = request.world_size, rank = request.rank, pixels = sampler.pixels(),
+                      left = pixels - request.pixels_drawn % pixels,
                       all = std::max(ranks,
                                      std::min(ranks * static_cast<std::uint64_t>(uniform), left)),
                       first = all * rank / ranks, next = all * (rank + 1) / ranks;
-  const PixelDraw draw =
-      sampler.draw(request.pixels_drawn + first, static_cast<int>(next - first), error_rays);
-  const GatheredRays out = sampler.resize_batch(draw, &buffers->batch);
-  buffers->batch.first_ray = first + rank * static_cast<std::uint64_t>(error_rays);
-  buffers->device_batch.keep(backend, &buffers->batch);
-  std::span<const float> errors;
-  if (request.error_map) {
-    kernels::make_resident(backend, *request.error_map);
-    errors = *request.error_map;
-  }
-  backend.gather_pixels(buffers->images, draw, errors, out);
-}
-
-void draw_lidar_batch(kernels::Backend& backend, const LidarSampler& sampler, std::int64_t number,
-                      int n, RayBuffers* buffers) {
-  copy_source(sampler.source(), &buffers->returns);
-  const GatheredReturns out = sampler.resize_batch(n, &buffers->lidar);
-  buffers->device_lidar.keep(backend, &buffers->lidar);
-  backend.gather_returns(buffers->returns, sampler.draw(number, n), out);
+  ErrorMapRays more{error_rays};
+  if (request.error_map) more.errors = *request.error_map;
+  sampler.gather(request.pixels_drawn + first, static_cast<int>(next - first), batch, more);
+  batch->first_ray = first + rank * static_cast<std::uint64_t>(error_rays);
 }
 
 void RayModel::check_batch(int samples_per_ray, const HyperparameterFailure& fail) const {
@@ -111,16 +65,15 @@ StepOutput RayModel::step(kernels::Backend& backend, const TrainingSet& data,
   RayBatch& batch = own.batch;
   Workspace& workspace = buffers->workspace;
   const int error_rays = request.pixels > 0 ? 0 : n_error_rays();
-  draw_batch(backend, data.pixels,
-             request.pixels > 0 ? request.pixels : rays_per_step() - error_rays, error_rays,
-             request, &own);
+  draw_batch(data.pixels, request.pixels > 0 ? request.pixels : rays_per_step() - error_rays,
+             error_rays, request, &batch);
   batch.refines = request.pose_gradients;
   const RayGradientsOutput rays =
       this->gradients(backend, batch, request.seed, request.step, gradients, &workspace);
   StepOutput out;
   if (request.pixels == 0 && data.lidar_rays && lidar_rays > 0) {
-    draw_lidar_batch(backend, *data.lidar_rays, request.world_size * request.step + request.rank,
-                     lidar_rays, &own);
+    data.lidar_rays->gather(request.world_size * request.step + request.rank, lidar_rays,
+                            &own.lidar);
     own.lidar.first_ray = static_cast<std::uint64_t>(request.rank) * lidar_rays;
     range_gradients(backend, own.lidar, request.seed, request.step, gradients, &workspace);
   }
@@ -129,15 +82,9 @@ StepOutput RayModel::step(kernels::Backend& backend, const TrainingSet& data,
   out.active_rays = rays.active_rays;
   out.cells = batch.cell;
   out.squared_errors = rays.squared_errors;
-  if (request.colour_variance) {
-    kernels::download(backend, batch.target);
-    out.colour_variance = colour_variance(batch);
-  }
-  if (request.pose_gradients) {
-    kernels::download(backend, batch.direction);
-    kernels::download(backend, batch.view);
+  if (request.colour_variance) out.colour_variance = colour_variance(batch);
+  if (request.pose_gradients)
     out.views = view_gradients(data.scene, batch, rays.d_origin, rays.d_direction);
-  }
   return out;
 }
 

@@ -12,36 +12,17 @@ namespace redrive {
 /// Outputs of a batch of rays beside its StepSums and gradients.
 struct RayGradientsOutput {
   int active_rays = 0;  ///< rays that the field was evaluated on; 0: not counted
-  /// [n], squared error of each ray's colour, mean of its channels. Resident on the backend's
-  /// device, valid until the next call with the same workspace. Empty: not computed.
+  /// [n], squared error of each ray's colour, mean of its channels. Valid until the next call with
+  /// the same workspace. Empty: not computed.
   std::span<const float> squared_errors;
   /// [3, n] where RayBatch::refines, else empty: derivatives of the loss without the proposal loss.
   /// Treats the distances of samples and the direction input of colours as constants.
   std::vector<float> d_origin, d_direction;
 };
 
-/// Makes a batch's vectors resident on a backend's device.
-class DeviceBatch {
- public:
-  /// Call after the vectors have been resized, with the same batch each time. Allocates their whole
-  /// capacity, so that a larger batch rarely reallocates.
-  void keep(kernels::Backend& backend, RayBatch* batch);
-
- private:
-  struct Allocation {
-    const void* numbers = nullptr;
-    std::size_t size = 0;
-    std::shared_ptr<void> handle;
-  };
-  Allocation allocations_[10];
-};
-
-/// Batches of a backend's steps.
+/// Batches of the steps of a run.
 struct RayBuffers final : MethodBuffers {
   RayBatch batch, lidar;
-  DeviceBatch device_batch, device_lidar;
-  PixelSource images;  ///< the samplers' sources, resident on this backend
-  LidarSource returns;
 };
 
 struct RayModel : Model {
@@ -91,16 +72,12 @@ struct RayModel : Model {
 /// Returns the maximum number of rays rendered at a time.
 int max_tile_rays(const RayModel& model);
 
-/// Draws the step's batch on the backend's device; the host has its sizes, and its values after a
-/// download. uniform, error_rays: of this rank. The uniform rays of all ranks together are those of
-/// a single backend. `buffers` must be used with one sampler.
-void draw_batch(kernels::Backend& backend, const PixelSampler& sampler, int uniform, int error_rays,
-                const StepRequest& request, RayBuffers* buffers);
-/// Draws batch `number` of n LiDAR rays likewise.
-void draw_lidar_batch(kernels::Backend& backend, const LidarSampler& sampler, std::int64_t number,
-                      int n, RayBuffers* buffers);
+/// Draws the step's batch. uniform, error_rays: of this rank. The uniform rays of all ranks
+/// together are those of a single backend.
+void draw_batch(const PixelSampler& sampler, int uniform, int error_rays,
+                const StepRequest& request, RayBatch* batch);
 
-/// Sums the derivatives of rays by view. The batch's directions and views must be on the host.
+/// Sums the derivatives of rays by view.
 std::vector<ViewGradient> view_gradients(const Scene& scene, const RayBatch& batch,
                                          std::span<const float> d_origin,
                                          std::span<const float> d_direction);
@@ -113,11 +90,6 @@ double colour_variance(const RayBatch& batch);
 inline kernels::Rays rays_of(const RayBatch& batch) {
   const std::size_t n = batch.n;
   return {batch.n, std::span(batch.origin).first(3 * n), std::span(batch.direction).first(3 * n)};
-}
-/// Returns them uploaded to the backend's device.
-inline kernels::Rays upload_rays(const RayBatch& batch, Workspace* workspace) {
-  const kernels::Rays rays = rays_of(batch);
-  return {rays.n, workspace->put(rays.origin), workspace->put(rays.direction)};
 }
 
 }  // namespace redrive

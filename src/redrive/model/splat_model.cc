@@ -284,7 +284,7 @@ StepOutput SplatModel::step(kernels::Backend& backend, const TrainingSet& data,
     find_ranges(data, coming, backend.threads(), &own);
   }
 
-  buffers->workspace.begin(backend);
+  buffers->workspace.begin();
   StepSums& sums = buffers->workspace.sums();
   sums = {};
   StepOutput out;

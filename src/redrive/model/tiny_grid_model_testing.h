@@ -100,7 +100,7 @@ inline TinyLosses losses_of(const GridModel& model, const RayBatch& batch,
   TinyLosses out;
   static_cast<RayGradientsOutput&>(out) =
       model.gradients(backend, batch, seed, step, gradients, workspace);
-  const StepSums& sums = workspace->fetch_sums();
+  const StepSums& sums = workspace->sums();
   out.opacity = sums.opacity;
   out.rgb_mse = sums.rgb_mse;
   out.colours = sums.terms[GridModel::kColourLoss];

@@ -6,8 +6,6 @@
 #include <cstdint>
 #include <span>
 
-#include "redrive/base/host_device.h"
-
 namespace redrive {
 
 /// Constants of one step: m_hat = m * bias1, v_hat = v * bias2, bias = 1 / (1 - beta^step), step
@@ -30,7 +28,7 @@ inline AdamStep adam_step(double learning_rate, std::int64_t step) {
 /// Updates parameter, m and v: p -= learning_rate * m_hat / (sqrt(v_hat) + epsilon). A NaN or
 /// infinite gradient makes the parameter NaN.
 template <class T>
-REDRIVE_HD void adam_update(const AdamStep& s, T gradient, T& parameter, T& m, T& v) {
+void adam_update(const AdamStep& s, T gradient, T& parameter, T& m, T& v) {
   using std::sqrt;
   if (s.lazy && gradient == T(0)) return;
   m = T(s.beta1) * m + T(1 - s.beta1) * gradient;

@@ -13,8 +13,6 @@
 #include <cstddef>
 #include <numbers>
 
-#include "redrive/base/host_device.h"
-
 namespace redrive {
 
 using FlipColour = std::array<float, 3>;
@@ -24,7 +22,7 @@ using FlipMatrix = std::array<FlipColour, 3>;  // rows
 /// 0.7 m.
 constexpr double kFlipPixelsPerDegree = 3840 * std::numbers::pi / 180;
 
-REDRIVE_HD constexpr FlipColour flip_product(const FlipMatrix& m, const FlipColour& v) {
+constexpr FlipColour flip_product(const FlipMatrix& m, const FlipColour& v) {
   FlipColour out{};
   for (int row = 0; row < 3; ++row)
     for (int k = 0; k < 3; ++k) out[row] += m[row][k] * v[k];
@@ -32,14 +30,14 @@ REDRIVE_HD constexpr FlipColour flip_product(const FlipMatrix& m, const FlipColo
 }
 
 /// Linear sRGB to XYZ (D65), IEC 61966-2-1.
-REDRIVE_HD constexpr FlipMatrix flip_xyz_from_rgb() {
+constexpr FlipMatrix flip_xyz_from_rgb() {
   return {{{0.4124564f, 0.3575761f, 0.1804375f},
            {0.2126729f, 0.7151522f, 0.0721750f},
            {0.0193339f, 0.1191920f, 0.9503041f}}};
 }
 
 /// Inverse of flip_xyz_from_rgb, by cofactors.
-REDRIVE_HD constexpr FlipMatrix flip_rgb_from_xyz() {
+constexpr FlipMatrix flip_rgb_from_xyz() {
   constexpr FlipMatrix m = flip_xyz_from_rgb();
   constexpr float determinant = m[0][0] * (m[1][1] * m[2][2] - m[2][1] * m[1][2]) -
                                 m[0][1] * (m[1][0] * m[2][2] - m[2][0] * m[1][2]) +
@@ -53,16 +51,14 @@ REDRIVE_HD constexpr FlipMatrix flip_rgb_from_xyz() {
   return inverse;
 }
 
-REDRIVE_HD constexpr FlipColour flip_white() {
-  return flip_product(flip_xyz_from_rgb(), {1, 1, 1});
-}
+constexpr FlipColour flip_white() { return flip_product(flip_xyz_from_rgb(), {1, 1, 1}); }
 
-REDRIVE_HD inline float linear_from_srgb(float x) {
+inline float linear_from_srgb(float x) {
   return x <= 0.04045f ? x / 12.92f : std::pow((x + 0.055f) / 1.055f, 2.4f);
 }
 
 /// Converts sRGB (clamped to [0, 1]) to YCxCz, which is linear in XYZ and may be filtered.
-REDRIVE_HD inline FlipColour flip_opponent(const FlipColour& srgb) {
+inline FlipColour flip_opponent(const FlipColour& srgb) {
   constexpr FlipMatrix kXyzFromRgb = flip_xyz_from_rgb();
   constexpr FlipColour kWhite = flip_white();
   FlipColour linear;
@@ -73,13 +69,11 @@ REDRIVE_HD inline FlipColour flip_opponent(const FlipColour& srgb) {
 }
 
 /// Returns the achromatic channel in [0, 1].
-REDRIVE_HD inline float flip_luminance(const FlipColour& opponent) {
-  return (opponent[0] + 16) / 116;
-}
+inline float flip_luminance(const FlipColour& opponent) { return (opponent[0] + 16) / 116; }
 
 /// Converts linear sRGB to L*a*b* with the chroma scaled by 0.01 L (Hunt effect: dark colours look
 /// less colourful).
-REDRIVE_HD inline FlipColour flip_hunt_lab(const FlipColour& linear) {
+inline FlipColour flip_hunt_lab(const FlipColour& linear) {
   constexpr FlipMatrix kXyzFromRgb = flip_xyz_from_rgb();
   constexpr FlipColour kWhite = flip_white();
   constexpr float kDelta = 6.0f / 29;
@@ -94,7 +88,7 @@ REDRIVE_HD inline FlipColour flip_hunt_lab(const FlipColour& linear) {
           0.01f * lightness * 200 * (f[1] - f[2])};
 }
 
-REDRIVE_HD inline double flip_hyab(const FlipColour& p, const FlipColour& q) {
+inline double flip_hyab(const FlipColour& p, const FlipColour& q) {
   return std::abs(p[0] - q[0]) + std::hypot(double(p[1]) - q[1], double(p[2]) - q[2]);
 }
 
@@ -189,8 +183,8 @@ inline FlipFilters flip_filters() {
 
 /// Returns the Hunt-adjusted L*a*b* of a pixel; `filtered`: its opponent channel after each term's
 /// filter.
-REDRIVE_HD inline FlipColour flip_lab(const FlipFilters& filters,
-                                      const std::array<float, FlipFilters::kTerms>& filtered) {
+inline FlipColour flip_lab(const FlipFilters& filters,
+                           const std::array<float, FlipFilters::kTerms>& filtered) {
   constexpr FlipColour kWhite = flip_white();
   constexpr FlipMatrix kRgbFromXyz = flip_rgb_from_xyz();
   FlipColour opponent{};
@@ -205,9 +199,7 @@ REDRIVE_HD inline FlipColour flip_lab(const FlipFilters& filters,
 }
 
 /// Magnitude of a feature from its responses along x and y.
-REDRIVE_HD inline float flip_magnitude(float x, float y) {
-  return std::sqrt(std::fma(x, x, y * y));
-}
+inline float flip_magnitude(float x, float y) { return std::sqrt(std::fma(x, x, y * y)); }
 
 /// A pixel of one image after the filters.
 struct FlipPixel {
@@ -216,8 +208,7 @@ struct FlipPixel {
 };
 
 /// Returns the FLIP error of a pixel in [0, 1], 0 for equal pixels.
-REDRIVE_HD inline double flip_difference(const FlipFilters& filters, const FlipPixel& a,
-                                         const FlipPixel& b) {
+inline double flip_difference(const FlipFilters& filters, const FlipPixel& a, const FlipPixel& b) {
   const double value = std::pow(flip_hyab(a.lab, b.lab), kFlipColourExponent),
                knee = kFlipKneeAt * filters.largest;
   const double colour = value < knee ? kFlipKneeValue / knee * value

@@ -7,8 +7,6 @@
 #include <cstddef>
 #include <span>
 
-#include "redrive/base/host_device.h"
-
 namespace redrive {
 
 template <class T>
@@ -18,7 +16,7 @@ struct PhotometricTerm {
 };
 
 template <class T>
-REDRIVE_HD PhotometricTerm<T> photometric_term(T rendered, T target, int n_rays) {
+PhotometricTerm<T> photometric_term(T rendered, T target, int n_rays) {
   const T scale = T(1) / T(3.0 * n_rays), error = rendered - target;
   return {error * error * scale, T(2) * error * scale};
 }
@@ -45,7 +43,7 @@ struct HuberTerm {
   T factor;  ///< multiplies the derivative of the squared error, in (0, 1]
 };
 template <class T>
-REDRIVE_HD HuberTerm<T> huber_term(T squared_error, T delta) {
+HuberTerm<T> huber_term(T squared_error, T delta) {
   using std::sqrt;
   if (!(squared_error > delta * delta)) return {squared_error, T(1)};  // NaN reaches the loss
   const T distance = sqrt(squared_error);

@@ -2,8 +2,6 @@
 // Losses that train the proposal field, for one ray, value and derivative together.
 #pragma once
 
-#include "redrive/base/host_device.h"
-
 namespace redrive {
 
 /// Interlevel loss (Barron et al., "Mip-NeRF 360", CVPR 2022, eq. 13): the proposal's weights must
@@ -13,9 +11,8 @@ namespace redrive {
 /// The field's weights are constants. edges [n + 1], weights [n]; proposal_edges [m + 1], proposal
 /// [m]; both tile the same ray. Adds scale * dL/d proposal to d_proposal [m]; returns L.
 template <class T>
-REDRIVE_HD T interlevel_loss(const float* edges, const T* weights, int n,
-                             const float* proposal_edges, const T* proposal, int m, T scale,
-                             T* d_proposal) {
+T interlevel_loss(const float* edges, const T* weights, int n, const float* proposal_edges,
+                  const T* proposal, int m, T scale, T* d_proposal) {
   T loss(0);
   int first = 0;
   for (int i = 0; i < n; ++i) {
@@ -36,8 +33,7 @@ REDRIVE_HD T interlevel_loss(const float* edges, const T* weights, int n,
 /// wide, but its opacity has to match: nothing else would remove weights that the proposal has in
 /// empty space. Adds scale * dL/d proposal to d_proposal [m]; returns L.
 template <class T>
-REDRIVE_HD T opacity_loss(const T* weights, int n, const T* proposal, int m, T scale,
-                          T* d_proposal) {
+T opacity_loss(const T* weights, int n, const T* proposal, int m, T scale, T* d_proposal) {
   T more(0);
   for (int j = 0; j < m; ++j) more += proposal[j];
   for (int i = 0; i < n; ++i) more -= weights[i];
@@ -47,9 +43,8 @@ REDRIVE_HD T opacity_loss(const T* weights, int n, const T* proposal, int m, T s
 
 /// Returns interlevel_loss + opacity_weight * opacity_loss; arguments as interlevel_loss.
 template <class T>
-REDRIVE_HD T proposal_loss(const float* edges, const T* weights, int n, const float* proposal_edges,
-                           const T* proposal, int m, double opacity_weight, T scale,
-                           T* d_proposal) {
+T proposal_loss(const float* edges, const T* weights, int n, const float* proposal_edges,
+                const T* proposal, int m, double opacity_weight, T scale, T* d_proposal) {
   return interlevel_loss(edges, weights, n, proposal_edges, proposal, m, scale, d_proposal) +
          T(opacity_weight) *
              opacity_loss(weights, n, proposal, m, T(opacity_weight) * scale, d_proposal);

@@ -4,8 +4,6 @@
 
 #include <cmath>
 
-#include "redrive/base/host_device.h"
-
 namespace redrive {
 
 /// Line-of-sight loss (Rematas et al., "Urban Radiance Fields", CVPR 2022, eq. 12 to 14) as one sum
@@ -15,8 +13,8 @@ namespace redrive {
 /// empty before the return, a surface there, unknown behind it. edges [n + 1], range and spread > 0
 /// in metres, weights [n]. Writes scale * dL/dw to d_weights [n]; returns L.
 template <class T>
-REDRIVE_HD T range_loss(const float* edges, const T* weights, int n, float range, float spread,
-                        T scale, T* d_weights) {
+T range_loss(const float* edges, const T* weights, int n, float range, float spread, T scale,
+             T* d_weights) {
   const auto below = [&](float t) {
     return 0.5f * std::erfc((range - t) / (1.41421356f * spread));
   };

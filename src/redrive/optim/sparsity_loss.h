@@ -4,8 +4,6 @@
 
 #include <cmath>
 
-#include "redrive/base/host_device.h"
-
 namespace redrive {
 
 ///   L = sum over intervals of log(1 + x_i), x_i = density_i * length_i
@@ -16,7 +14,7 @@ namespace redrive {
 /// keeps it from making surfaces thin. edges [n + 1] ascending; density [n] >= 0. Adds scale * dL/d
 /// density to d_density [n]; returns L (0 for no density; NaN stays NaN).
 template <class T>
-REDRIVE_HD T sparsity_loss(const float* edges, const T* density, int n, T scale, T* d_density) {
+T sparsity_loss(const float* edges, const T* density, int n, T scale, T* d_density) {
   using std::log;
   T loss(0);
   for (int i = 0; i < n; ++i) {

@@ -7,8 +7,6 @@
 #include <array>
 #include <cmath>
 
-#include "redrive/base/host_device.h"
-
 namespace redrive {
 
 constexpr int kSsimRadius = 5;  // truncate 3.5: int(3.5 * 1.5 + 0.5)
@@ -30,14 +28,14 @@ inline SsimTaps ssim_taps() {
 struct SsimMoments {
   double x = 0, y = 0, xx = 0, yy = 0, xy = 0;
 
-  REDRIVE_HD void add(double tap, double value_x, double value_y) {
+  void add(double tap, double value_x, double value_y) {
     x += tap * value_x;
     y += tap * value_y;
     xx += tap * value_x * value_x;
     yy += tap * value_y * value_y;
     xy += tap * value_x * value_y;
   }
-  REDRIVE_HD void add(double tap, const SsimMoments& column) {
+  void add(double tap, const SsimMoments& column) {
     x += tap * column.x;
     y += tap * column.y;
     xx += tap * column.xx;
@@ -46,7 +44,7 @@ struct SsimMoments {
   }
 };
 
-REDRIVE_HD inline double ssim_from_moments(const SsimMoments& mean) {
+inline double ssim_from_moments(const SsimMoments& mean) {
   constexpr double kC1 = 0.01 * 0.01, kC2 = 0.03 * 0.03;  // (K data_range)^2
   const double var_x = mean.xx - mean.x * mean.x, var_y = mean.yy - mean.y * mean.y,
                cov = mean.xy - mean.x * mean.y;

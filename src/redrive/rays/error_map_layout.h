@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// The cells of the error map (kernels/gather/error_map.h) over all training images.
+// The cells of the error map (error_map.h) over all training images.
 #pragma once
 
 #include <vector>
 
-#include "redrive/kernels/gather/error_map.h"
+#include "redrive/rays/error_map.h"
 
 namespace redrive {
 

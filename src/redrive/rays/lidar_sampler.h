@@ -6,7 +6,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "redrive/kernels/gather/gather_returns.h"
+#include "redrive/rays/gather_returns.h"
 #include "redrive/rays/ray_table.h"
 #include "redrive/scene/lidar_returns.h"
 
@@ -27,16 +27,10 @@ class LidarSampler {
   /// Gathers batch `step` (from 0): n rays with range_m, without colours. There must be returns.
   void gather(std::int64_t step, int n, RayBatch* batch) const;
 
-  /// The parts of gather(), for backends that gather on a device: the draw, the resized batch, the
-  /// source.
-  LidarDraw draw(std::int64_t step, int n) const;
-  static GatheredReturns resize_batch(int n, RayBatch* batch);
-  const LidarSource& source() const { return source_; }
-
  private:
   std::uint64_t seed_;
   std::vector<PlainFrame> recorded_, now_;
-  LidarSource source_;
+  LidarSpans source_;
 };
 
 }  // namespace redrive

@@ -172,16 +172,16 @@ PixelSampler::PixelSampler(const Scene& scene, const std::vector<Image8>& images
     }
   }
   check_any();
-  static_cast<PixelSpans&>(source_) = {offsets_.back(),
-                                       background_colour(scene.background)[0],
-                                       scene.random_background,
-                                       table_spans_,
-                                       images_,
-                                       pools_,
-                                       offsets_,
-                                       {},
-                                       cells_.images(),
-                                       cells_.pixels()};
+  source_ = {offsets_.back(),
+             background_colour(scene.background)[0],
+             scene.random_background,
+             table_spans_,
+             images_,
+             pools_,
+             offsets_,
+             {},
+             cells_.images(),
+             cells_.pixels()};
   update_poses();
 }
 
@@ -208,9 +208,7 @@ void PixelSampler::update_poses() {
     image.poses = poses.keys().size();
     poses_.insert(poses_.end(), poses.keys().begin(), poses.keys().end());
   }
-  if (source_.pose_version > 0) REDRIVE_CHECK_OP(poses_.size(), ==, source_.poses.size());
   source_.poses = poses_;
-  ++source_.pose_version;
 }
 
 void PixelSampler::add(int index, int every, const UsedPixels* used) {

@@ -9,8 +9,8 @@
 
 #include "redrive/camera/camera.h"
 #include "redrive/image/image.h"
-#include "redrive/kernels/gather/gather_pixels.h"
 #include "redrive/rays/error_map_layout.h"
+#include "redrive/rays/gather_pixels.h"
 #include "redrive/scene/scene.h"
 
 namespace redrive {
@@ -116,13 +116,9 @@ class PixelSampler {
   void gather(std::uint64_t first, int epoch_rays, RayBatch* batch,
               const ErrorMapRays& more = {}) const;
 
-  /// The parts of gather(), for backends that gather on a device: the draw, the resized batch, the
-  /// source.
+ private:
   PixelDraw draw(std::uint64_t first, int epoch_rays, int error_map_rays) const;
   GatheredRays resize_batch(const PixelDraw& draw, RayBatch* batch) const;
-  const PixelSource& source() const { return source_; }
-
- private:
   void add(int image, int every, const UsedPixels* used);
   void check_any() const;
 
@@ -137,7 +133,7 @@ class PixelSampler {
   std::vector<PixelPool> pools_;
   std::vector<std::uint64_t> offsets_;
   std::vector<PlainPose> poses_;
-  PixelSource source_;
+  PixelSpans source_;
 };
 
 }  // namespace redrive

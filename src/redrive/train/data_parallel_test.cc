@@ -144,7 +144,6 @@ TEST_F(DataParallelTest, ProcessesStayEqualAndApplyTheMeanGradient) {
 
 TEST_F(DataParallelTest, DrawsEachPixelOnceAnEpoch) {
   GroupRun of(fresh_run("run", true));
-  const auto backend = kernels::make_ref_backend();
   const std::uint64_t pixels = of.sampler.pixels();
   for (const int ranks : {1, 2, 3, 5})
     for (const std::uint64_t left : {1, 2, 4, 7, 11}) {  // of the epoch
@@ -153,13 +152,11 @@ TEST_F(DataParallelTest, DrawsEachPixelOnceAnEpoch) {
       while (state.pixels_drawn < pixels + 5) {
         std::uint64_t drawn = 0;
         for (int rank = 0; rank < ranks; ++rank) {
-          RayBatch expected;
-          RayBuffers buffers;
+          RayBatch batch, expected;
           StepRequest request = next_step(state);
           request.rank = rank;
           request.world_size = ranks;
-          draw_batch(*backend, of.sampler, 3, 0, request, &buffers);
-          const RayBatch& batch = buffers.batch;
+          draw_batch(of.sampler, 3, 0, request, &batch);
           EXPECT_EQ(batch.first_ray, drawn);
           EXPECT_GE(batch.n, 1);
           EXPECT_LE(batch.n, 3);

@@ -97,7 +97,7 @@ struct StripModel final : Model {
       }
     if (request.step >= harder_from) loss += harder_by;
     if (request.step >= spoiled_from) loss = 1;
-    buffers->workspace.begin(backend);
+    buffers->workspace.begin();
     StepSums& sums = buffers->workspace.sums();
     sums.opacity = 1;
     sums.rgb_mse = loss;
@@ -121,11 +121,10 @@ struct StripModel final : Model {
     const auto n = static_cast<std::size_t>(strips);
     return {{0, n, adam_step(rate / 2, step)}, {n, 2 * n, adam_step(rate, step)}};
   }
-  void finish_step(kernels::Backend& backend, const StepRequest&, const StepOutput&,
-                   std::int64_t step, AdamState* adam) override {
+  void finish_step(kernels::Backend&, const StepRequest&, const StepOutput&, std::int64_t step,
+                   AdamState* adam) override {
     if (step % steps_per_split != 0 || strips >= 16) return;
     for (Buffer<float>* numbers : {&parameters, &adam->first_moment, &adam->second_moment}) {
-      backend.download(*numbers);
       Buffer<float> split(2 * numbers->size());
       for (std::size_t i = 0; i < split.size(); ++i) split[i] = (*numbers)[i / 2];
       *numbers = std::move(split);

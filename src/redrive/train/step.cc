@@ -1,7 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/train/step.h"
 
+#include <algorithm>
 #include <cmath>
+
+#include "redrive/base/numbers.h"
+#include "redrive/rays/error_map.h"
 
 namespace redrive {
 
@@ -19,22 +23,17 @@ StepUpdate update_in_step(double learning_rate, TrainState* state) {
   return {learning_rate, state->step + 1, state->model->parameters, &state->adam};
 }
 
-StepResult step_gradients(kernels::Backend& backend, const TrainState& state, std::size_t size,
-                          StepBuffers* buffers, const DrawStep& draw) {
+StepResult step_gradients(const TrainState& state, std::size_t size, StepBuffers* buffers,
+                          const DrawStep& draw) {
   const Model& model = *state.model;
   if (buffers->gradients.size() != size) {
     buffers->gradients = {};                   // not both at once
     buffers->gradients = Buffer<float>(size);  // zeros
   }
   const std::span<float> gradients = buffers->gradients;
-  kernels::make_resident(backend, buffers->gradients);
-  kernels::make_resident(backend, state.adam.first_moment);
-  kernels::make_resident(backend, state.adam.second_moment);
-  Workspace& workspace = buffers->workspace;
   StepResult result;
   static_cast<StepOutput&>(result) = draw(gradients);
-  backend.not_finite(model.sentinels(gradients), &workspace.sums().not_finite);
-  const StepSums& sums = workspace.fetch_sums();
+  const StepSums& sums = buffers->workspace.sums();
   result.opacity = sums.opacity;
   result.rgb_mse = sums.rgb_mse;
   result.loss_terms = model.loss_terms(sums);
@@ -43,7 +42,7 @@ StepResult step_gradients(kernels::Backend& backend, const TrainState& state, st
     all += term.value;
     if (term.in_loss) result.loss += term.value;
   }
-  result.finite = std::isfinite(all) && sums.not_finite == 0;
+  result.finite = std::isfinite(all) && all_finite(model.sentinels(gradients));
   return result;
 }
 
@@ -52,7 +51,7 @@ StepResult step_gradients(kernels::Backend& backend, const TrainingSet& data,
                           StepBuffers* buffers) {
   const std::size_t updated = request.update ? state.model->updated_in_step() : 0,
                     size = state.model->size() - updated;
-  return step_gradients(backend, state, size, buffers, [&](std::span<float> gradients) {
+  return step_gradients(state, size, buffers, [&](std::span<float> gradients) {
     return state.model->step(backend, data, request, gradients, buffers);
   });
 }
@@ -61,11 +60,14 @@ void apply_step(kernels::Backend& backend, const StepRequest& request, const Ste
                 double learning_rate, TrainState* state, StepBuffers* buffers) {
   ++state->step;
   state->pixels_drawn += static_cast<std::uint64_t>(result.epoch_pixels);
-  if (!result.finite) return backend.fill(buffers->gradients, 0);
+  if (!result.finite) {
+    std::ranges::fill(buffers->gradients.span(), 0.0f);
+    return;
+  }
   Model& model = *state->model;
   model.update(backend, learning_rate, state->step, buffers->gradients, &state->adam);
   if (!result.cells.empty())
-    backend.update_error_map(result.cells, result.squared_errors, state->cell_errors);
+    update_error_map(result.cells, result.squared_errors, state->cell_errors);
   model.finish_step(backend, request, result, state->step, &state->adam);
 }
 

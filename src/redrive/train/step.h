@@ -24,8 +24,8 @@ StepUpdate update_in_step(double learning_rate, TrainState* state);
 /// Computes losses and gradients; adds them to buffers->gradients, which must be 0. `draw`:
 /// Model::step of the state's model, or a part of it. `size`: of the gradients.
 using DrawStep = std::function<StepOutput(std::span<float> gradients)>;
-StepResult step_gradients(kernels::Backend& backend, const TrainState& state, std::size_t size,
-                          StepBuffers* buffers, const DrawStep& draw);
+StepResult step_gradients(const TrainState& state, std::size_t size, StepBuffers* buffers,
+                          const DrawStep& draw);
 StepResult step_gradients(kernels::Backend& backend, const TrainingSet& data,
                           const StepRequest& request, const TrainState& state,
                           StepBuffers* buffers);

@@ -156,7 +156,7 @@ inline BatchResult train_step(kernels::Backend& backend, const RayBatch& batch,
   const auto& model = dynamic_cast<const RayModel&>(*state->model);
   BatchResult result;
   static_cast<StepResult&>(result) =
-      step_gradients(backend, *state, model.size(), buffers, [&](std::span<float> gradients) {
+      step_gradients(*state, model.size(), buffers, [&](std::span<float> gradients) {
         const RayGradientsOutput rays = model.gradients(backend, batch, state->seed, state->step,
                                                         gradients, &buffers->workspace);
         if (lidar && lidar->n > 0)

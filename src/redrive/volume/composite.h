@@ -12,7 +12,6 @@
 #include <cmath>
 #include <cstddef>
 
-#include "redrive/base/host_device.h"
 #include "redrive/field/activation.h"
 
 namespace redrive {
@@ -32,7 +31,7 @@ struct Absorption {
 };
 
 template <class T>
-REDRIVE_HD Absorption<T> absorption(T raw_density, float dt) {
+Absorption<T> absorption(T raw_density, float dt) {
   using std::exp;
   using std::expm1;
   const T sigma = relu(raw_density);
@@ -47,9 +46,8 @@ REDRIVE_HD Absorption<T> absorption(T raw_density, float dt) {
 /// Composites n samples at distances t [n] with lengths dt [n]. weights [n] or null: written.
 /// background [3] or null.
 template <class T>
-REDRIVE_HD RayComposite<T> composite_ray(const T* raw, std::size_t stride, const float* t,
-                                         const float* dt, int n, T* weights,
-                                         const T* background = nullptr) {
+RayComposite<T> composite_ray(const T* raw, std::size_t stride, const float* t, const float* dt,
+                              int n, T* weights, const T* background = nullptr) {
   RayComposite<T> out;
   T transmittance(1);
   for (int i = 0; i < n; ++i) {
@@ -71,9 +69,9 @@ REDRIVE_HD RayComposite<T> composite_ray(const T* raw, std::size_t stride, const
 ///   d sigma_i = dt_i (T_{i+1} g_i - R_i),   d raw_rgb = w_i c_i (1 - c_i) d_rgb.
 /// The derivative by the background is T_n d_rgb.
 template <class T>
-REDRIVE_HD void composite_ray_adjoint(const T* raw, std::size_t stride, const float* dt, int n,
-                                      const T d_rgb[3], T* d_raw, const T* d_weights = nullptr,
-                                      const T* background = nullptr) {
+void composite_ray_adjoint(const T* raw, std::size_t stride, const float* dt, int n,
+                           const T d_rgb[3], T* d_raw, const T* d_weights = nullptr,
+                           const T* background = nullptr) {
   // Recomputes T_i; d_raw's density channel holds it until it is overwritten.
   T transmittance(1);
   for (int i = 0; i < n; ++i) {

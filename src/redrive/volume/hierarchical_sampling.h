@@ -7,7 +7,6 @@
 #include <cstdint>
 #include <limits>
 
-#include "redrive/base/host_device.h"
 #include "redrive/base/rng.h"
 
 namespace redrive {
@@ -15,9 +14,8 @@ namespace redrive {
 /// Writes t [n], one sample in each of n equal bins of [near_m, far_m], in metres, and dt_i =
 /// t_{i+1} - t_i, the last +infinity. With jitter the position in bin i is random_unit(key,
 /// first_index + i), else 1/2. n >= 1.
-REDRIVE_HD inline void stratified_ray(int n, float near_m, float far_m, bool jitter,
-                                      std::uint64_t key, std::uint64_t first_index, float* t,
-                                      float* dt) {
+inline void stratified_ray(int n, float near_m, float far_m, bool jitter, std::uint64_t key,
+                           std::uint64_t first_index, float* t, float* dt) {
   const float bin = (far_m - near_m) / static_cast<float>(n);
   for (int i = 0; i < n; ++i)
     t[i] = near_m +
@@ -32,9 +30,9 @@ REDRIVE_HD inline void stratified_ray(int n, float near_m, float far_m, bool jit
 /// must not overlap coarse_t. u_k = (k + r) / extra, r = random_unit(key, first_index + k) or 1/2:
 /// stratified, so the inverse CDF is one forward walk; in double, since sums of small masses lose
 /// digits in float. n >= 3. Non-finite weights give non-finite t.
-REDRIVE_HD inline void hierarchical_ray(const float* coarse_t, const float* weights, int n,
-                                        int extra, bool jitter, std::uint64_t key,
-                                        std::uint64_t first_index, float* t, float* dt) {
+inline void hierarchical_ray(const float* coarse_t, const float* weights, int n, int extra,
+                             bool jitter, std::uint64_t key, std::uint64_t first_index, float* t,
+                             float* dt) {
   const auto midpoint = [&](int i) {
     return 0.5 * (double(coarse_t[i]) + double(coarse_t[i + 1]));
   };

@@ -9,7 +9,6 @@
 #include <cstdint>
 #include <limits>
 
-#include "redrive/base/host_device.h"
 #include "redrive/base/rng.h"
 #include "redrive/field/contraction.h"
 
@@ -21,7 +20,7 @@ namespace redrive {
 struct RaySpacing {
   float near_m = 0, far_m = 0, half_m = 0;
 
-  REDRIVE_HD float distance(float u) const {  ///< u in [0, 1]: from near_m to far_m
+  float distance(float u) const {  ///< u in [0, 1]: from near_m to far_m
     if (std::isinf(half_m)) return near_m + u * (far_m - near_m);
     const float first = near_m / (near_m + half_m), last = far_m / (far_m + half_m),
                 s = first + u * (last - first);
@@ -32,8 +31,8 @@ struct RaySpacing {
 /// Uniform sampling: writes edges [n + 1] of n >= 1 intervals, uniform in s. With jitter all edges
 /// but the outer two are shifted by one random fraction of an interval, -1/2..1/2: the edges stay
 /// ascending, and the interval that holds a distance is uniformly random.
-REDRIVE_HD inline void uniform_edges(const RaySpacing& spacing, int n, bool jitter,
-                                     std::uint64_t key, std::uint64_t ray, float* edges) {
+inline void uniform_edges(const RaySpacing& spacing, int n, bool jitter, std::uint64_t key,
+                          std::uint64_t ray, float* edges) {
   const float shift = jitter ? random_unit(key, ray) - 0.5f : 0.0f;
   for (int i = 0; i <= n; ++i) {
     const bool outer = i == 0 || i == n;
@@ -48,9 +47,8 @@ REDRIVE_HD inline void uniform_edges(const RaySpacing& spacing, int n, bool jitt
 /// of the weights, so that regions where the proposal is wrong still get samples. If all weights
 /// are 0 the padding decides alone. With jitter the quantiles are (k + r) / to, r one random number
 /// of the ray in -1/2..1/2. NaN weights give NaN edges.
-REDRIVE_HD inline void pdf_edges(const float* edges, const float* weights, int from, int to,
-                                 float padding, bool jitter, std::uint64_t key, std::uint64_t ray,
-                                 float* out) {
+inline void pdf_edges(const float* edges, const float* weights, int from, int to, float padding,
+                      bool jitter, std::uint64_t key, std::uint64_t ray, float* out) {
   float total = 0;
   for (int i = 0; i < from; ++i) total += weights[i];
   // A ray through empty space has the padding alone.
@@ -75,9 +73,8 @@ REDRIVE_HD inline void pdf_edges(const float* edges, const float* weights, int f
 /// Clips a ray's spacing to the scene: unchanged if the scene is unbounded, else the segment of
 /// [near_m, far_m] within the scene's cube, uniform in distance. A ray that misses the cube gets
 /// length 0, at near_m. origin [3] in metres, direction [3] a unit vector.
-REDRIVE_HD inline RaySpacing clip_to_scene(const RaySpacing& spacing,
-                                           const Contraction& contraction, const float origin[3],
-                                           const float direction[3]) {
+inline RaySpacing clip_to_scene(const RaySpacing& spacing, const Contraction& contraction,
+                                const float origin[3], const float direction[3]) {
   if (contraction.unbounded) return spacing;
   float enter = spacing.near_m, leave = spacing.far_m;
   for (int k = 0; k < 3; ++k) {

@@ -6,14 +6,12 @@
 
 #include <cmath>
 
-#include "redrive/base/host_device.h"
-
 namespace redrive {
 
 /// Writes weights [n], in [0, 1]. edges [n + 1] ascending, metres; density [n] >= 0, 1/m; intervals
 /// of length 0 get weight 0.
 template <class T>
-REDRIVE_HD void ray_weights(const float* edges, const T* density, int n, T* weights) {
+void ray_weights(const float* edges, const T* density, int n, T* weights) {
   using std::exp;
   using std::expm1;
   T transmittance(1);
@@ -28,8 +26,8 @@ REDRIVE_HD void ray_weights(const float* edges, const T* density, int n, T* weig
 ///   d density_i = dt_i (T_{i+1} d_w_i - sum_{j>i} w_j d_w_j).
 /// T is recomputed, since T_{i+1} = 1 - sum_{j<=i} w_j would cancel.
 template <class T>
-REDRIVE_HD void ray_weights_adjoint(const float* edges, const T* density, int n, const T* weights,
-                                    const T* d_weights, T* d_density) {
+void ray_weights_adjoint(const float* edges, const T* density, int n, const T* weights,
+                         const T* d_weights, T* d_density) {
   using std::exp;
   T transmittance(1), behind(0);
   for (int i = 0; i < n; ++i) {

@@ -8,7 +8,7 @@
 #include "redrive/kernels/cpu/cpu_nerf_stages.h"
 #include "redrive/kernels/cpu/gaussian/cpu_gaussian_stages.h"
 #include "redrive/kernels/cpu/grid/cpu_grid_stages.h"
-#include "redrive/kernels/host_image_score.h"
+#include "redrive/kernels/image_score.h"
 #include "redrive/optim/photometric_loss.h"
 
 namespace redrive::kernels {
@@ -96,7 +96,7 @@ class CpuBackend final : public Backend {
   GridStages& grid() override { return *grid_; }
   GaussianStages& gaussians() override { return *gaussians_; }
 
-  ImageScore score(const ImagePair& images) override { return score_on_host(images, pool_); }
+  ImageScore score(const ImagePair& images) override { return score_images(images, pool_); }
 
  private:
   const Isa isa_;

@@ -11,12 +11,12 @@
 
 #include "redrive/base/buffer.h"
 #include "redrive/kernels/add_ray_gradient.h"
-#include "redrive/kernels/common_nerf_stages.h"
+#include "redrive/kernels/check_nerf_sizes.h"
 #include "redrive/kernels/cpu/composite_range.h"
 #include "redrive/kernels/cpu/front_to_back.h"
 #include "redrive/kernels/cpu/nerf_tile.h"
 #include "redrive/kernels/cpu/ray_points.h"
-#include "redrive/kernels/host_stage.h"
+#include "redrive/kernels/plain_nerf_stages.h"
 #include "redrive/optim/photometric_loss.h"
 
 namespace redrive::kernels {
@@ -56,10 +56,10 @@ struct Engine {
   std::vector<std::unique_ptr<FrontToBack>> front_to_back;  ///< by chunk; made when first rendering
 };
 
-class CpuNerfStages final : public CommonNerfStages<HostExecutor> {
+class CpuNerfStages final : public PlainNerfStages {
  public:
   CpuNerfStages(Backend& backend, Isa isa, const CpuKernels& kernels, ThreadPool* pool)
-      : CommonNerfStages(backend, {pool}), isa_(isa), kernels_(kernels), pool_(*pool) {}
+      : PlainNerfStages(backend, pool), isa_(isa), kernels_(kernels), pool_(*pool) {}
 
   void network_forward(const NerfField& field, const Rays& rays, const Samples& samples,
                        std::span<float> raw) override {

@@ -5,7 +5,9 @@
 #include <array>
 #include <vector>
 
-#include "redrive/kernels/host_grid_stages.h"
+#include "redrive/kernels/check_grid_sizes.h"
+#include "redrive/kernels/check_ray_sizes.h"
+#include "redrive/kernels/plain_grid_stages.h"
 #include "redrive/optim/proposal_loss.h"
 #include "redrive/optim/range_loss.h"
 #include "redrive/optim/sparsity_loss.h"
@@ -50,9 +52,9 @@ class FeaturesOf {
   std::size_t n_, i_;
 };
 
-class RefGridStages final : public HostGridStages {
+class RefGridStages final : public PlainGridStages {
  public:
-  RefGridStages() : HostGridStages(HostExecutor()) {}
+  RefGridStages() : PlainGridStages(nullptr) {}
 
   void contract_backward(const Contraction& contraction, const Rays& rays,
                          const Intervals& intervals, std::span<const float> d_position,

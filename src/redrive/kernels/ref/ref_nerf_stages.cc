@@ -5,8 +5,8 @@
 #include <vector>
 
 #include "redrive/kernels/add_ray_gradient.h"
-#include "redrive/kernels/common_nerf_stages.h"
-#include "redrive/kernels/host_stage.h"
+#include "redrive/kernels/check_nerf_sizes.h"
+#include "redrive/kernels/plain_nerf_stages.h"
 #include "redrive/kernels/ref/nerf_network.h"
 
 namespace redrive::kernels {
@@ -25,9 +25,9 @@ struct FieldPoint {
   }
 };
 
-class RefNerfStages final : public CommonNerfStages<HostExecutor> {
+class RefNerfStages final : public PlainNerfStages {
  public:
-  explicit RefNerfStages(Backend& backend) : CommonNerfStages(backend, {}) {}
+  explicit RefNerfStages(Backend& backend) : PlainNerfStages(backend, nullptr) {}
 
   void network_forward(const NerfField& field, const Rays& rays, const Samples& samples,
                        std::span<float> raw) override {

@@ -9,9 +9,11 @@
 #include <vector>
 
 #include "redrive/base/buffer.h"
+#include "redrive/kernels/check_grid_sizes.h"
+#include "redrive/kernels/check_ray_sizes.h"
 #include "redrive/kernels/cpu/composite_range.h"
 #include "redrive/kernels/cpu/grid/packed_network.h"
-#include "redrive/kernels/host_grid_stages.h"
+#include "redrive/kernels/plain_grid_stages.h"
 
 namespace redrive::kernels {
 namespace {
@@ -35,10 +37,10 @@ GridPoints range_of(const UnitPoints& points, std::size_t begin, std::size_t end
           points.footprint.data() + begin};
 }
 
-class CpuGridStages final : public HostGridStages {
+class CpuGridStages final : public PlainGridStages {
  public:
   CpuGridStages(Isa isa, ThreadPool* pool)
-      : HostGridStages(HostExecutor{pool}),
+      : PlainGridStages(pool),
         kernels_(isa == Isa::kAvx2 ? avx2::kGridKernels : avx512::kGridKernels),
         bf16_(isa == Isa::kAvx512Bf16 ? &avx512_bf16::kGridBf16Kernels : nullptr),
         pool_(*pool) {}

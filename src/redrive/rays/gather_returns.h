@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Draws the LiDAR returns of a training step and writes their rays, as gather_pixels.h does for
-// pixels. LidarSampler (rays/lidar_sampler.h) decides which returns are drawn and owns the source.
+// pixels. LidarSampler (lidar_sampler.h) decides which returns are drawn and owns the source.
 #pragma once
 
 #include <cstddef>
@@ -8,8 +8,8 @@
 #include <span>
 
 #include "redrive/base/rng.h"
-#include "redrive/kernels/gather/gather_pixels.h"
 #include "redrive/math/plain_trajectory.h"
+#include "redrive/rays/gather_pixels.h"
 
 namespace redrive {
 
@@ -24,7 +24,6 @@ struct LidarSpans {
   std::span<const PlainFrame> recorded;  ///< frames whose poses placed the returns in the world
   std::span<const PlainFrame> poses;     ///< current poses of the frames; empty: unchanged
 };
-using LidarSource = GatherSource<LidarSpans>;
 
 /// Parameters of one batch, made by LidarSampler::draw.
 struct LidarDraw {
@@ -39,7 +38,7 @@ struct GatheredReturns {
 
 /// Returns the transform at a time from the world of the recorded poses to that of the current
 /// poses.
-REDRIVE_HD inline PlainTransform world_from_recorded(const LidarSpans& from, std::int64_t t_ns) {
+inline PlainTransform world_from_recorded(const LidarSpans& from, std::int64_t t_ns) {
   const PlainTransform world_from_body =
                            product(inverse(from.global_from_world), pose_at(from.poses, t_ns)),
                        body_from_global = inverse(pose_at(from.recorded, t_ns));
@@ -47,8 +46,8 @@ REDRIVE_HD inline PlainTransform world_from_recorded(const LidarSpans& from, std
 }
 
 /// Writes ray i of the batch.
-REDRIVE_HD inline void gather_return(const LidarSpans& from, const LidarDraw& draw, std::size_t i,
-                                     const GatheredReturns& out) {
+inline void gather_return(const LidarSpans& from, const LidarDraw& draw, std::size_t i,
+                          const GatheredReturns& out) {
   const std::size_t returns = from.range_m.size(), n = out.range_m.size();
   const std::uint64_t drawn = draw.first + i,
                       key = random_key(draw.seed, kStreamLidar, drawn / returns);
@@ -69,7 +68,7 @@ REDRIVE_HD inline void gather_return(const LidarSpans& from, const LidarDraw& dr
   out.range_m[i] = from.range_m[k];
 }
 
-/// Writes all rays of the batch, on the host.
+/// Writes all rays of the batch.
 inline void gather_returns(const LidarSpans& from, const LidarDraw& draw,
                            const GatheredReturns& out) {
   for (std::size_t i = 0; i < out.range_m.size(); ++i) gather_return(from, draw, i, out);

@@ -11,7 +11,6 @@
 #include <span>
 
 #include "redrive/base/error.h"
-#include "redrive/base/host_device.h"
 #include "redrive/base/rng.h"
 
 namespace redrive {
@@ -35,7 +34,7 @@ struct ErrorMapImage {
 };
 
 /// Returns the cell of a pixel, given as y * width + x.
-REDRIVE_HD inline std::uint32_t cell_of_pixel(const ErrorMapImage& image, std::uint32_t pixel) {
+inline std::uint32_t cell_of_pixel(const ErrorMapImage& image, std::uint32_t pixel) {
   const int x = static_cast<int>(pixel % image.width), y = static_cast<int>(pixel / image.width);
   return static_cast<std::uint32_t>(image.first + std::size_t(y / image.side) * image.columns +
                                     x / image.side);
@@ -45,7 +44,7 @@ REDRIVE_HD inline std::uint32_t cell_of_pixel(const ErrorMapImage& image, std::u
 struct CellRect {
   int image = 0, x = 0, y = 0, width = 0, height = 0;  ///< pixels
 };
-REDRIVE_HD inline CellRect rect_of_cell(std::span<const ErrorMapImage> images, std::size_t cell) {
+inline CellRect rect_of_cell(std::span<const ErrorMapImage> images, std::size_t cell) {
   const auto after =
       std::upper_bound(images.begin(), images.end(), cell,
                        [](std::size_t c, const ErrorMapImage& p) { return c < p.first; });
@@ -64,8 +63,8 @@ struct CellSample {
 };
 /// Samples a cell by `key`. pixels [cells]: sum of the sampling weights of its pixels, not all 0;
 /// errors [cells]: smoothed squared errors.
-REDRIVE_HD inline CellSample sample_cell(std::span<const float> pixels,
-                                         std::span<const float> errors, std::uint64_t key) {
+inline CellSample sample_cell(std::span<const float> pixels, std::span<const float> errors,
+                              std::uint64_t key) {
   CellSample drawn;
   for (int i = 0; i < kCellCandidates || drawn.error == 0; ++i) {
     const std::uint64_t bits = random_bits(key, i);
@@ -85,7 +84,7 @@ REDRIVE_HD inline CellSample sample_cell(std::span<const float> pixels,
 /// Guibas 1995), so that the loss remains approximately the mean over all pixels. The other
 /// candidates are assumed to have the mean error. In [1 / (1 - share + share * kCellCandidates), 1
 /// / (1 - share)].
-REDRIVE_HD inline float balance_heuristic_weight(float error, float mean_error, float share) {
+inline float balance_heuristic_weight(float error, float mean_error, float share) {
   const float relative = (error + kMinCellError) / mean_error;
   const float as_often = kCellCandidates * relative / (relative + kCellCandidates - 1);
   return 1 / (1 - share + share * as_often);
@@ -93,7 +92,7 @@ REDRIVE_HD inline float balance_heuristic_weight(float error, float mean_error, 
 
 /// Returns a cell's error after a ray with squared error `square`: exponential smoothing, squares
 /// capped at kInitialError.
-REDRIVE_HD inline float updated_error(float error, float square) {
+inline float updated_error(float error, float square) {
   constexpr float kSmoothing = 0.2f;  // weight of the newest ray
   const float seen = square > kInitialError ? kInitialError : square;
   return error == kInitialError ? seen : error + kSmoothing * (seen - error);

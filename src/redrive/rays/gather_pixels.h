@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Draws the pixels of a training step and writes their rays, one ray at a time from plain numbers,
-// so that devices and the host run the same functions. PixelSampler (rays/ray_table.h) decides
+// Draws the pixels of a training step and writes their rays. PixelSampler (ray_table.h) decides
 // which pixels are drawn and owns the source.
 #pragma once
 
@@ -8,13 +7,12 @@
 #include <bit>
 #include <cstddef>
 #include <cstdint>
-#include <memory>
 #include <span>
 
 #include "redrive/base/rng.h"
 #include "redrive/field/exposure.h"
-#include "redrive/kernels/gather/error_map.h"
 #include "redrive/math/shutter_row.h"
+#include "redrive/rays/error_map.h"
 
 namespace redrive {
 
@@ -60,15 +58,6 @@ struct PixelSpans {
   std::span<const float> cell_pixels;  ///< ErrorMapLayout::pixels
 };
 
-/// A sampler's source in host memory. A device copies it at the first gather; one source belongs to
-/// one backend.
-template <class Spans>
-struct GatherSource : Spans {
-  int pose_version = 0;  ///< incremented when Spans::poses change
-  mutable std::shared_ptr<void> resident;
-};
-using PixelSource = GatherSource<PixelSpans>;
-
 /// Parameters of one batch, made by PixelSampler::draw.
 struct PixelDraw {
   int epoch_rays = 0, error_map_rays = 0;  ///< rays
@@ -85,16 +74,15 @@ struct GatheredRays {
 
 /// Returns the sampling weight of a pixel by its mask and alpha: 0 (masked), 1 /
 /// kEpochsPerTransparentPixel, or 1.
-REDRIVE_HD inline float pixel_sampling_weight(std::span<const std::uint8_t> alpha,
-                                              std::span<const std::uint8_t> used,
-                                              std::size_t pixel) {
+inline float pixel_sampling_weight(std::span<const std::uint8_t> alpha,
+                                   std::span<const std::uint8_t> used, std::size_t pixel) {
   if (!used.empty() && used[pixel] == 0) return 0;
   return !alpha.empty() && alpha[pixel] == 0 ? 1.0f / kEpochsPerTransparentPixel : 1;
 }
 
 /// Returns the entry of the k-th pixel in use (UsedPixels).
-REDRIVE_HD inline std::size_t used_entry(std::span<const std::uint64_t> bits,
-                                         std::span<const std::uint32_t> before, std::size_t k) {
+inline std::size_t used_entry(std::span<const std::uint64_t> bits,
+                              std::span<const std::uint32_t> before, std::size_t k) {
   const std::size_t word = std::upper_bound(before.begin(), before.end(), k) - before.begin() - 1;
   std::uint64_t left = bits[word];
   for (std::size_t skip = k - before[word]; skip > 0; --skip) left &= left - 1;
@@ -108,8 +96,7 @@ struct DrawnPixel {
 };
 
 /// Returns the k-th pixel of an epoch, by a random permutation of all pixels.
-REDRIVE_HD inline DrawnPixel pixel_of_epoch(const PixelSpans& from, const PixelDraw& draw,
-                                            std::uint64_t k) {
+inline DrawnPixel pixel_of_epoch(const PixelSpans& from, const PixelDraw& draw, std::uint64_t k) {
   const std::uint64_t drawn = permute_index(draw.epoch_key, k, from.pixels);
   const std::size_t p =
       std::upper_bound(from.offsets.begin(), from.offsets.end(), drawn) - from.offsets.begin() - 1;
@@ -125,9 +112,8 @@ REDRIVE_HD inline DrawnPixel pixel_of_epoch(const PixelSpans& from, const PixelD
 
 /// Samples a cell by the error map, then a pixel in it by rejection with its sampling weight.
 /// Rejection is slow in cells with few usable pixels, but these cells are rarely drawn.
-REDRIVE_HD inline DrawnPixel pixel_from_error_map(const PixelSpans& from,
-                                                  std::span<const float> errors, std::uint64_t key,
-                                                  CellSample* cell) {
+inline DrawnPixel pixel_from_error_map(const PixelSpans& from, std::span<const float> errors,
+                                       std::uint64_t key, CellSample* cell) {
   *cell = sample_cell(from.cell_pixels, errors, key);
   const CellRect rect = rect_of_cell(from.cell_images, cell->cell);
   const TrainingImage& image = from.images[rect.image];
@@ -152,9 +138,8 @@ REDRIVE_HD inline DrawnPixel pixel_from_error_map(const PixelSpans& from,
 
 /// Writes origin, direction and pixel angle of ray i of n: entry k of the table, rotated in double,
 /// so that the direction's length stays 1 to float's rounding.
-REDRIVE_HD inline void write_ray(const RayTableSpans& table, std::size_t k, const PlainPose* poses,
-                                 std::size_t n_poses, std::size_t i, std::size_t n,
-                                 const GatheredRays& out) {
+inline void write_ray(const RayTableSpans& table, std::size_t k, const PlainPose* poses,
+                      std::size_t n_poses, std::size_t i, std::size_t n, const GatheredRays& out) {
   PlainPose of_row;
   if (n_poses > 1)
     of_row = pose_at_row(
@@ -171,9 +156,9 @@ REDRIVE_HD inline void write_ray(const RayTableSpans& table, std::size_t k, cons
 
 /// Writes ray i of the batch except its weight. Returns its cell sample if the ray is drawn by the
 /// error map.
-REDRIVE_HD inline CellSample gather_pixel(const PixelSpans& from, const PixelDraw& draw,
-                                          std::span<const float> errors, std::size_t i,
-                                          const GatheredRays& out) {
+inline CellSample gather_pixel(const PixelSpans& from, const PixelDraw& draw,
+                               std::span<const float> errors, std::size_t i,
+                               const GatheredRays& out) {
   CellSample cell;
   const std::size_t epoch_rays = draw.epoch_rays, n = epoch_rays + draw.error_map_rays;
   const DrawnPixel drawn =
@@ -204,16 +189,15 @@ REDRIVE_HD inline CellSample gather_pixel(const PixelSpans& from, const PixelDra
 
 /// Writes the weight of ray i. pixels, error: sums of CellSample over all rays of the batch drawn
 /// by the error map.
-REDRIVE_HD inline void write_ray_weight(const PixelDraw& draw, std::span<const float> errors,
-                                        double pixels, double error, std::size_t i,
-                                        const GatheredRays& out) {
+inline void write_ray_weight(const PixelDraw& draw, std::span<const float> errors, double pixels,
+                             double error, std::size_t i, const GatheredRays& out) {
   const float mean = static_cast<float>(error / pixels),
               share = static_cast<float>(draw.error_map_rays) /
                       static_cast<float>(draw.epoch_rays + draw.error_map_rays);
   out.weight[i] = balance_heuristic_weight(errors[out.cell[i]], mean, share);
 }
 
-/// Writes all rays of the batch, on the host.
+/// Writes all rays of the batch.
 inline void gather_pixels(const PixelSpans& from, const PixelDraw& draw,
                           std::span<const float> errors, const GatheredRays& out) {
   const std::size_t epoch_rays = draw.epoch_rays, n = epoch_rays + draw.error_map_rays;
