@@ -6,6 +6,7 @@
 
 #include <opencv2/core.hpp>
 
+#include "redrive/base/opencv_threads.h"
 #include "redrive/image/image_head.h"
 #include "redrive/recording/pose_jumps.h"
 #include "redrive/recording/wording.h"
