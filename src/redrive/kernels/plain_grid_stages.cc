@@ -219,10 +219,10 @@ void PlainGridStages::proposal_loss(int n_rays, const Intervals& intervals,
   const double sum = loop_.sum(n_rays, [&](std::size_t ray) -> double {
     const std::size_t first = ray * intervals.per_ray, p = ray * proposal.per_ray;
     for (int j = 0; j < proposal.per_ray; ++j) d_proposal[p + j] = 0;
-    return redrive::proposal_loss(&intervals.edges[first + ray], &weights[first],
-                                  intervals.per_ray, &proposal.edges[p + ray], &proposal_weights[p],
-                                  proposal.per_ray, opacity_weight,
-                                  1.0f / static_cast<float>(n_rays), &d_proposal[p]);
+    return redrive::proposal_loss(&intervals.edges[first + ray], &weights[first], intervals.per_ray,
+                                  &proposal.edges[p + ray], &proposal_weights[p], proposal.per_ray,
+                                  opacity_weight, 1.0f / static_cast<float>(n_rays),
+                                  &d_proposal[p]);
   });
   *loss = sum / n_rays;
 }
@@ -247,9 +247,8 @@ void PlainGridStages::sparsity_loss(int n_rays, const Intervals& intervals,
   check_sparsity(n_rays, intervals, density.size(), d_density.size());
   const double sum = loop_.sum(n_rays, [&](std::size_t ray) -> double {
     const std::size_t first = ray * intervals.per_ray;
-    return redrive::sparsity_loss(&intervals.edges[first + ray], &density[first],
-                                  intervals.per_ray, factor / static_cast<float>(n_rays),
-                                  &d_density[first]);
+    return redrive::sparsity_loss(&intervals.edges[first + ray], &density[first], intervals.per_ray,
+                                  factor / static_cast<float>(n_rays), &d_density[first]);
   });
   *loss = factor * (sum / n_rays);
 }

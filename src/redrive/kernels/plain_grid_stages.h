@@ -73,7 +73,8 @@ class PlainGridStages : public GridStages {
   /// Returns the first n numbers of a buffer that is kept from call to call.
   static std::span<float> first(Buffer<float>* buffer, std::size_t n);
   UnitPoints sky_points(const Rays& rays, std::span<const float> pixel_angle);
-  /// Adds the derivatives of the loss with respect to the cameras' gains. Returns their regulariser.
+  /// Adds the derivatives of the loss with respect to the cameras' gains. Returns their
+  /// regulariser.
   double gains_backward(const ColourLossInput& colours, std::span<float> d_rgb,
                         std::span<float> d_appearance);
 

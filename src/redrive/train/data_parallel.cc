@@ -37,7 +37,7 @@ void accumulate(const StepResult& one, int ranks, StepResult* all) {
 /// Calls `visit` for each number of a result but for the updates of an error map. Names and sizes
 /// stay.
 template <class Result, class Visit>
-void visit_numbers(Result& result, const Visit& visit) {
+void visit_result(Result& result, const Visit& visit) {
   visit(result.pixels);
   visit(result.epoch_pixels);
   visit(result.active_rays);
@@ -60,14 +60,14 @@ StepResult mean_over(ProcessGroup& processes, const StepResult& own, std::span<f
   REDRIVE_CHECK(own.cells.empty());
   const int size = processes.size();
   std::vector<double> numbers;
-  visit_numbers(own, [&](const auto& number) { numbers.push_back(double(number)); });
+  visit_result(own, [&](const auto& number) { numbers.push_back(double(number)); });
   std::vector<double> of_all(numbers.size() * static_cast<std::size_t>(size));
   processes.all_gather(numbers, of_all);
   StepResult all;
   StepResult one = own;
   const double* next = of_all.data();
   for (int rank = 0; rank < size; ++rank) {
-    visit_numbers(one, [&](auto& number) {
+    visit_result(one, [&](auto& number) {
       number = static_cast<std::remove_reference_t<decltype(number)>>(*next++);
     });
     accumulate(one, size, &all);
