@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/recording/aimotive.h"
 
+#include <algorithm>
 #include <set>
+#include <utility>
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
@@ -21,8 +23,11 @@ const fs::path kCalibrationFile = "sensor/calibration/calibration.json",
 
 class Reader : public RecordingReader {
  public:
+  explicit Reader(std::vector<FramePose> frames) : frames_(std::move(frames)) {}
   std::vector<LidarPoint> read_lidar(const FrameFile& file) const override {
-    return read_las(file.path);
+    const auto frame = std::ranges::lower_bound(frames_, file.frame_id, {}, &FramePose::id);
+    const bool known = frame != frames_.end() && frame->id == file.frame_id;
+    return read_las(file.path, known ? frame->t_ns : 0);
   }
   std::uint64_t lidar_point_count(const FrameFile& file) const override {
     return las_point_count(file.path);
@@ -48,6 +53,9 @@ class Reader : public RecordingReader {
     return {parse_egomotion(files.at(kEgomotionFile), frames),
             parse_calibration(files.at(kCalibrationFile), cameras, nullptr), frames, cameras};
   }
+
+ private:
+  std::vector<FramePose> frames_;  ///< by id; their times are those of returns without one
 };
 
 fs::path egomotion_file(const fs::path& root) {
@@ -66,12 +74,13 @@ bool looks_like(const fs::path& root) {
          is_folder(root / "sensor/gnssins");
 }
 
-std::shared_ptr<const RecordingReader> make_reader() { return std::make_shared<const Reader>(); }
+std::shared_ptr<const RecordingReader> make_reader(std::vector<FramePose> frames) {
+  return std::make_shared<const Reader>(std::move(frames));
+}
 
 Recording open(const fs::path& root, PoseSource source) {
   Recording recording;
   recording.root = root;
-  recording.reader = make_reader();
   const bool use_ground_truth = source == PoseSource::kGroundTruth;
   const fs::path calibration_file = use_ground_truth
                                         ? root / "sensor/calibration/calibration_true.json"
@@ -91,6 +100,8 @@ Recording open(const fs::path& root, PoseSource source) {
     const fs::path poses_file = egomotion_file(root);
     recording.frames = parse_egomotion(read_file(poses_file), poses_file);
   }
+
+  recording.reader = make_reader(recording.frames);
 
   std::set<std::string> calibrated;
   for (const CameraCalibration& calibration : calibrations) {

@@ -9,6 +9,7 @@
 
 #include <filesystem>
 #include <memory>
+#include <vector>
 
 #include "redrive/recording/recording_reader.h"
 
@@ -16,6 +17,7 @@ namespace redrive::aimotive {
 
 bool looks_like(const std::filesystem::path& root);
 Recording open(const std::filesystem::path& root, PoseSource source);
-std::shared_ptr<const RecordingReader> make_reader();
+/// `frames`: by id; their times are those of LiDAR returns whose file has none.
+std::shared_ptr<const RecordingReader> make_reader(std::vector<FramePose> frames = {});
 
 }  // namespace redrive::aimotive

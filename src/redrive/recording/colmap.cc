@@ -184,7 +184,8 @@ Recording open(const fs::path& root, PoseSource source) {
     recorded.calibration.name = camera_name(camera.id, cameras);
     recorded.calibration.body_from_sensor = photographs::body_from_camera();
   }
-  std::vector<std::string> missing;
+  constexpr double kUnitLength = 1e-3;  // what rounding leaves is less
+  std::vector<std::string> missing, found_elsewhere, not_normalised;
   std::set<std::string> names;
   std::set<std::int64_t> ids;
   std::map<std::int64_t, std::int64_t> frame_of_image;
@@ -197,14 +198,19 @@ Recording open(const fs::path& root, PoseSource source) {
                        "is not in " + cameras_file.filename().string());
     if (!names.insert(image.name).second)
       throw InputError(images_file, record + " name", image.name, "is there twice");
-    const fs::path path = folder / image.name;
-    if (lies_outside(path, folder))
+    const fs::path path = photographs::find_image(folder, image.name);
+    if (lies_outside(path.empty() ? folder / image.name : path, folder))
       throw InputError(images_file, record + " name", image.name,
                        "leads out of " + folder.string());
-    if (!is_there(path)) {
+    if (path.empty()) {
       missing.push_back(image.name);
       continue;
     }
+    if (path != folder / image.name) {
+      names.insert(path.lexically_relative(folder).string());
+      found_elsewhere.push_back(path.string());
+    }
+    if (std::abs(image.quaternion_length - 1) > kUnitLength) not_normalised.push_back(image.name);
     const auto id = static_cast<std::int64_t>(recording.frames.size());
     frame_of_image[image.id] = id;
     recording.frames.push_back({id, id * photographs::kFrameTime_ns,
@@ -215,6 +221,15 @@ Recording open(const fs::path& root, PoseSource source) {
         {{id, path}, is_there(mask) ? MaskFile{mask, true} : MaskFile{}, false});
   }
   std::vector<Finding>& findings = recording.findings;
+  if (!found_elsewhere.empty())
+    findings.push_back({"frames", counted(found_elsewhere.size(), "image") +
+                                      " found by the last parts of the path or another case: " +
+                                      first_few(found_elsewhere)});
+  if (!not_normalised.empty())
+    findings.push_back({images_file.filename().string(),
+                        "quaternions of " + counted(not_normalised.size(), "image") +
+                            " are more than 0.001 off the length 1; they are normalised: " +
+                            first_few(not_normalised)});
   if (!missing.empty())
     findings.push_back(
         {"frames", counted(missing.size(), "image") +
@@ -231,7 +246,8 @@ Recording open(const fs::path& root, PoseSource source) {
   for (auto& [id, camera] : by_id)
     if (!camera.images.empty()) recording.cameras.push_back(std::move(camera));
   if (recording.cameras.empty())
-    throw InputError(root, "", "", "empty recording: no image of the model is there");
+    photographs::refuse_without_images(folder, missing.empty() ? "" : missing.front());
+  photographs::fit_to_images(&recording);
 
   leave_out_far_photographs(&recording);
   if (const fs::path points = find_file(model, "points3D"); points.empty()) {

@@ -40,28 +40,29 @@ class Ids {
   std::set<std::int64_t> ids_;
 };
 
-/// Checks the numbers of an image and makes its pose.
-Rigid3d pose_from(const std::array<double, 7>& numbers, const std::string& record,
-                  const fs::path& file) {
+/// Checks the numbers of an image's pose and sets it.
+void set_pose(const std::array<double, 7>& numbers, const std::string& record, const fs::path& file,
+              ImageRecord* image) {
   const Eigen::Quaterniond q(numbers[0], numbers[1], numbers[2], numbers[3]);
-  if (!(std::abs(q.norm() - 1) <= 1e-2))
+  constexpr double kLeastLength = 1e-6, kMostLength = 1e6;
+  if (!(q.norm() >= kLeastLength && q.norm() <= kMostLength))
     throw InputError(file, record + " quaternion", "length " + std::to_string(q.norm()),
-                     "must have the length 1");
+                     "must be a rotation, of a length between 1e-6 and 1e6");
+  image->quaternion_length = q.norm();
   Rigid3d camera_from_world(q.normalized().toRotationMatrix());
   camera_from_world.translation() = Eigen::Vector3d(numbers[4], numbers[5], numbers[6]);
   if (!(camera_from_world.translation().norm() <= photographs::kMaxDistance))
     throw InputError(file, record + " translation",
                      std::to_string(camera_from_world.translation().norm()),
                      "must be a position within 1e7 of the origin");
-  return camera_from_world;
+  image->camera_from_world = camera_from_world;
 }
 
 std::string checked_name(std::string_view name, const std::string& record, const fs::path& file) {
   std::string text(name);
   std::replace(text.begin(), text.end(), '\\', '/');
-  const fs::path path = fs::path(text).lexically_normal();
-  if (name.empty() || path.is_absolute() || path == "." || *path.begin() == ".." ||
-      !path.has_filename())
+  const fs::path path = fs::path(text).lexically_normal().relative_path();
+  if (name.empty() || path == "." || *path.begin() == ".." || !path.has_filename())
     throw InputError(file, record + " name", text.substr(0, 80),
                      "must be the name of a file in the folder of the images");
   return path.string();
@@ -207,7 +208,7 @@ std::vector<ImageRecord> parse_images_text(std::string_view text, const fs::path
   std::vector<ImageRecord> images;
   Ids ids("image", file);
   for_each_record(text, file, [&](const TextLine& line, const auto& next) {
-    line.expect_size(10, "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME");
+    if (line.size() < 10) line.expect_size(10, "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME");
     ImageRecord image;
     image.id = line.integer(0, "IMAGE_ID", 0, kMaxId);
     ids.add(image.id);
@@ -216,9 +217,9 @@ std::vector<ImageRecord> parse_images_text(std::string_view text, const fs::path
     std::array<double, 7> numbers;
     for (std::size_t i = 0; i < 7; ++i)
       numbers[i] = line.number(1 + i, record + " " + kNames[i], -kAny, kAny);
-    image.camera_from_world = pose_from(numbers, record, file);
+    set_pose(numbers, record, file, &image);
     image.camera_id = line.integer(8, record + " CAMERA_ID", 0, kMaxId);
-    image.name = checked_name(line.word(9), record, file);
+    image.name = checked_name(line.rest(9), record, file);
     const TextLine features = next();
     if (features.size() % 3 != 0)
       throw InputError(file, features.name(), std::to_string(features.size()) + " values",
@@ -238,7 +239,7 @@ std::vector<ImageRecord> parse_images_binary(std::string_view bytes, const fs::p
     const std::string record = record_name("image", image.id);
     std::array<double, 7> numbers;
     for (double& number : numbers) number = in.take_number(record + " pose");
-    image.camera_from_world = pose_from(numbers, record, file);
+    set_pose(numbers, record, file, &image);
     image.camera_id = in.take<std::uint32_t>(record + " camera id");
     image.name = checked_name(in.take_text(record + " name"), record, file);
     constexpr std::size_t kFeatureBytes = 24;

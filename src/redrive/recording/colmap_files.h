@@ -22,6 +22,7 @@ namespace redrive::colmap {
 struct ImageRecord {
   std::int64_t id = 0;
   Rigid3d camera_from_world;
+  double quaternion_length = 1;  ///< in the file; camera_from_world is normalised
   std::int64_t camera_id = 0;
   std::string name;  ///< relative to the folder of the images, normal
 };
@@ -35,8 +36,8 @@ struct PointRecord {
 
 // Each throws InputError, which names record, field and value: a file that ends early or does not
 // end, numbers that are not finite, ids that come twice, camera models that redrive does not have
-// (their names are listed), quaternions without length 1, positions beyond 1e7, names of images
-// that are empty, absolute or lead out of the folder.
+// (their names are listed), quaternions of a length near 0, positions beyond 1e7, names of
+// images that are empty or lead out of the folder. In text, a name may have blanks.
 std::vector<CameraRecord> parse_cameras_text(std::string_view text,
                                              const std::filesystem::path& file);
 std::vector<CameraRecord> parse_cameras_binary(std::string_view bytes,

@@ -202,7 +202,7 @@ Recording open(const fs::path& root, PoseSource source) {
     std::vector<ImageFile> images =
         images_with_poses(camera.images, camera.name, recording.frames, &findings);
     if (images.empty()) continue;
-    check_png_size(images[0].path, *found->second.size, cameras_file);
+    check_image_size(images[0].path, *found->second.size, cameras_file);
     CameraCalibration calibration =
         calibration_of(found->second, *found->second.size, camera.name, rectified_from_body);
     calibration.time_offset_ns =

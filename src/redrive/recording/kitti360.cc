@@ -213,7 +213,7 @@ class Calibration {
 
   /// InputError unless the image, if it is a PNG, has the calibration's size.
   void check_size(const fs::path& image, const CameraCalibration& camera) const {
-    check_png_size(
+    check_image_size(
         image, {camera.width, camera.height},
         folder_ / (is_perspective(camera.name) ? "perspective.txt" : camera.name + ".yaml"));
   }

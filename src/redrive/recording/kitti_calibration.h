@@ -16,7 +16,7 @@
 
 #include "redrive/base/json_field.h"
 #include "redrive/math/rigid3.h"
-#include "redrive/recording/png_size.h"
+#include "redrive/recording/image_size.h"
 
 namespace redrive::kitti {
 

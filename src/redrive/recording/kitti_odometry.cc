@@ -70,7 +70,7 @@ Recording open_odometry(const fs::path& root, PoseSource source) {
     if (found == calibration.cameras.end())
       throw InputError(calibration_file, "P" + name.substr(6), "",
                        "missing; the sequence has images of this camera");
-    const std::optional<ImageSize> size = png_size(images[0].path);
+    const std::optional<ImageSize> size = image_size(images[0].path);
     if (!size) throw InputError(images[0].path, "", "", "is no PNG image");
     recording.cameras.push_back(
         {calibration_of(found->second, *size, name, rectified_from_body()), std::move(images)});

@@ -18,6 +18,14 @@
 namespace redrive {
 namespace {
 
+/// A point data format: the least bytes of a record, and where its gps_time stands, 0: it has none.
+struct PointFormat {
+  std::uint16_t bytes, gps_time;
+};
+constexpr PointFormat kPointFormats[] = {{20, 0},  {28, 20}, {26, 0},  {34, 20}, {57, 20}, {63, 20},
+                                         {30, 22}, {36, 22}, {38, 22}, {59, 22}, {67, 22}};
+constexpr std::size_t kCountOffset14 = 247;  // of the 64-bit number of points of LAS 1.4
+constexpr std::size_t kHeaderBytes14 = 375;
 constexpr std::size_t kHeaderBytes = 227, kVariableHeaderBytes = 54, kPointCountOffset = 107;
 constexpr std::uint32_t kMaxLasPoints =
     4'000'000;  // a revolution of 128 channels at 0.1 degrees has 0.46 million
@@ -38,26 +46,35 @@ class LasFile {
     if (bytes.size() < kHeaderBytes)
       refuse("", std::to_string(bytes.size()) + " bytes", "truncated: a LAS header has 227");
     const int major = at<std::uint8_t>(24), minor = at<std::uint8_t>(25);
-    if (major != 1 || minor != 2)
-      refuse("version", std::to_string(major) + "." + std::to_string(minor), "must be 1.2");
+    if (major != 1 || minor > 4)
+      refuse("version", std::to_string(major) + "." + std::to_string(minor), "must be 1.0 to 1.4");
     const auto header_bytes = at<std::uint16_t>(94);
-    if (header_bytes < kHeaderBytes || header_bytes > bytes.size())
+    const std::size_t least_header = minor == 4 ? kHeaderBytes14 : kHeaderBytes;
+    if (header_bytes < least_header || header_bytes > bytes.size())
       refuse("header size", header_bytes,
-             "must be at least 227 and fit in the file's " + size() + " bytes");
+             "must be at least " + std::to_string(least_header) + " and fit in the file's " +
+                 size() + " bytes");
     points_begin_ = at<std::uint32_t>(96);
     if (points_begin_ < header_bytes || points_begin_ > bytes.size())
       refuse("offset to point data", points_begin_,
              "must lie behind the header and in the file's " + size() + " bytes");
     const auto format = at<std::uint8_t>(104);
     compressed_ = format & 0x80;
-    if ((format & 0x7f) != 1)
-      refuse("point data format", format, "must be 1, or 129 where compressed");
-    const auto record_bytes = at<std::uint16_t>(105);
-    if (record_bytes != kLasRecordBytes)
-      refuse("point data record length", record_bytes, "must be 28, as in format 1");
-    points_ = at<std::uint32_t>(kPointCountOffset);
-    if (points_ > kMaxLasPoints)
-      refuse("number of points", points_, "at most 4 million are accepted: a revolution has fewer");
+    if (compressed_ ? format != 129 : format >= std::size(kPointFormats))
+      refuse("point data format", format, "must be 0 to 10, or 129 (format 1) where compressed");
+    format_ = kPointFormats[format & 0x7f];
+    record_bytes_ = at<std::uint16_t>(105);
+    if (record_bytes_ < format_.bytes || (compressed_ && record_bytes_ != format_.bytes))
+      refuse("point data record length", record_bytes_,
+             std::string("must be ") + (compressed_ ? "" : "at least ") +
+                 std::to_string(format_.bytes) + ", as in format " + std::to_string(format & 0x7f));
+    std::uint64_t points = at<std::uint32_t>(kPointCountOffset);
+    if (points == 0 && minor == 4) points = at<std::uint64_t>(kCountOffset14);
+    points_ = static_cast<std::uint32_t>(points);
+    more_may_follow_ = minor >= 3;
+    if (points > kMaxLasPoints)
+      refuse("number of points", std::to_string(points),
+             "at most 4 million are accepted: a revolution has fewer");
     for (int axis = 0; axis < 3; ++axis) {
       const std::string name(1, "xyz"[axis]);
       scale_[axis] = at<double>(131 + 8 * static_cast<std::size_t>(axis));
@@ -77,17 +94,25 @@ class LasFile {
           {.begin = points_begin_, .points = points_, .points_per_chunk = points_per_chunk_},
           file_);
     const std::size_t stored = bytes_.size() - points_begin_;
-    if (stored != std::size_t{points_} * kLasRecordBytes)
+    const std::size_t needed = std::size_t{points_} * record_bytes_;
+    if (more_may_follow_ ? stored < needed : stored != needed)
       refuse("number of points", points_,
-             "of 28 bytes each do not make up the " + std::to_string(stored) +
-                 " bytes that follow (truncated?)");
+             "of " + std::to_string(record_bytes_) + " bytes each do not make up the " +
+                 std::to_string(stored) + " bytes that follow (truncated?)");
     std::vector<LasRecord> records(points_);
-    for (std::size_t i = 0; i < records.size(); ++i)
-      records[i] = las_record(bytes_.substr(points_begin_ + i * kLasRecordBytes));
+    for (std::size_t i = 0; i < records.size(); ++i) {
+      const std::size_t begin = points_begin_ + i * record_bytes_;
+      records[i] = {.x = at<std::int32_t>(begin),
+                    .y = at<std::int32_t>(begin + 4),
+                    .z = at<std::int32_t>(begin + 8),
+                    .intensity = at<std::uint16_t>(begin + 12)};
+      if (format_.gps_time > 0)
+        records[i].gps_time_bits = at<std::uint64_t>(begin + format_.gps_time);
+    }
     return records;
   }
 
-  LidarPoint point(const LasRecord& record, std::size_t index) const {
+  LidarPoint point(const LasRecord& record, std::size_t index, std::int64_t frame_time_ns) const {
     const Eigen::Vector3d in_body_m =
         Eigen::Vector3d(record.x, record.y, record.z).cwiseProduct(scale_) + offset_;
     for (int axis = 0; axis < 3; ++axis) {
@@ -101,7 +126,7 @@ class LasFile {
              "must be nanoseconds between -9e18 and 9e18");
     return {.in_body_m = in_body_m.cast<float>(),
             .intensity = record.intensity,
-            .t_ns = std::llround(time_ns)};
+            .t_ns = format_.gps_time > 0 ? std::llround(time_ns) : frame_time_ns};
   }
 
  private:
@@ -175,6 +200,9 @@ class LasFile {
   std::string_view bytes_;
   std::filesystem::path file_;
   bool compressed_ = false;
+  bool more_may_follow_ = false;  ///< behind the points: waveforms, extended records
+  PointFormat format_{};
+  std::uint16_t record_bytes_ = 0;
   std::size_t points_begin_ = 0;
   std::uint32_t points_ = 0, points_per_chunk_ = 0;
   Eigen::Vector3d scale_, offset_;
@@ -182,17 +210,19 @@ class LasFile {
 
 }  // namespace
 
-std::vector<LidarPoint> parse_las(std::string_view bytes, const std::filesystem::path& file) {
+std::vector<LidarPoint> parse_las(std::string_view bytes, const std::filesystem::path& file,
+                                  std::int64_t frame_time_ns) {
   const LasFile las(bytes, file);
   const std::vector<LasRecord> records = las.records();
   std::vector<LidarPoint> points;
   points.reserve(records.size());
-  for (const LasRecord& record : records) points.push_back(las.point(record, points.size()));
+  for (const LasRecord& record : records)
+    points.push_back(las.point(record, points.size(), frame_time_ns));
   return points;
 }
 
-std::vector<LidarPoint> read_las(const std::filesystem::path& file) {
-  return parse_las(read_file(file, kMaxDataBytes), file);
+std::vector<LidarPoint> read_las(const std::filesystem::path& file, std::int64_t frame_time_ns) {
+  return parse_las(read_file(file, kMaxDataBytes), file, frame_time_ns);
 }
 
 std::string make_las(std::span<const LidarRecord> points, double step_m) {
@@ -241,10 +271,12 @@ std::string make_las(std::span<const LidarRecord> points, double step_m) {
 }
 
 std::uint64_t las_point_count(const std::filesystem::path& file) {
-  const std::string bytes = read_head(file, kPointCountOffset + 4);
-  return bytes.starts_with("LASF") && bytes.size() == kPointCountOffset + 4
-             ? little_endian<std::uint32_t>(bytes, kPointCountOffset)
-             : 0;
+  const std::string bytes = read_head(file, kCountOffset14 + 8);
+  if (!bytes.starts_with("LASF") || bytes.size() < kPointCountOffset + 4) return 0;
+  const auto count = little_endian<std::uint32_t>(bytes, kPointCountOffset);
+  return count == 0 && bytes[25] == 4 && bytes.size() == kCountOffset14 + 8
+             ? little_endian<std::uint64_t>(bytes, kCountOffset14)
+             : count;
 }
 
 }  // namespace redrive

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// LiDAR points from LAS 1.2 (ASPRS, "LAS Specification Version 1.2", 2008), point format 1, plain
-// (.las) or compressed by LASzip (.laz: chunked pointwise compressor, items POINT10 and GPSTIME11,
-// each version 2). The header distinguishes them, not the file's name.
+// LiDAR points from LAS 1.0 to 1.4 (ASPRS, "LAS Specification 1.4 - R15", 2019), point formats 0 to
+// 10 (.las), or format 1 compressed by LASzip (.laz: chunked pointwise compressor, items POINT10
+// and GPSTIME11, each version 2). The header distinguishes them, not the file's name.
 #pragma once
 
 #include <cstdint>
@@ -15,11 +15,13 @@
 
 namespace redrive {
 
-/// Returns the points in the order of the file. gps_time is taken for nanoseconds. InputError for
+/// Returns the points in the order of the file. gps_time is taken for nanoseconds; points of a
+/// format without it have `frame_time_ns`. InputError for
 /// other versions and formats, counts, offsets and sizes that contradict the file, damaged
 /// compressed data, scales <= 0, and numbers that are not finite.
-std::vector<LidarPoint> parse_las(std::string_view bytes, const std::filesystem::path& file);
-std::vector<LidarPoint> read_las(const std::filesystem::path& file);
+std::vector<LidarPoint> parse_las(std::string_view bytes, const std::filesystem::path& file,
+                                  std::int64_t frame_time_ns = 0);
+std::vector<LidarPoint> read_las(const std::filesystem::path& file, std::int64_t frame_time_ns = 0);
 
 /// Returns the largest coordinate of a LAS file, which stores 32-bit integers of step_m.
 constexpr double max_las_position_m(double step_m) { return 2e9 * step_m; }

@@ -95,6 +95,40 @@ TEST(Las, ReadsKnownValues) {
   EXPECT_TRUE(parse_las(las_file({}), "points.las").empty());
 }
 
+/// A file of one point, 1 m ahead, of a version and point format, with four more bytes a record.
+std::string las_of(int minor, int format, std::size_t least_bytes, std::size_t time_at) {
+  std::string bytes = las_file({}), record(least_bytes + 4, '\0');
+  const std::size_t header = minor == 4 ? 375 : minor == 3 ? 235 : 227;
+  bytes.resize(header);
+  bytes[25] = static_cast<char>(minor);
+  bytes[104] = static_cast<char>(format);
+  overwrite(&bytes, 94, static_cast<std::uint16_t>(header));
+  overwrite(&bytes, 96, static_cast<std::uint32_t>(header));
+  overwrite(&bytes, 105, static_cast<std::uint16_t>(record.size()));
+  if (minor == 4)
+    overwrite(&bytes, 247, std::uint64_t{1});
+  else
+    overwrite(&bytes, 107, std::uint32_t{1});
+  overwrite(&record, 0, std::int32_t{1000});
+  overwrite(&record, 12, std::uint16_t{77});
+  if (time_at > 0) overwrite(&record, time_at, 5e9);
+  return bytes + record + (minor >= 3 ? "waveforms" : "");
+}
+
+TEST(Las, ReadsVersionsAndPointFormats) {
+  // Record lengths and offsets of gps_time, tables 7 to 17 of the specification of LAS 1.4.
+  const std::size_t lengths[] = {20, 28, 26, 34, 57, 63, 30, 36, 38, 59, 67};
+  for (int minor = 0; minor <= 4; ++minor)
+    for (int format = 0; format <= 10; ++format) {
+      const std::size_t time_at = format == 0 || format == 2 ? 0 : format < 6 ? 20 : 22;
+      const auto points = parse_las(las_of(minor, format, lengths[format], time_at), "a.las", 42);
+      ASSERT_EQ(points.size(), 1u) << minor << " " << format;
+      EXPECT_EQ(points[0].in_body_m, Eigen::Vector3f(1, 0, 0));
+      EXPECT_EQ(points[0].intensity, 77);
+      EXPECT_EQ(points[0].t_ns, time_at > 0 ? 5'000'000'000 : 42) << format;
+    }
+}
+
 TEST(Las, DetectsCompressionByTheHeader) {
   TemporaryFolder folder;
   const std::vector<LasRecord> points = few_points();
@@ -154,7 +188,7 @@ TEST(Las, RejectsInvalidHeaders) {
   EXPECT_THAT(las_message(file, 96, std::uint32_t{226}), HasSubstr("offset to point data = 226"));
   EXPECT_THAT(las_message(file, 96, std::uint32_t{4000000000}),
               HasSubstr("offset to point data = 4000000000"));
-  EXPECT_THAT(las_message(file, 104, '\3'), HasSubstr("point data format = 3"));
+  EXPECT_THAT(las_message(file, 104, '\x0b'), HasSubstr("point data format = 11"));
   EXPECT_THAT(las_message(file, 104, '\x83'), HasSubstr("point data format = 131"));
   EXPECT_THAT(las_message(file, 105, std::uint16_t{34}),
               HasSubstr("point data record length = 34"));

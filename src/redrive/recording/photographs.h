@@ -3,6 +3,9 @@
 // and a body that is the camera.
 #pragma once
 
+#include <filesystem>
+#include <string>
+
 #include "redrive/recording/recording.h"
 
 namespace redrive::photographs {
@@ -24,6 +27,19 @@ inline Rigid3d with_opengl_axes(Rigid3d world_from_camera) {
   world_from_camera.linear().rightCols<2>() *= -1;
   return world_from_camera;
 }
+
+/// Scales the intrinsics of cameras whose images all have another size of the calibration's aspect,
+/// to a pixel: they were made smaller after calibration. A finding says so.
+void fit_to_images(Recording* recording);
+
+/// Returns the image that a file of other software names: by the whole name, relative to `folder`,
+/// else below it by the name's last parts, with the extension in another case or one of the usual
+/// extensions added. Empty if there is none.
+std::filesystem::path find_image(const std::filesystem::path& folder, const std::string& name);
+
+/// InputError for a recording none of whose images is there; `first` is the name of one.
+[[noreturn]] void refuse_without_images(const std::filesystem::path& folder,
+                                        const std::string& first);
 
 inline Recording empty_recording(const std::filesystem::path& root) {
   Recording recording;

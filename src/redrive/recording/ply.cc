@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/recording/ply.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include "redrive/base/files.h"
@@ -10,27 +11,29 @@ namespace redrive {
 namespace {
 
 constexpr std::size_t kMaxPlyPoints = 100'000'000;
-constexpr double kMaxPlyCoordinate_m = 1e6;
+constexpr double kMaxPlyCoordinate = 1e7;  // as of photographs; ECEF in metres is 6.4e6
 
 }  // namespace
 
-std::vector<Eigen::Vector3d> parse_ply(std::string_view bytes, const std::filesystem::path& file) {
+std::vector<Eigen::Vector3d> parse_ply(std::string_view bytes, const std::filesystem::path& file,
+                                       std::size_t* left_out) {
   PlyVertices vertices(bytes, file, kMaxPlyPoints);
   std::vector<Eigen::Vector3d> points;
   points.reserve(vertices.size());
   const std::string names[] = {"x", "y", "z"};
-  vertices.read(names, [&](std::size_t index, std::span<const double> values) {
-    for (std::size_t k = 0; k < 3; ++k)
-      if (!(std::abs(values[k]) <= kMaxPlyCoordinate_m))
-        vertices.fail("vertex " + std::to_string(index) + " " + names[k], std::to_string(values[k]),
-                      "must be metres, at most 1e6");
-    points.emplace_back(values[0], values[1], values[2]);
+  vertices.read(names, [&](std::size_t, std::span<const double> values) {
+    if (std::ranges::all_of(values, [](double x) { return std::abs(x) <= kMaxPlyCoordinate; }))
+      points.emplace_back(values[0], values[1], values[2]);
   });
+  if (points.empty() && vertices.size() > 0)
+    vertices.fail("element vertex", std::to_string(vertices.size()),
+                  "has no point with finite coordinates of at most 1e7");
+  if (left_out) *left_out = vertices.size() - points.size();
   return points;
 }
 
-std::vector<Eigen::Vector3d> read_ply(const std::filesystem::path& file) {
-  return parse_ply(read_file(file, kMaxDataBytes), file);
+std::vector<Eigen::Vector3d> read_ply(const std::filesystem::path& file, std::size_t* left_out) {
+  return parse_ply(read_file(file, kMaxDataBytes), file, left_out);
 }
 
 std::string make_ply(std::span<const PlyPoint> points, bool normals,

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Point clouds from PLY 1.0 (G. Turk, "The PLY Polygon File Format", 1994), ascii or
-// binary_little_endian. Reads the properties x, y and z of the element `vertex`, float or double,
-// and skips other scalar properties and later elements. A recording's points.ply holds its static
+// Point clouds from PLY 1.0 (G. Turk, "The PLY Polygon File Format", 1994), ascii or binary of
+// either byte order. Reads the properties x, y and z of the element `vertex`, float or double, and
+// skips other scalar properties and other elements. A recording's points.ply holds its static
 // world in metres, in the body axes of the first frame, which are the scene's world axes. Debian's
 // only PLY reader is assimp's, a mesh loader that repairs damaged files instead of rejecting them.
 #pragma once
@@ -18,10 +18,13 @@
 
 namespace redrive {
 
-/// Returns the points, |coordinate| <= 1e6 m. InputError for other versions and formats, truncated
-/// files, more than 1e8 points, and coordinates that are not finite.
-std::vector<Eigen::Vector3d> parse_ply(std::string_view bytes, const std::filesystem::path& file);
-std::vector<Eigen::Vector3d> read_ply(const std::filesystem::path& file);
+/// Returns the points, |coordinate| <= 1e7 in the file's unit. Others, such as the NaN of organised
+/// clouds, are left out and counted in `left_out`. InputError for other versions and formats,
+/// truncated files, more than 1e8 points, and files none of whose points can be used.
+std::vector<Eigen::Vector3d> parse_ply(std::string_view bytes, const std::filesystem::path& file,
+                                       std::size_t* left_out = nullptr);
+std::vector<Eigen::Vector3d> read_ply(const std::filesystem::path& file,
+                                      std::size_t* left_out = nullptr);
 
 struct PlyPoint {
   Eigen::Vector3f position, normal;

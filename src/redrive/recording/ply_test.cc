@@ -50,10 +50,37 @@ TEST(Ply, ReadsBinaryLittleEndian) {
   EXPECT_EQ(points[1], Eigen::Vector3d(1, 0.5, -4));
 }
 
+TEST(Ply, LeavesOutPointsThatAreNotFinite) {
+  std::size_t left_out = 0;
+  const auto points =
+      parse_ply(header("ascii", "4", kXyz) + "1 2 nan\n1 2 3\ninf 0 0\n6000000 0 0\n", "points.ply",
+                &left_out);
+  ASSERT_EQ(points.size(), 2u);
+  EXPECT_EQ(points[1], Eigen::Vector3d(6e6, 0, 0));
+  EXPECT_EQ(left_out, 2u);
+}
+
+TEST(Ply, ReadsBigEndianBehindOtherElements) {
+  const std::string elements =
+      "element face 2\nproperty list uchar int vertex_indices\nproperty short kind\n"
+      "element vertex 1\n" +
+      kXyz + "end_header\n";
+  std::string bytes = "ply\nformat binary_big_endian 1.0\n" + elements;
+  bytes += std::string("\x01....kk", 7) + std::string("\x00kk", 3);
+  for (const float value : {1.0f, -2.0f, 0.5f}) {
+    std::string little;
+    append(&little, value);
+    bytes.append(little.rbegin(), little.rend());
+  }
+  EXPECT_EQ(parse_ply(bytes, "a.ply"), std::vector{Eigen::Vector3d(1, -2, 0.5)});
+  EXPECT_EQ(parse_ply("ply\nformat ascii 1.0\n" + elements + "3 0 1 2 7\n0 7\n1 -2 0.5\n", "a.ply"),
+            std::vector{Eigen::Vector3d(1, -2, 0.5)});
+}
+
 TEST(Ply, RejectsInvalidFiles) {
   EXPECT_THAT(message("solid\n"), HasSubstr("ply"));
   EXPECT_THAT(message("ply\nformat ascii 1.0\n"), HasSubstr("truncated"));
-  EXPECT_THAT(message(header("binary_big_endian", "0", kXyz)), HasSubstr("binary_little_endian"));
+  EXPECT_THAT(message(header("binary_middle_endian", "0", kXyz)), HasSubstr("binary_big_endian"));
   EXPECT_THAT(message(header("ascii", "-1", kXyz)), HasSubstr("number of points"));
   EXPECT_THAT(message(header("ascii", "100000001", kXyz)), HasSubstr("up to 100000000"));
   EXPECT_THAT(message(header("ascii", "0", "property float x\nproperty float y\n")),
@@ -68,8 +95,12 @@ TEST(Ply, RejectsInvalidFiles) {
   EXPECT_THAT(message(header("ascii", "1", kXyz) + "1 2\n"), HasSubstr("3 numbers"));
   EXPECT_THAT(message(header("ascii", "1", kXyz) + "1 2 3 4\n"), HasSubstr("3 numbers"));
   EXPECT_THAT(message(header("ascii", "1", kXyz) + "1 2 nan\n"),
-              AllOf(HasSubstr("vertex 0 z"), HasSubstr("nan")));
-  EXPECT_THAT(message(header("ascii", "1", kXyz) + "1 2e6 3\n"), HasSubstr("vertex 0 y"));
+              HasSubstr("no point with finite coordinates"));
+  EXPECT_THAT(message(header("ascii", "1", kXyz) + "1 2e7 3\n"), HasSubstr("at most 1e7"));
+  EXPECT_THAT(message("ply\nformat binary_big_endian 1.0\nelement face 1\n"
+                      "property list uchar int n\nelement vertex 0\n" +
+                      kXyz + "end_header\n\xff"),
+              HasSubstr("ends before its vertices"));
   EXPECT_THAT(message("ply\nformat ascii 1.0\nelement face 1\nend_header\n"), HasSubstr("vertex"));
   EXPECT_THAT(message("ply\nelement vertex 0\n" + kXyz + "end_header\n"), HasSubstr("format"));
 }

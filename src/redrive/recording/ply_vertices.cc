@@ -56,7 +56,8 @@ std::string_view PlyVertices::next_line() {
 void PlyVertices::read_header(std::size_t most) {
   if (next_line() != "ply") fail("", "", "does not begin with a line \"ply\": no PLY file");
   std::string_view element;
-  bool format_given = false;
+  std::vector<Element> before;
+  bool format_given = false, vertices_given = false;
   for (;;) {
     const std::string_view whole = next_line();
     std::string_view line = whole;
@@ -69,25 +70,40 @@ void PlyVertices::read_header(std::size_t most) {
     } else if (keyword == "format") {
       const std::string_view format = next_word(&line);
       ascii_ = format == "ascii";
+      big_endian_ = format == "binary_big_endian";
       format_given = true;
-      if ((!ascii_ && format != "binary_little_endian") || next_word(&line) != "1.0")
-        fail("format", whole, "must be ascii 1.0 or binary_little_endian 1.0");
+      if ((!ascii_ && !big_endian_ && format != "binary_little_endian") ||
+          next_word(&line) != "1.0")
+        fail("format", whole,
+             "must be ascii 1.0, binary_little_endian 1.0 or binary_big_endian 1.0");
     } else if (keyword == "element") {
-      if (element.empty() && !line.starts_with(" vertex"))
-        fail("element", whole, "the first must be vertex");
       element = next_word(&line);
       if (element == "vertex") {
-        const std::string_view digits = next_word(&line);
-        const auto [end, error] =
-            std::from_chars(digits.data(), digits.data() + digits.size(), count_);
-        if (error != std::errc() || end != digits.data() + digits.size() || count_ > most ||
-            !properties_.empty())
-          fail("element", whole,
-               "must give a number of points up to " + std::to_string(most) + ", once");
+        if (vertices_given) fail("element", whole, "is there twice");
+        vertices_given = true;
+        count_ = count_of(next_word(&line), whole, most);
+      } else if (!vertices_given) {
+        before.push_back({count_of(next_word(&line), whole, rest_.size()), {}});
       }
     } else if (keyword == "property") {
-      if (element != "vertex") continue;
-      const std::string_view type = next_word(&line), name = next_word(&line);
+      std::string_view type = next_word(&line);
+      if (element != "vertex") {
+        if (vertices_given || before.empty()) continue;
+        Element::Property property;
+        if (type == "list") {
+          const auto size = kSizes.find(next_word(&line));
+          if (size == kSizes.end() || size->second > 4)
+            fail("property", whole, "must have an integer type for the length of its list");
+          property.count_bytes = size->second;
+          type = next_word(&line);
+        }
+        const auto size = kSizes.find(type);
+        if (size == kSizes.end()) fail("property", whole, "must have a scalar type");
+        property.bytes = size->second;
+        before.back().properties.push_back(property);
+        continue;
+      }
+      const std::string_view name = next_word(&line);
       const auto size = kSizes.find(type);
       if (size == kSizes.end() || name.empty())
         fail("property", whole, "of a vertex must be a scalar type and a name");
@@ -98,6 +114,43 @@ void PlyVertices::read_header(std::size_t most) {
     }
   }
   if (!format_given) fail("format", "", "missing");
+  if (!vertices_given) fail("element vertex", "", "missing");
+  for (const Element& of : before) skip(of);
+}
+
+std::size_t PlyVertices::count_of(std::string_view digits, std::string_view line,
+                                  std::size_t most) const {
+  std::size_t count = 0;
+  const auto [end, error] = std::from_chars(digits.data(), digits.data() + digits.size(), count);
+  if (error != std::errc() || end != digits.data() + digits.size() || count > most)
+    fail("element", line, "must give a number of points up to " + std::to_string(most));
+  return count;
+}
+
+void PlyVertices::skip(const Element& element) {
+  const auto skip_bytes = [&](std::size_t bytes) {
+    if (bytes > rest_.size()) fail("", "", "ends before its vertices (truncated?)");
+    const std::string_view skipped = rest_.substr(0, bytes);
+    rest_.remove_prefix(bytes);
+    return skipped;
+  };
+  for (std::size_t i = 0; i < element.count && !element.properties.empty(); ++i) {
+    if (ascii_) {
+      next_line();
+      continue;
+    }
+    for (const Element::Property& property : element.properties) {
+      std::size_t values = 1;
+      if (property.count_bytes > 0) {
+        values = 0;
+        const std::string_view count = skip_bytes(property.count_bytes);
+        for (std::size_t k = 0; k < count.size(); ++k)
+          values = values << 8 |
+                   static_cast<unsigned char>(count[big_endian_ ? k : count.size() - 1 - k]);
+      }
+      skip_bytes(values * property.bytes);
+    }
+  }
 }
 
 bool PlyVertices::has(std::string_view property) const {
@@ -140,9 +193,10 @@ void PlyVertices::read_binary(std::size_t index, const std::vector<std::size_t>&
                               std::span<double> values) const {
   for (std::size_t k = 0; k < columns.size(); ++k) {
     const Property& property = properties_[columns[k]];
-    const std::size_t at = index * record_bytes_ + property.offset;
+    std::string bytes(rest_.substr(index * record_bytes_ + property.offset, property.size));
+    if (big_endian_) std::ranges::reverse(bytes);
     values[k] =
-        property.size == 4 ? little_endian<float>(rest_, at) : little_endian<double>(rest_, at);
+        property.size == 4 ? little_endian<float>(bytes, 0) : little_endian<double>(bytes, 0);
   }
 }
 

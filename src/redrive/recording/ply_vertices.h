@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The vertices of PLY 1.0 files (ply.h), ascii or binary_little_endian, with any scalar properties.
+// The vertices of PLY 1.0 files (ply.h), ascii or binary of either byte order, with any scalar
+// properties.
 #pragma once
 
 #include <cstddef>
@@ -37,8 +38,19 @@ class PlyVertices {
     std::size_t size, offset;
   };
 
+  /// An element before the vertices: the records to be skipped.
+  struct Element {
+    struct Property {
+      std::size_t count_bytes = 0, bytes = 0;  ///< of a list's length, 0: no list; of one value
+    };
+    std::size_t count = 0;
+    std::vector<Property> properties;
+  };
+
   std::string_view next_line();
   void read_header(std::size_t most);
+  void skip(const Element& element);
+  std::size_t count_of(std::string_view digits, std::string_view line, std::size_t most) const;
   std::vector<std::size_t> columns_of(std::span<const std::string> names) const;
   void read_binary(std::size_t index, const std::vector<std::size_t>& columns,
                    std::span<double> values) const;
@@ -46,7 +58,7 @@ class PlyVertices {
 
   std::string_view rest_;
   std::filesystem::path file_;
-  bool ascii_ = false;
+  bool ascii_ = false, big_endian_ = false;
   std::size_t count_ = 0, record_bytes_ = 0;
   std::vector<Property> properties_;
   std::vector<std::string> comments_;

@@ -19,6 +19,10 @@ class TextLine {
 
   std::size_t size() const { return words_.size(); }
   std::string_view word(std::size_t i) const { return words_.at(i); }
+  /// Word i and all behind it, with the blanks between them.
+  std::string_view rest(std::size_t i) const {
+    return {word(i).data(), words_.back().data() + words_.back().size()};
+  }
   /// InputError unless the line has `size` words; `what` says which.
   void expect_size(std::size_t size, std::string_view what) const;
 

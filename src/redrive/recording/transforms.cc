@@ -11,9 +11,9 @@
 #include "redrive/base/files.h"
 #include "redrive/recording/far_photographs.h"
 #include "redrive/recording/frame_files.h"
+#include "redrive/recording/image_size.h"
 #include "redrive/recording/photographs.h"
 #include "redrive/recording/ply.h"
-#include "redrive/recording/png_size.h"
 #include "redrive/recording/recording_reader.h"
 #include "redrive/recording/wording.h"
 
@@ -27,20 +27,16 @@ bool is_there(const fs::path& path) {
   return fs::is_regular_file(path, error);
 }
 
-/// Returns the image of file_path, with or without its extension; empty if there is none.
-fs::path find_image(const fs::path& folder, const std::string& file_path) {
-  const fs::path path = folder / file_path;
-  for (const char* extension : {"", ".png", ".jpg", ".jpeg"})
-    if (const fs::path candidate = path.string() + extension; is_there(candidate)) return candidate;
-  return {};
-}
+using photographs::find_image;
 
 /// The size where the JSON file has none.
-ImageSize size_of_png(const fs::path& path) {
-  const std::optional<ImageSize> size = png_size(path);
+ImageSize size_of_image(const fs::path& path) {
+  const std::optional<ImageSize> size = image_size(path);
   if (!size)
-    throw InputError(path, "", "",
-                     "no PNG image, and w and h are missing where the focal length stands");
+    throw InputError(
+        path, "", "",
+        "neither a PNG nor a JPEG with a size, and w and h are missing where the focal "
+        "length stands");
   return *size;
 }
 
@@ -75,7 +71,7 @@ TransformsFile read(const fs::path& file) {
   const auto size_of = [&](const std::string& file_path) -> std::optional<ImageSize> {
     const fs::path image = find_image(file.parent_path(), file_path);
     if (image.empty()) return std::nullopt;
-    return size_of_png(image);
+    return size_of_image(image);
   };
   return parse(read_file(file), file, size_of);
 }
@@ -93,6 +89,9 @@ class Collector {
     }
     const auto id = static_cast<std::int64_t>(recording_.frames.size());
     recording_.frames.push_back({id, id * photographs::kFrameTime_ns, entry.global_from_body});
+    const fs::path listed = file.parent_path() / entry.file;
+    if (listed != image && !image.string().starts_with(listed.string()))
+      found_elsewhere_.push_back(image.string());
     if (!images_.insert(image).second)
       throw InputError(file, "file_path", entry.file,
                        "a second frame with the image " + image.string());
@@ -114,6 +113,12 @@ class Collector {
       return;
     }
     note_outside(file);
+    std::size_t left_out = 0;
+    read_ply(file, &left_out);  // what training would refuse is refused here
+    if (left_out > 0)
+      recording_.findings.push_back(
+          {"ply_file_path", counted(left_out, "point") +
+                                " not finite or too far away, left out of " + file.string()});
     recording_.points_file = file;
     recording_.reader = std::make_shared<Reader>();
   }
@@ -125,7 +130,7 @@ class Collector {
           {"frames", counted(missing_.size(), "image") +
                          " listed, but not there, left out: " + first_few(missing_)});
     if (cameras.empty())
-      throw InputError(recording_.root, "", "", "empty recording: no listed image is there");
+      photographs::refuse_without_images(recording_.root, missing_.empty() ? "" : missing_.front());
     leave_out_far_photographs(&recording_);
     // Numbers of equal length, so that names sort by number.
     const std::size_t digits = std::to_string(cameras.size()).size();
@@ -134,6 +139,12 @@ class Collector {
       number.insert(0, digits - number.size(), '0');
       cameras[i].calibration.name = cameras.size() == 1 ? "camera" : "camera_" + number;
     }
+    if (!found_elsewhere_.empty())
+      recording_.findings.push_back(
+          {"frames", counted(found_elsewhere_.size(), "image") +
+                         " found by the last parts of the path or another case: " +
+                         first_few(found_elsewhere_)});
+    photographs::fit_to_images(&recording_);
     recording_.bounds = bounds;
     return std::move(recording_);
   }
@@ -148,7 +159,7 @@ class Collector {
 
   Recording recording_;
   std::set<fs::path> images_;
-  std::vector<std::string> missing_;
+  std::vector<std::string> missing_, found_elsewhere_;
   std::map<std::tuple<std::string, std::vector<double>, int, int>, std::size_t> cameras_;
 };
 

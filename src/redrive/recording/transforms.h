@@ -21,7 +21,7 @@
 #include <string_view>
 #include <vector>
 
-#include "redrive/recording/png_size.h"
+#include "redrive/recording/image_size.h"
 #include "redrive/recording/recording.h"
 
 namespace redrive::transforms {
