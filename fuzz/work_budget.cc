@@ -12,7 +12,7 @@ namespace {
 
 // With sanitizers, parsers take 0.1 to 2 microseconds a byte; decoders of images first take memory
 // for all pixels.
-constexpr double kFirst_s = 0.5, kByte_s = 20e-6;
+constexpr double kFirst_s = 2, kByte_s = 20e-6;
 
 double thread_seconds() {
   timespec now{};

@@ -22,9 +22,9 @@ namespace redrive::colmap {
 struct ImageRecord {
   std::int64_t id = 0;
   Rigid3d camera_from_world;
-  double quaternion_length = 1;  ///< in the file; camera_from_world is normalised
   std::int64_t camera_id = 0;
   std::string name;  ///< relative to the folder of the images, normal
+  double quaternion_length = 1;  ///< in the file; camera_from_world is normalised
 };
 
 /// An entry of points3D.txt or points3D.bin.

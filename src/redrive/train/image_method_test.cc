@@ -76,7 +76,7 @@ struct StripModel final : Model {
     const auto images = static_cast<std::int64_t>(training_views(data).size());
     return (images + world_size - 1) / world_size;
   }
-  StepOutput step(kernels::Backend& backend, const TrainingSet& data, const StepRequest& request,
+  StepOutput step(kernels::Backend&, const TrainingSet& data, const StepRequest& request,
                   std::span<float> gradients, StepBuffers* buffers) const override {
     if (request.step == stop_at) stop = true;
     if (request.step == kill_at) throw Killed();
