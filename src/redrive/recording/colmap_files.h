@@ -23,7 +23,7 @@ struct ImageRecord {
   std::int64_t id = 0;
   Rigid3d camera_from_world;
   std::int64_t camera_id = 0;
-  std::string name;  ///< relative to the folder of the images, normal
+  std::string name;              ///< relative to the folder of the images, normal
   double quaternion_length = 1;  ///< in the file; camera_from_world is normalised
 };
 

@@ -151,7 +151,7 @@ TEST_F(ColmapTest, RejectsModelsThatDoNotFitTogether) {
   folder_.write("sparse/0/images.txt", "3 1 0 0 0 0 0 0 1 a/2.png\n\n4 1 0 0 0 0 0 0 1 a//2.png\n");
   EXPECT_THAT(input_error([&] { opened(); }), HasSubstr("image 4 name = a/2.png"));
   folder_.write("sparse/0/images.txt", "3 1 0 0 0 0 0 0 1 b.png\n\n");
-  EXPECT_THAT(input_error([&] { opened(); }), HasSubstr("no image of the model is there"));
+  EXPECT_THAT(input_error([&] { opened(); }), HasSubstr("images/b.png: missing, and so are all"));
   fs::remove_all(folder_.path / "images");
   EXPECT_THAT(input_error([&] { opened(); }), HasSubstr("no such folder"));
   EXPECT_THAT(input_error([&] { open_recording(folder_.path, PoseSource::kGroundTruth); }),

@@ -64,7 +64,7 @@ inline std::string png_head(int width, int height, const std::string& pixels = "
   std::string head("\x89PNG\r\n\x1a\n\0\0\0\rIHDR", 16);
   for (const int side : {width, height})
     for (const int shift : {24, 16, 8, 0}) head += static_cast<char>(side >> shift & 0xff);
-  return head + pixels;
+  return head + std::string("\x08\x02\0\0\0", 5) + pixels;  // 8 bits of each of three colours
 }
 
 /// A line of label_02, straight ahead of camera 0, facing away from it.

@@ -182,7 +182,8 @@ TEST(Las, RejectsInvalidHeaders) {
   EXPECT_THAT(input_error([&] { parse_las(file.substr(0, 226), "dir/points.las"); }),
               AllOf(HasSubstr("226"), HasSubstr("227")));
   EXPECT_THAT(las_message(file, 24, '\2'), HasSubstr("version = 2.2"));
-  EXPECT_THAT(las_message(file, 25, '\4'), HasSubstr("version = 1.4"));
+  EXPECT_THAT(las_message(file, 25, '\5'), HasSubstr("version = 1.5"));
+  EXPECT_THAT(las_message(file, 25, '\4'), HasSubstr("header size = 227"));
   EXPECT_THAT(las_message(file, 94, std::uint16_t{226}), HasSubstr("header size = 226"));
   EXPECT_THAT(las_message(file, 94, std::uint16_t{60000}), HasSubstr("header size = 60000"));
   EXPECT_THAT(las_message(file, 96, std::uint32_t{226}), HasSubstr("offset to point data = 226"));
@@ -190,8 +191,8 @@ TEST(Las, RejectsInvalidHeaders) {
               HasSubstr("offset to point data = 4000000000"));
   EXPECT_THAT(las_message(file, 104, '\x0b'), HasSubstr("point data format = 11"));
   EXPECT_THAT(las_message(file, 104, '\x83'), HasSubstr("point data format = 131"));
-  EXPECT_THAT(las_message(file, 105, std::uint16_t{34}),
-              HasSubstr("point data record length = 34"));
+  EXPECT_THAT(las_message(file, 105, std::uint16_t{27}),
+              HasSubstr("point data record length = 27"));
   EXPECT_THAT(las_message(file, 107, std::uint32_t{11}),
               AllOf(HasSubstr("number of points = 11"), HasSubstr("280 bytes")));
   EXPECT_THAT(las_message(file, 107, std::uint32_t{9}), HasSubstr("number of points = 9"));

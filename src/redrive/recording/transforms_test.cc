@@ -225,12 +225,12 @@ TEST(Transforms, RejectsUnsupportedFields) {
   }
 }
 
-/// Returns the first 24 bytes of a PNG.
+/// Returns the first 29 bytes of a PNG.
 std::string png_head(int width, int height) {
   std::string head("\x89PNG\r\n\x1a\n\0\0\0\rIHDR", 16);
   for (const int size : {width, height})
     for (const int shift : {24, 16, 8, 0}) head += static_cast<char>(size >> shift);
-  return head;
+  return head + std::string("\x08\x02\0\0\0", 5);  // 8 bits of each of three colours
 }
 
 std::string finding(const Recording& recording) {
@@ -283,7 +283,8 @@ TEST(Transforms, ReportsMissingImagesAndMasks) {
   const TemporaryFolder folder;
   json text = document();
   folder.write("transforms.json", text.dump());
-  EXPECT_THAT(input_error([&] { open_recording(folder.path); }), HasSubstr("no listed image"));
+  EXPECT_THAT(input_error([&] { open_recording(folder.path); }),
+              AllOf(HasSubstr("images/1.png: missing"), HasSubstr("transforms.json in")));
   folder.write("images/1.png", "");
   const Recording recording = open_recording(folder.path);
   EXPECT_EQ(recording.frames.size(), 1u);
@@ -332,7 +333,14 @@ TEST(Transforms, PathsLeadOutOfTheFolderWhereThatIsAllowed) {
   EXPECT_EQ(image.mask.path, folder.path / "mask.png");
   EXPECT_TRUE(recording.points_file.empty());
   EXPECT_THAT(finding(recording), AllOf(HasSubstr("ply_file_path"), HasSubstr("is missing")));
-  folder.write("points.ply", "");
+  folder.write("points.ply",
+               "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n"
+               "property float z\nend_header\n0 0 nan\n");
+  EXPECT_THAT(input_error([&] { opened(); }), HasSubstr("points.ply"));
+  folder.write("points.ply",
+               "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\n"
+               "property float z\nend_header\n0 0 nan\n1 2 3\n");
+  EXPECT_THAT(finding(opened()), HasSubstr("1 point not finite"));
   EXPECT_TRUE(fs::equivalent(opened().points_file, folder.path / "points.ply"));
   folder.write("set/1.png", "");
   text["frames"] = {frame((folder.path / "set/1.png").string())};  // absolute, but within
