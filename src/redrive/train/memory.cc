@@ -165,7 +165,7 @@ void check_memory(const MemoryEstimate& need, std::uint64_t allowed, const Train
 }
 
 void check_rendering_memory(const Run& run, const Camera* camera) {
-  // A pixel's ray, its colour, depth and opacity twice, its bytes and those of the file; measured.
+  // An estimate of a pixel: its ray, its colour, depth and opacity twice, its bytes and the file.
   constexpr std::uint64_t kPixel = 100;
   std::error_code error;
   const std::uint64_t file = std::filesystem::file_size(run.paths.checkpoint(), error),
