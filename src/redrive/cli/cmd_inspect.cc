@@ -23,6 +23,7 @@
 #include "redrive/report/html.h"
 #include "redrive/report/preflight_page.h"
 #include "redrive/scene/find_moving.h"
+#include "redrive/scene/lidar_returns.h"
 #include "redrive/scene/load_views.h"
 #include "redrive/scene/masks.h"
 #include "redrive/scene/moving_file.h"
@@ -117,6 +118,13 @@ Inspection inspect(const std::string& root, const std::string& frames) {
     result.drive = summarize_drive(result.recording.frames);
     result.findings.insert(result.findings.end(), result.drive->findings.begin(),
                            result.drive->findings.end());
+  }
+  try {
+    ThreadPool pool(static_cast<int>(std::max(1u, std::thread::hardware_concurrency())));
+    if (const auto lost = lost_returns_of_sample(result.recording, pool))
+      result.findings.push_back(*lost);
+  } catch (const InputError& error) {
+    result.problems.push_back({"lidar", error.what()});
   }
   for (const RecordedCamera& recorded : result.recording.cameras) {
     const Camera camera = make_camera(recorded.calibration);

@@ -79,7 +79,7 @@ TEST(Aimotive, ReportsImagesWithoutPosesAndPosesWithoutImages) {
   ASSERT_EQ(recording.cameras[1].images.size(), 2u);
   EXPECT_EQ(recording.cameras[1].images[1].frame_id, 11);
   EXPECT_THAT(finding_about(recording, "L_FISH"),
-              AllOf(HasSubstr("no image for 1 frame "), HasSubstr(": 10")));
+              HasSubstr("no image of 1 frame that other cameras have: 10"));
 }
 
 TEST(Aimotive, ReportsCamerasWithoutImagesOrCalibration) {
@@ -91,6 +91,24 @@ TEST(Aimotive, ReportsCamerasWithoutImagesOrCalibration) {
   EXPECT_EQ(recording.cameras.size(), 1u);
   EXPECT_THAT(finding_about(recording, "L_FISH"), HasSubstr("no folder"));
   EXPECT_THAT(finding_about(recording, "R_FISH"), HasSubstr("calibration.json does not have"));
+}
+
+TEST(Aimotive, UsesPointsWhereTheLidarHasNoPlace) {
+  TemporaryFolder folder;
+  testing::write_recording(folder);
+  folder.write("dynamic/raw-revolutions/frame_9.laz", "");
+  folder.write("points.ply", "");
+  const Recording without = open_recording(folder.path);
+  EXPECT_TRUE(without.lidar_files.empty());
+  EXPECT_FALSE(without.points_file.empty());
+  EXPECT_THAT(finding_about(without, "lidar"), HasSubstr("RT_body_from_sensor"));
+  nlohmann::json sensors = testing::calibration();
+  sensors["M_LIDAR"]["RT_body_from_sensor"] = {
+      {1, 0, 0, 1}, {0, 1, 0, 0}, {0, 0, 1, 2}, {0, 0, 0, 1}};
+  folder.write("sensor/calibration/calibration.json", sensors.dump());
+  const Recording with = open_recording(folder.path);
+  EXPECT_EQ(with.lidar_files.size(), 1u);
+  EXPECT_THAT(finding_about(with, "points.ply"), HasSubstr("not used"));
 }
 
 TEST(Aimotive, RejectsTwoImagesOfOneFrame) {

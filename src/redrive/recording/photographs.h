@@ -25,6 +25,10 @@ inline Rigid3d with_opengl_axes(Rigid3d world_from_camera) {
   return world_from_camera;
 }
 
+/// A finding lists the clouds of points in the folders that are not `read`.
+void report_unread_points(const std::vector<std::filesystem::path>& folders,
+                          const std::filesystem::path& read, std::vector<Finding>* findings);
+
 inline Recording empty_recording(const std::filesystem::path& root) {
   Recording recording;
   recording.root = root;
