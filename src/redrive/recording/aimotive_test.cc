@@ -27,7 +27,6 @@ TEST(Aimotive, OpensARecording) {
   folder.write("dynamic/raw-revolutions/frame_0000009.laz", "");
   folder.write("dynamic/raw-revolutions/frame_10.LAS", "");
   folder.write("dynamic/raw-revolutions/notes.txt", "");
-  folder.write("points.ply", "");
   folder.write("dynamic/box/3d_body/frame_0000009.json", "{}");
   folder.write("dynamic/box/3d_body/frame_0000010.json", "{}");
   folder.write("novel/left_1m/poses.json", "{}");
@@ -47,7 +46,6 @@ TEST(Aimotive, OpensARecording) {
   EXPECT_EQ(recording.lidar_files[0].path,
             folder.path / "dynamic/raw-revolutions/frame_0000009.laz");
   EXPECT_EQ(recording.lidar_files[1].frame_id, 10);
-  EXPECT_EQ(recording.points_file, folder.path / "points.ply");
   ASSERT_EQ(recording.box_files.size(), 2u);
   EXPECT_EQ(recording.box_files[1].path, folder.path / "dynamic/box/3d_body/frame_0000010.json");
   EXPECT_THAT(finding_about(recording, "dynamic/raw-revolutions"),

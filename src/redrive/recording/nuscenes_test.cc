@@ -216,6 +216,7 @@ TEST_F(NuScenes, RejectsWhatCannotBe) {
   EXPECT_THAT(message([](NuScenesTables& t) { t["ego_pose"][4]["translation"][0] = 1100; }),
               AllOf(HasSubstr("ego_pose.json: 1.translation"), HasSubstr("no car moves so")));
   for (const auto& [table, records] : tables_) {
+    if (table == "sample_annotation" || table == "instance" || table == "category") continue;
     tables_.write(folder_);
     fs::remove(folder_.path / ("v1.0-mini/" + table + ".json"));
     EXPECT_THAT(input_error([&] { opened(); }), HasSubstr(table + ".json: No such file")) << table;
