@@ -56,8 +56,7 @@ std::optional<std::uint64_t> check_run_memory(const Run& run, int threads, int p
 }
 
 void print_summary(const Run& run, const TrainingData& training, const kernels::Backend& backend) {
-  std::printf("%s
-", kernels::describe(backend).c_str());
+  std::printf("%s\n", kernels::describe(backend).c_str());
   const char* unit = run.recording.metric ? " m" : "";
   std::size_t held_out = 0, bytes = 0;
   for (const View& view : run.scene.views) held_out += view.held_out;
