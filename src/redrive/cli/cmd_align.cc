@@ -11,6 +11,7 @@
 #include "redrive/cli/alignment.h"
 #include "redrive/cli/command.h"
 #include "redrive/cli/frames_option.h"
+#include "redrive/cli/help.h"
 #include "redrive/recording/readout_options.h"
 #include "redrive/train/run.h"
 
@@ -51,10 +52,11 @@ Action configure_align(CLI::App& command) {
   auto arguments = std::make_shared<AlignArguments>();
   command.add_option("RECORDING", arguments->recording, "folder of the recording")->required();
   add_frames_option(command, &arguments->frames);
-  command.add_option(
-      "--out", arguments->out,
-      "folder for poses, calibration and report.html; must not exist (default: prints "
-      "figures and writes nothing)");
+  command
+      .add_option("--out", arguments->out,
+                  "folder for poses, calibration and report.html; must not exist (default: prints "
+                  "figures and writes nothing)")
+      ->type_name("DIR");
   command.add_option(
       "--masks", arguments->options.tracks.masks,
       "folder with CAM.png as inspect --masks writes them, in place of computed masks");
@@ -76,10 +78,10 @@ Action configure_align(CLI::App& command) {
       .add_option("--window", arguments->options.window,
                   "frames that are aligned at a time; a longer drive is aligned in windows that "
                   "overlap by a fifth and joined; 0: never")
-      ->check(CLI::Range(0, 1'000'000))
+      ->check(within("--window", 0, 1'000'000))
       ->capture_default_str();
   command.add_option("--threads", arguments->threads, "0: all that this process may use")
-      ->check(CLI::Range(0, 1024));
+      ->check(within("--threads", 0, 1024));
   return [arguments] { return run_align(*arguments); };
 }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The registry of recording formats.
 #include "redrive/base/error.h"
+#include "redrive/base/progress.h"
 #include "redrive/recording/aimotive.h"
 #include "redrive/recording/colmap.h"
 #include "redrive/recording/kitti.h"
@@ -49,6 +50,7 @@ const RecordedCamera* Recording::find_camera(const std::string& name) const {
 }
 
 Recording open_recording(const std::filesystem::path& root, PoseSource source) {
+  const Progress progress("reading the recording");
   std::string sought;
   for (const Format& format : kFormats) {
     if (format.looks_like(root)) {

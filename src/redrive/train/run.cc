@@ -10,6 +10,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
+#include "redrive/base/progress.h"
 #include "redrive/model/method.h"
 #include "redrive/recording/pose_files.h"
 #include "redrive/scene/moving_file.h"
@@ -154,6 +155,7 @@ Run open_run(const std::filesystem::path& root, bool to_resume) {
   std::error_code error;
   if (!std::filesystem::is_directory(root, error))
     throw InputError(root, "", "", "no such run folder");
+  const Progress progress("opening the run");
   const nlohmann::json config = read_json(run.paths.config());
   run.options = options_from_json(config, run.paths.config());
   run.recording = open_recording(run.options);
