@@ -193,7 +193,7 @@ std::string option_heading(const CLI::Option& option) {
   for (const std::string& name : option.get_lnames()) text += "--" + name + ", ";
   text.resize(text.size() - 2);
   const std::string type = option.get_type_name();
-  if (takes_value(option)) text += " " + type.substr(0, type.find(':'));
+  if (takes_value(option)) text += " " + type.substr(0, type.find(":{"));
   return text;
 }
 
