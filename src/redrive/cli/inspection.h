@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What inspect found.
+// Findings of inspect.
 #pragma once
 
 #include <optional>

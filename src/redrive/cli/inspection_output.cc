@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What inspect found, as JSON and as text.
+// Findings of inspect, as JSON and as text.
 #include <cmath>
 #include <cstdio>
 

@@ -3,8 +3,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <fstream>
-#include <string>
+#include <string_view>
+
+#include "redrive/base/files.h"
 
 namespace redrive {
 namespace {
@@ -103,11 +104,9 @@ std::optional<ImageHead> parse_image_head(string_view bytes) {
 }
 
 std::optional<ImageHead> read_image_head(const std::filesystem::path& path) {
-  std::ifstream file(path, std::ios::binary);
-  std::string bytes(kHeadBytes, '\0');
-  file.read(bytes.data(), static_cast<std::streamsize>(bytes.size()));
-  bytes.resize(static_cast<std::size_t>(std::max<std::streamsize>(0, file.gcount())));
-  return parse_image_head(bytes);
+  std::error_code error;
+  if (!std::filesystem::is_regular_file(path, error)) return std::nullopt;
+  return parse_image_head(read_head(path, kHeadBytes));
 }
 
 }  // namespace redrive

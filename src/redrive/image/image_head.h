@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What an image file says of itself in its first bytes.
+// Reads size, channels and EXIF focal length from the head of an image file.
 #pragma once
 
 #include <filesystem>

@@ -59,6 +59,9 @@ void fit_to_images(Recording* recording) {
   };
   for (RecordedCamera& camera : recording->cameras) {
     CameraCalibration& c = camera.calibration;
+    if (camera.images.empty() ||
+        image_size(camera.images.front().path) == ImageSize{c.width, c.height})
+      continue;  // the usual case reads one head
     const std::optional<ImageSize> size = common_size(camera.images);
     if (!size || *size == ImageSize{c.width, c.height} ||
         std::abs(double(size->width) * c.height / c.width - size->height) > 1)

@@ -10,7 +10,7 @@
 
 namespace redrive {
 
-/// What computes the steps of a run in this process.
+/// Computes the steps of a run in this process.
 struct Rank {
   kernels::Backend& backend;
   /// Null, or the processes that compute each step together. All of them need the same state, and

@@ -339,7 +339,7 @@ class Trainer {
     save();
   }
 
-  /// Returns a hash of what makes errors comparable with those of the current step.
+  /// Returns a hash of the conditions under which errors are comparable.
   std::uint64_t conditions(int stage) const {
     const bool moves = state_.poses.refines() && progress_before_ > refinement_.start;
     std::uint64_t hash = sampler_.pixels();

@@ -57,7 +57,7 @@ class Viewer : public ServerEvents {
 
   /// What serve() does, piece by piece, for LiveView: use() first. Does one piece of work, at most
   /// an image or a strip of it. Returns whether there was one; with `waits` it waits 0.1 s for it.
-  /// What goes wrong for a page closes the page; nothing is thrown.
+  /// An error of a page closes the page; nothing is thrown.
   bool work(bool waits);
   void use(Server& server);
 

@@ -14,7 +14,7 @@
 
 namespace redrive::view {
 
-/// What came from a page since it was looked at, not yet parsed; guarded by mutex_.
+/// Texts received from a page and not yet parsed; guarded by mutex_.
 struct Viewer::Inbox {
   struct Text {
     std::string text;

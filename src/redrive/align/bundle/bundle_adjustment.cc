@@ -259,7 +259,7 @@ void keep_observable(const std::vector<ContrastFit>& fits, std::vector<ContrastF
 
 /// Notes by how much the last round changed the model.
 void note_changes(const RigModel& now, const RigModel& before, BundleResult* result) {
-  // Of the shape: a rigid motion of the whole is next to unobservable and irrelevant.
+  // Compares the shape: a rigid motion of the whole is hardly observable, and irrelevant.
   const TrajectoryRegistration change =
       register_trajectories(now.corrected_frames(), before.corrected_frames(), "");
   result->last_translation_m = change.residual_m;

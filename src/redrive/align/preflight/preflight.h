@@ -53,7 +53,7 @@ struct TimeOffsetEstimate {
   bool by_lidar = false;  ///< by the LiDAR's contrast; otherwise by the images
 };
 
-/// Two images whose points agree far less with the poses than those of most pairs do.
+/// Two images whose points agree far less with the poses than in most pairs.
 struct OddPair {
   std::int64_t first_id = 0, last_id = 0;  ///< of the frames
   double error_px = 0;                     ///< median
