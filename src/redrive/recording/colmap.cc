@@ -221,10 +221,7 @@ Recording open(const fs::path& root, PoseSource source) {
         {{id, path}, is_there(mask) ? MaskFile{mask, true} : MaskFile{}, false});
   }
   std::vector<Finding>& findings = recording.findings;
-  if (!found_elsewhere.empty())
-    findings.push_back({"frames", counted(found_elsewhere.size(), "image") +
-                                      " found by the last parts of the path or another case: " +
-                                      first_few(found_elsewhere)});
+  photographs::note_found_elsewhere(found_elsewhere, &findings);
   if (!not_normalised.empty())
     findings.push_back({images_file.filename().string(),
                         "quaternions of " + counted(not_normalised.size(), "image") +

@@ -94,6 +94,13 @@ fs::path find_image(const fs::path& folder, const std::string& name) {
   return {};
 }
 
+void note_found_elsewhere(const std::vector<std::string>& images, std::vector<Finding>* findings) {
+  if (images.empty()) return;
+  findings->push_back(
+      {"frames", counted(images.size(), "image") +
+                     " found by the last parts of the path or another case: " + first_few(images)});
+}
+
 void refuse_without_images(const fs::path& folder, const std::string& first) {
   const fs::path sought = fs::absolute(folder / fs::path(first).relative_path()).lexically_normal();
   std::vector<std::string> there;

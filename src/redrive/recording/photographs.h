@@ -37,6 +37,9 @@ void fit_to_images(Recording* recording);
 /// extensions added. Empty if there is none.
 std::filesystem::path find_image(const std::filesystem::path& folder, const std::string& name);
 
+/// Adds a finding that names images which find_image found elsewhere, if there are any.
+void note_found_elsewhere(const std::vector<std::string>& images, std::vector<Finding>* findings);
+
 /// InputError for a recording none of whose images is there; `first` is the name of one.
 [[noreturn]] void refuse_without_images(const std::filesystem::path& folder,
                                         const std::string& first);

@@ -139,11 +139,7 @@ class Collector {
       number.insert(0, digits - number.size(), '0');
       cameras[i].calibration.name = cameras.size() == 1 ? "camera" : "camera_" + number;
     }
-    if (!found_elsewhere_.empty())
-      recording_.findings.push_back(
-          {"frames", counted(found_elsewhere_.size(), "image") +
-                         " found by the last parts of the path or another case: " +
-                         first_few(found_elsewhere_)});
+    photographs::note_found_elsewhere(found_elsewhere_, &recording_.findings);
     photographs::fit_to_images(&recording_);
     recording_.bounds = bounds;
     return std::move(recording_);
