@@ -20,6 +20,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
       if (!(camera.fx > 0) || !camera.size) __builtin_trap();
   });
   attempt([&] { redrive::kitti::parse_odometry_calibration(text, "a.txt"); });
+  attempt([&] { redrive::kitti::parse_tracking_calibration(text, "a.txt"); });
   attempt([&] {
     if (!redrive::rigid_obstacle(redrive::kitti::parse_rigid(text, "a.txt").matrix()).empty())
       __builtin_trap();

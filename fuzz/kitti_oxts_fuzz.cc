@@ -9,10 +9,14 @@
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const std::string_view text(reinterpret_cast<const char*>(data), size);
-  try {
-    const redrive::Rigid3d pose = redrive::kitti::parse_oxts(text, "0.txt");
+  const auto check = [](const redrive::Rigid3d& pose) {
     if (!redrive::rigid_obstacle(pose.matrix()).empty() || !(pose.translation().norm() < 1e7))
       __builtin_trap();
+  };
+  try {
+    for (const redrive::Rigid3d& pose : redrive::kitti::parse_oxts_lines(text, "0.txt"))
+      check(pose);
+    check(redrive::kitti::parse_oxts(text, "0.txt"));
   } catch (const redrive::InputError&) {
   }
   return 0;

@@ -12,7 +12,9 @@
 #include "redrive/cli/command.h"
 #include "redrive/cli/frames_option.h"
 #include "redrive/recording/camera_choice.h"
+#include "redrive/cli/notes.h"
 #include "redrive/recording/readout_options.h"
+#include "redrive/scene/lidar_returns.h"
 #include "redrive/train/run.h"
 
 namespace redrive {
@@ -39,6 +41,10 @@ int run_align(AlignArguments arguments) {
   keep_cameras(arguments.cameras, &recording);
   arguments.options.bundle.readouts = apply_readout_options(arguments.rolling_shutter, &recording);
   ThreadPool pool(arguments.threads > 0 ? arguments.threads : hardware_threads());
+  if (arguments.options.lidar)
+    if (const auto lost = lost_returns_of_sample(recording, pool))
+      recording.findings.push_back(*lost);
+  print_notes(recording);
   const AlignResult result = align_verbose(recording, arguments.options, pool);
   if (arguments.out.empty()) return kExitOk;
   write_alignment(arguments.out, recording, result);

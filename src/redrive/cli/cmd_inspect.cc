@@ -24,6 +24,7 @@
 #include "redrive/recording/wording.h"
 #include "redrive/report/preflight_page.h"
 #include "redrive/scene/find_moving.h"
+#include "redrive/scene/lidar_returns.h"
 #include "redrive/scene/load_views.h"
 #include "redrive/scene/masks.h"
 #include "redrive/scene/moving_file.h"
@@ -120,6 +121,13 @@ Inspection inspect(const std::string& root, const std::string& frames,
                            result.drive->findings.end());
   }
   const std::vector<std::string> grey = grey_cameras(result.recording);
+  try {
+    ThreadPool pool(hardware_threads());
+    if (const auto lost = lost_returns_of_sample(result.recording, pool))
+      result.findings.push_back(*lost);
+  } catch (const InputError& error) {
+    result.problems.push_back({"lidar", error.what()});
+  }
   for (const RecordedCamera& recorded : result.recording.cameras) {
     const Camera camera = make_camera(recorded.calibration);
     CameraReport report{&recorded, horizontal_fov_deg(camera), percent_without_ray(camera)};

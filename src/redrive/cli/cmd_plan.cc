@@ -13,6 +13,7 @@
 #include "redrive/base/error.h"
 #include "redrive/base/memory_limit.h"
 #include "redrive/cli/command.h"
+#include "redrive/cli/notes.h"
 #include "redrive/cli/training.h"
 #include "redrive/recording/frame_range.h"
 #include "redrive/train/divided_run.h"
@@ -213,6 +214,7 @@ int run_plan(const PlanArguments& arguments) {
   TrainingPlan plan = planned_with(threads);
   while (plan.cores_per_rank > threads) plan = planned_with(threads = plan.cores_per_rank);
   if (!arguments.json) {
+    print_notes(recording, scene);
     print(scene, plan, rates, machines);
     return kExitOk;
   }

@@ -7,6 +7,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/cli/command.h"
+#include "redrive/cli/notes.h"
 #include "redrive/cli/train_blocks.h"
 #include "redrive/cli/train_together.h"
 #include "redrive/cli/training.h"
@@ -40,6 +41,7 @@ int resume_blocks(const ResumeArguments& arguments, ProcessGroup& processes) {
                      "is for one run; this one has blocks, of which each process trains some");
   const RunLock lock(arguments.run);
   DividedRun whole = open_divided_run(arguments.run);
+  print_notes(whole.recording, whole.scene);
   for (const auto& [name, value] : arguments.given) field_named(name).parse(whole.options, value);
   validate(whole.options);
   check_blocks(whole, block_resources(processes, whole.options));
@@ -53,12 +55,14 @@ int resume_blocks(const ResumeArguments& arguments, ProcessGroup& processes) {
 
 int lead_resuming(const ResumeArguments& arguments, ProcessGroup& processes) {
   check_live_view(arguments.live);
+  require_run(arguments.run);
   if (is_divided_run(arguments.run)) return resume_blocks(arguments, processes);
   if (!arguments.data_parallel) check_one_process(processes);
   if (arguments.data_parallel && arguments.live.view)
     throw UsageError("--view", "", "shows a run that one process trains, without --data-parallel");
   const RunLock lock(arguments.run);
   Run run = open_run(arguments.run, /*to_resume=*/true);
+  print_notes(run.recording, run.scene);
   for (const auto& [name, value] : arguments.given) field_named(name).parse(run.options, value);
   validate(run.options);
   const bool together = arguments.data_parallel && processes.size() > 1;

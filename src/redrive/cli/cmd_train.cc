@@ -8,6 +8,7 @@
 #include "redrive/base/error.h"
 #include "redrive/cli/alignment.h"
 #include "redrive/cli/command.h"
+#include "redrive/cli/notes.h"
 #include "redrive/cli/train_blocks.h"
 #include "redrive/cli/train_together.h"
 #include "redrive/cli/training.h"
@@ -137,6 +138,7 @@ int lead_training(const TrainArguments& arguments, ProcessGroup& processes) {
   resolve_cameras(&run.options, &run.recording);
   resolve_bounds(&run.options, given_names(arguments), run.recording);
   run.scene = make_scene(run.recording, scene_options(run.options));
+  print_notes(run.recording, run.scene);
   if (!arguments.blocks.empty())
     if (const auto code = train_divided(arguments, processes, run, poses)) return *code;
   run.state = make_initial_state(run.options, run.scene);

@@ -32,11 +32,6 @@ std::optional<std::uint64_t> check_run_memory(const Run& run, int threads, int p
 
 void print_summary(const Run& run, const TrainingData& training, const kernels::Backend& backend) {
   std::printf("%s\n", kernels::describe(backend).c_str());
-  for (const Finding& finding : run.recording.findings)
-    std::printf("note: %s: %s\n", finding.subject.c_str(), finding.what.c_str());
-  if (run.recording.metric)
-    for (const Finding& finding : summarize_drive(run.recording.frames).findings)
-      std::printf("note: %s: %s\n", finding.subject.c_str(), finding.what.c_str());
   const char* unit = run.recording.metric ? " m" : "";
   std::size_t held_out = 0, bytes = 0;
   for (const View& view : run.scene.views) held_out += view.held_out;
@@ -71,6 +66,9 @@ void print_summary(const Run& run, const TrainingData& training, const kernels::
         "%zu LiDAR returns; dropped: %zu repeated, %zu beyond the trajectory, %zu on the vehicle, "
         "%zu on moving objects\n",
         lidar.n, lidar.repeated, lidar.beyond_trajectory, lidar.on_ego, lidar.on_moving);
+  if (run.recording.points_file.empty() || !run.recording.lidar_files.empty())
+    if (const std::optional<Finding> lost = lost_returns(training.lidar))
+      std::printf("note: %s: %s\n", lost->subject.c_str(), lost->what.c_str());
   if (run.scene.rig.size() > kCamerasShown)
     std::printf("%zu cameras in all\n", run.scene.rig.size());
   char pixels[40] = "decoded when needed";

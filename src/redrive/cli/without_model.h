@@ -31,6 +31,7 @@ inline Run open_without_model(const std::string& folder, int downscale = 1,
     apply_pose_files(read_pose_files(run.recording, poses), poses, &run.recording);
   SceneOptions options;
   options.downscale = downscale;
+  options.shown_only = true;
   run.scene = make_scene(run.recording, options);
   try {
     load_view(run.scene, run.scene.views.front());

@@ -37,6 +37,8 @@ OtherScene scene_of(const Run& run, const std::string& name, const EvalOptions& 
   SceneOptions own = scene_options(run.options);
   own.cameras = {name};
   own.holdout_every = 0;
+  own.shown_only = false;  // frames are those of the run
+  own.frame_step = 1;
   const Scene made = make_scene(run.recording, own);
   OtherScene other{run.scene,
                    nearest_camera(run.scene, made.rig[0].body_from_sensor.translation())};
@@ -53,8 +55,15 @@ OtherScene scene_of(const Run& run, const std::string& name, const EvalOptions& 
                             : options.max_images > 0 ? options.max_images
                                                      : kTrainingImagesPerCamera;
   scene.views.clear();
-  for (const std::size_t v : evenly_spaced(made.views.size(), limit)) {
-    View view = made.views[v];
+  std::vector<View> views;
+  for (View view : made.views) {
+    view.frame = scene.frame_index(made.frames[std::size_t(view.frame)].id);
+    if (view.frame >= 0) views.push_back(std::move(view));
+  }
+  if (views.empty())
+    throw UsageError("--cameras", name, "has no image of a frame that the run has");
+  for (const std::size_t v : evenly_spaced(views.size(), limit)) {
+    View view = views[v];
     view.camera = other.camera;
     view.held_out = false;
     update_view_pose(run.recording.frames, scene, &view);

@@ -140,12 +140,18 @@ Recording open(const fs::path& root, PoseSource source) {
                        "dynamic/raw-revolutions", &recording.findings);
   recording.box_files = list_frame_files(root / "dynamic/box/3d_body", "frame_", {".json"},
                                          "dynamic/box/3d_body", &recording.findings);
-  if (is_there(root / "points.ply")) recording.points_file = root / "points.ply";
   if (!recording.lidar_files.empty() && !recording.body_from_lidar)
     recording.findings.push_back(
         {"lidar",
          "not used: calibration.json has no sensor, or several, of type lidar with "
          "extrinsics (RT_body_from_sensor)"});
+  if (is_there(root / "points.ply")) {
+    recording.points_file = root / "points.ply";
+    if (!recording.body_from_lidar)
+      recording.lidar_files.clear();
+    else if (!recording.lidar_files.empty())
+      recording.findings.push_back({"points.ply", "not used: the LiDAR's revolutions are"});
+  }
   for (const fs::path& folder : list_folder(root / "novel")) {
     if (!is_folder(folder)) continue;
     const std::string name = folder.filename().string();

@@ -27,7 +27,6 @@ TEST(Aimotive, OpensARecording) {
   folder.write("dynamic/raw-revolutions/frame_0000009.laz", "");
   folder.write("dynamic/raw-revolutions/frame_10.LAS", "");
   folder.write("dynamic/raw-revolutions/notes.txt", "");
-  folder.write("points.ply", "");
   folder.write("dynamic/box/3d_body/frame_0000009.json", "{}");
   folder.write("dynamic/box/3d_body/frame_0000010.json", "{}");
   folder.write("novel/left_1m/poses.json", "{}");
@@ -47,7 +46,6 @@ TEST(Aimotive, OpensARecording) {
   EXPECT_EQ(recording.lidar_files[0].path,
             folder.path / "dynamic/raw-revolutions/frame_0000009.laz");
   EXPECT_EQ(recording.lidar_files[1].frame_id, 10);
-  EXPECT_EQ(recording.points_file, folder.path / "points.ply");
   ASSERT_EQ(recording.box_files.size(), 2u);
   EXPECT_EQ(recording.box_files[1].path, folder.path / "dynamic/box/3d_body/frame_0000010.json");
   EXPECT_THAT(finding_about(recording, "dynamic/raw-revolutions"),
@@ -79,7 +77,7 @@ TEST(Aimotive, ReportsImagesWithoutPosesAndPosesWithoutImages) {
   ASSERT_EQ(recording.cameras[1].images.size(), 2u);
   EXPECT_EQ(recording.cameras[1].images[1].frame_id, 11);
   EXPECT_THAT(finding_about(recording, "L_FISH"),
-              AllOf(HasSubstr("no image for 1 frame "), HasSubstr(": 10")));
+              HasSubstr("no image of 1 frame that other cameras have: 10"));
 }
 
 TEST(Aimotive, ReportsCamerasWithoutImagesOrCalibration) {
@@ -91,6 +89,24 @@ TEST(Aimotive, ReportsCamerasWithoutImagesOrCalibration) {
   EXPECT_EQ(recording.cameras.size(), 1u);
   EXPECT_THAT(finding_about(recording, "L_FISH"), HasSubstr("no folder"));
   EXPECT_THAT(finding_about(recording, "R_FISH"), HasSubstr("calibration.json does not have"));
+}
+
+TEST(Aimotive, UsesPointsWhereTheLidarHasNoPlace) {
+  TemporaryFolder folder;
+  testing::write_recording(folder);
+  folder.write("dynamic/raw-revolutions/frame_9.laz", "");
+  folder.write("points.ply", "");
+  const Recording without = open_recording(folder.path);
+  EXPECT_TRUE(without.lidar_files.empty());
+  EXPECT_FALSE(without.points_file.empty());
+  EXPECT_THAT(finding_about(without, "lidar"), HasSubstr("RT_body_from_sensor"));
+  nlohmann::json sensors = testing::calibration();
+  sensors["M_LIDAR"]["RT_body_from_sensor"] = {
+      {1, 0, 0, 1}, {0, 1, 0, 0}, {0, 0, 1, 2}, {0, 0, 0, 1}};
+  folder.write("sensor/calibration/calibration.json", sensors.dump());
+  const Recording with = open_recording(folder.path);
+  EXPECT_EQ(with.lidar_files.size(), 1u);
+  EXPECT_THAT(finding_about(with, "points.ply"), HasSubstr("not used"));
 }
 
 TEST(Aimotive, RejectsTwoImagesOfOneFrame) {

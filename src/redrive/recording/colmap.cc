@@ -9,8 +9,10 @@
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
 #include "redrive/recording/colmap_files.h"
+#include "redrive/recording/colmap_rigs.h"
 #include "redrive/recording/far_photographs.h"
 #include "redrive/recording/frame_files.h"
+#include "redrive/recording/mask_folder.h"
 #include "redrive/recording/photographs.h"
 #include "redrive/recording/recording_reader.h"
 #include "redrive/recording/wording.h"
@@ -20,17 +22,37 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// The folder of the model's files, in `sparse` also one that lacks some; empty if there is none.
-fs::path find_model(const fs::path& root) {
-  for (const char* folder : {"sparse/0", "sparse", ""})
-    for (const std::string extension : {".bin", ".txt"})
-      if (is_there(root / folder / ("cameras" + extension)) &&
-          is_there(root / folder / ("images" + extension)))
-        return root / folder;
+bool has_model(const fs::path& folder) {
+  for (const std::string extension : {".bin", ".txt"})
+    if (is_there(folder / ("cameras" + extension)) && is_there(folder / ("images" + extension)))
+      return true;
+  return false;
+}
+
+/// The folders of models: of `sparse` by number or name, `sparse` and the folder itself. Without a
+/// whole one that in `sparse` which lacks some files; empty if there is none.
+std::vector<fs::path> find_models(const fs::path& root) {
+  std::vector<fs::path> folders = list_folder(root / "sparse");
+  std::ranges::sort(folders, [](const fs::path& a, const fs::path& b) {
+    return strverscmp(a.filename().c_str(), b.filename().c_str()) < 0;
+  });
+  folders.push_back(root / "sparse");
+  folders.push_back(root);
+  std::vector<fs::path> models;
+  std::ranges::copy_if(folders, std::back_inserter(models), has_model);
   for (const char* folder : {"sparse/0", "sparse"})
     for (const char* file : {"cameras.bin", "cameras.txt", "images.bin", "images.txt"})
-      if (is_there(root / folder / file)) return root / folder;
-  return {};
+      if (models.empty() && is_there(root / folder / file)) models.push_back(root / folder);
+  return models;
+}
+
+/// The folder with `images` that a model's folder belongs to: itself or one of the two above.
+fs::path project_of(const fs::path& root) {
+  const fs::path path = fs::absolute(root / "").lexically_normal().parent_path();
+  for (const fs::path& folder : {path.parent_path(), path.parent_path().parent_path()})
+    if (!is_folder(root / "images") && has_model(root) && is_folder(folder / "images"))
+      return folder;
+  return root;
 }
 
 /// The file of that name, binary or text; empty if there is none.
@@ -55,6 +77,42 @@ std::vector<Record> read(const fs::path& file,
                          std::vector<Record> (*binary)(std::string_view, const fs::path&),
                          std::vector<Record> (*text)(std::string_view, const fs::path&)) {
   return (file.extension() == ".bin" ? binary : text)(read_file(file, kMaxDataBytes), file);
+}
+
+/// A model's folder and how many of its images are in the folder of images; -1: cannot be read.
+struct ModelSize {
+  fs::path folder;
+  std::ptrdiff_t images;
+
+  std::string text() const {
+    return folder.string() +
+           (images < 0 ? " (damaged)" : " with " + counted(std::size_t(images), "image"));
+  }
+};
+
+/// The model with the most images that are in `folder`, the first of equal ones. A finding names
+/// the others.
+fs::path choose_model(const std::vector<fs::path>& models, const fs::path& folder,
+                      std::vector<Finding>* findings) {
+  if (models.size() == 1) return models[0];
+  std::vector<ModelSize> sizes;
+  for (const fs::path& model : models) {
+    sizes.push_back({model, -1});
+    try {
+      sizes.back().images = std::ranges::count_if(
+          read(required_file(model, "images"), parse_images_binary, parse_images_text),
+          [&](const ImageRecord& image) { return !photographs::find_image(folder, image.name).empty(); });
+    } catch (const InputError&) {
+    }
+  }
+  const ModelSize best = *std::ranges::max_element(sizes, {}, &ModelSize::images);
+  std::vector<std::string> others;
+  for (const ModelSize& size : sizes)
+    if (size.folder != best.folder) others.push_back(size.text());
+  findings->push_back({"models", "of several " + best.text() +
+                                     " is read; not read: " + first_few(others) +
+                                     "; the path of one, given as the recording, reads that"});
+  return best.folder;
 }
 
 std::vector<PointRecord> read_point_records(const fs::path& file) {
@@ -105,16 +163,29 @@ void report_unknown_images(const std::vector<PointRecord>& points, const fs::pat
 /// Images below `folder`, relative to it, that the model does not have.
 std::vector<std::string> images_without_pose(const fs::path& folder,
                                              const std::set<std::string>& known) {
-  std::vector<std::string> names;
-  std::error_code error;
-  fs::recursive_directory_iterator it(folder, error);
-  for (const fs::recursive_directory_iterator end; !error && it != end; it.increment(error)) {
-    const std::string name = it->path().lexically_relative(folder).string();
-    if (has_extension(name, {".jpg", ".jpeg", ".png"}) && !known.contains(name))
-      names.push_back(name);
-  }
-  std::ranges::sort(names);
+  std::vector<std::string> names = images_below(folder);
+  std::erase_if(names, [&](const std::string& name) { return known.contains(name); });
   return names;
+}
+
+/// Takes the poses of the model's rigs, where it has any. What cannot be read costs itself.
+void apply_rigs(const fs::path& model, std::vector<ImageRecord>* images,
+                std::vector<Finding>* findings) {
+  const fs::path rigs = find_file(model, "rigs"), frames = find_file(model, "frames");
+  if (rigs.empty() && frames.empty()) return;
+  if (rigs.empty() || frames.empty()) {
+    findings->push_back(
+        {(rigs.empty() ? frames : rigs).filename().string(),
+         std::string("not used: the model has no ") + (rigs.empty() ? "rigs" : "frames")});
+    return;
+  }
+  try {
+    take_poses_of_rigs(read(rigs, parse_rigs_binary, parse_rigs_text),
+                       read(frames, parse_frames_binary, parse_frames_text), images, findings);
+  } catch (const InputError& error) {
+    findings->push_back(
+        {"rigs", "not used, images have poses of their own: " + std::string(error.what())});
+  }
 }
 
 /// Returns a cube around the cameras and the middle 80 % of the points along each axis: a few
@@ -159,21 +230,24 @@ std::string camera_name(std::int64_t id, const std::vector<CameraRecord>& camera
 
 }  // namespace
 
-bool looks_like(const fs::path& root) { return !find_model(root).empty(); }
+bool looks_like(const fs::path& root) { return !find_models(root).empty(); }
 
 Recording open(const fs::path& root, PoseSource source) {
   refuse_ground_truth(root, source);
-  const fs::path model = find_model(root), cameras_file = required_file(model, "cameras"),
+  Recording recording = photographs::empty_recording(root);
+  std::vector<Finding>& findings = recording.findings;
+  const fs::path project = project_of(root), folder = project / "images",
+                 model = choose_model(find_models(root), folder, &findings),
+                 cameras_file = required_file(model, "cameras"),
                  images_file = required_file(model, "images");
   const std::vector<CameraRecord> cameras =
       read(cameras_file, parse_cameras_binary, parse_cameras_text);
   std::vector<ImageRecord> images = read(images_file, parse_images_binary, parse_images_text);
+  apply_rigs(model, &images, &findings);
   std::ranges::sort(images, [](const ImageRecord& a, const ImageRecord& b) {
     return strverscmp(a.name.c_str(), b.name.c_str()) < 0;
   });
 
-  Recording recording = photographs::empty_recording(root);
-  const fs::path folder = root / "images";
   if (!is_folder(folder))
     throw InputError(folder, "", "",
                      "no such folder; the images of " + images_file.string() + " belong there");
@@ -186,11 +260,13 @@ Recording open(const fs::path& root, PoseSource source) {
   }
   constexpr double kUnitLength = 1e-3;  // what rounding leaves is less
   std::vector<std::string> missing, found_elsewhere, not_normalised;
+  MaskFolder masks(project);
   std::set<std::string> names;
   std::set<std::int64_t> ids;
   std::map<std::int64_t, std::int64_t> frame_of_image;
   for (const ImageRecord& image : images) {
     ids.insert(image.id);
+    const MaskFile mask = masks.find(image.name);
     const std::string record = "image " + std::to_string(image.id);
     const auto camera = by_id.find(image.camera_id);
     if (camera == by_id.end())
@@ -216,11 +292,8 @@ Recording open(const fs::path& root, PoseSource source) {
     recording.frames.push_back({id, id * photographs::kFrameTime_ns,
                                 image.camera_from_world.inverse(Eigen::Isometry) *
                                     photographs::body_from_camera().inverse(Eigen::Isometry)});
-    const fs::path mask = root / "masks" / (image.name + ".png");
-    camera->second.images.push_back(
-        {{id, path}, is_there(mask) ? MaskFile{mask, true} : MaskFile{}, false});
+    camera->second.images.push_back({{id, path}, mask, false});
   }
-  std::vector<Finding>& findings = recording.findings;
   photographs::note_found_elsewhere(found_elsewhere, &findings);
   if (!not_normalised.empty())
     findings.push_back({images_file.filename().string(),
@@ -231,15 +304,13 @@ Recording open(const fs::path& root, PoseSource source) {
     findings.push_back(
         {"frames", counted(missing.size(), "image") +
                        " of the model, but not in images, left out: " + first_few(missing)});
-  if (const auto others = images_without_pose(folder, names); !others.empty())
+  const std::vector<std::string> others = images_without_pose(folder, names);
+  for (const std::string& name : others) masks.find(name);
+  if (!others.empty())
     findings.push_back(
         {"images", counted(others.size(), "image") +
                        " without a pose in the model, left out: " + first_few(others)});
-  for (const char* name : {"rigs", "frames"})
-    if (const fs::path file = find_file(model, name); !file.empty())
-      findings.push_back(
-          {file.filename().string(), "not needed and not read: " + images_file.filename().string() +
-                                         " has the pose of every image"});
+  masks.report_unused(&findings);
   for (auto& [id, camera] : by_id)
     if (!camera.images.empty()) recording.cameras.push_back(std::move(camera));
   if (recording.cameras.empty())
@@ -249,6 +320,7 @@ Recording open(const fs::path& root, PoseSource source) {
   leave_out_far_photographs(&recording);
   if (const fs::path points = find_file(model, "points3D"); points.empty()) {
     findings.push_back({"points3D", "missing: nothing says where the scene is"});
+    photographs::report_unread_points({model, project}, "", &findings);
   } else {
     recording.points_file = points;
     const std::vector<PointRecord> records = read_point_records(points);

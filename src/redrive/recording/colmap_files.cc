@@ -9,6 +9,7 @@
 #include <Eigen/Geometry>
 
 #include "redrive/base/error.h"
+#include "redrive/recording/colmap_rigs.h"
 #include "redrive/recording/little_endian.h"
 #include "redrive/recording/photographs.h"
 #include "redrive/recording/text_lines.h"
@@ -40,22 +41,30 @@ class Ids {
   std::set<std::int64_t> ids_;
 };
 
-/// Checks the numbers of an image's pose and sets it.
-void set_pose(const std::array<double, 7>& numbers, const std::string& record, const fs::path& file,
-              ImageRecord* image) {
-  const Eigen::Quaterniond q(numbers[0], numbers[1], numbers[2], numbers[3]);
+Eigen::Quaterniond quaternion_of(const std::array<double, 7>& numbers) {
+  return {numbers[0], numbers[1], numbers[2], numbers[3]};
+}
+
+/// Returns the pose of seven checked numbers, with the quaternion normalised.
+Rigid3d pose_from(const std::array<double, 7>& numbers, const std::string& record,
+                  const fs::path& file) {
+  const Eigen::Quaterniond q = quaternion_of(numbers);
   constexpr double kLeastLength = 1e-6, kMostLength = 1e6;
   if (!(q.norm() >= kLeastLength && q.norm() <= kMostLength))
     throw InputError(file, record + " quaternion", "length " + std::to_string(q.norm()),
                      "must be a rotation, of a length between 1e-6 and 1e6");
-  image->quaternion_length = q.norm();
-  Rigid3d camera_from_world(q.normalized().toRotationMatrix());
-  camera_from_world.translation() = Eigen::Vector3d(numbers[4], numbers[5], numbers[6]);
-  if (!(camera_from_world.translation().norm() <= photographs::kMaxDistance))
-    throw InputError(file, record + " translation",
-                     std::to_string(camera_from_world.translation().norm()),
+  Rigid3d pose(q.normalized().toRotationMatrix());
+  pose.translation() = Eigen::Vector3d(numbers[4], numbers[5], numbers[6]);
+  if (!(pose.translation().norm() <= photographs::kMaxDistance))
+    throw InputError(file, record + " translation", std::to_string(pose.translation().norm()),
                      "must be a position within 1e7 of the origin");
-  image->camera_from_world = camera_from_world;
+  return pose;
+}
+
+void set_pose(const std::array<double, 7>& numbers, const std::string& record, const fs::path& file,
+              ImageRecord* image) {
+  image->camera_from_world = pose_from(numbers, record, file);
+  image->quaternion_length = quaternion_of(numbers).norm();
 }
 
 std::string checked_name(std::string_view name, const std::string& record, const fs::path& file) {
@@ -157,6 +166,26 @@ class ByteReader {
   std::size_t at_ = 0;
 };
 
+// Types of sensors in rigs and frames.
+constexpr std::string_view kCameraWord = "CAMERA";
+constexpr std::int32_t kCameraType = 0;
+
+/// The seven numbers of a pose from word `first` on.
+std::array<double, 7> numbers_from(const TextLine& line, std::size_t first,
+                                   const std::string& record) {
+  if (line.size() < first + 7) line.expect_size(first + 7, "seven numbers of a pose");
+  constexpr const char* kNames[] = {"QW", "QX", "QY", "QZ", "TX", "TY", "TZ"};
+  std::array<double, 7> numbers;
+  for (std::size_t i = 0; i < 7; ++i)
+    numbers[i] = line.number(first + i, record + " " + kNames[i], -kAny, kAny);
+  return numbers;
+}
+std::array<double, 7> numbers_from(ByteReader* in, const std::string& record) {
+  std::array<double, 7> numbers;
+  for (double& number : numbers) number = in->take_number(record + " pose");
+  return numbers;
+}
+
 }  // namespace
 
 std::vector<CameraRecord> parse_cameras_text(std::string_view text, const fs::path& file) {
@@ -213,11 +242,7 @@ std::vector<ImageRecord> parse_images_text(std::string_view text, const fs::path
     image.id = line.integer(0, "IMAGE_ID", 0, kMaxId);
     ids.add(image.id);
     const std::string record = record_name("image", image.id);
-    constexpr const char* kNames[] = {"QW", "QX", "QY", "QZ", "TX", "TY", "TZ"};
-    std::array<double, 7> numbers;
-    for (std::size_t i = 0; i < 7; ++i)
-      numbers[i] = line.number(1 + i, record + " " + kNames[i], -kAny, kAny);
-    set_pose(numbers, record, file, &image);
+    set_pose(numbers_from(line, 1, record), record, file, &image);
     image.camera_id = line.integer(8, record + " CAMERA_ID", 0, kMaxId);
     image.name = checked_name(line.rest(9), record, file);
     const TextLine features = next();
@@ -237,9 +262,7 @@ std::vector<ImageRecord> parse_images_binary(std::string_view bytes, const fs::p
     image.id = in.take<std::uint32_t>("image id");
     ids.add(image.id);
     const std::string record = record_name("image", image.id);
-    std::array<double, 7> numbers;
-    for (double& number : numbers) number = in.take_number(record + " pose");
-    set_pose(numbers, record, file, &image);
+    set_pose(numbers_from(&in, record), record, file, &image);
     image.camera_id = in.take<std::uint32_t>(record + " camera id");
     image.name = checked_name(in.take_text(record + " name"), record, file);
     constexpr std::size_t kFeatureBytes = 24;
@@ -286,6 +309,108 @@ std::vector<PointRecord> parse_points_binary(std::string_view bytes, const fs::p
   }
   in.expect_end();
   return points;
+}
+
+std::vector<RigRecord> parse_rigs_text(std::string_view text, const fs::path& file) {
+  std::vector<RigRecord> rigs;
+  Ids ids("rig", file);
+  for_each_record(text, file, [&](const TextLine& line, const auto&) {
+    RigRecord rig;
+    rig.id = line.integer(0, "RIG_ID", 0, kMaxId);
+    ids.add(rig.id);
+    const std::string record = record_name("rig", rig.id);
+    const std::int64_t sensors = line.integer(1, record + " NUM_SENSORS", 0, kMaxId);
+    std::size_t at = 2;
+    for (std::int64_t i = 0; i < sensors; ++i) {
+      const bool is_reference = i == 0;
+      const std::size_t type = at, camera = at + 1;
+      if (line.size() < at + (is_reference ? 2 : 3))
+        line.expect_size(at + (is_reference ? 2 : 3), "as many sensors as NUM_SENSORS");
+      at += is_reference ? 2 : 3;
+      std::optional<Rigid3d> pose;
+      if (is_reference) {
+        pose = Rigid3d::Identity();
+      } else if (line.integer(at - 1, record + " HAS_POSE", 0, 1) == 1) {
+        pose = pose_from(numbers_from(line, at, record), record, file);
+        at += 7;
+      }
+      if (line.word(type) == kCameraWord)
+        rig.camera_from_rig[line.integer(camera, record + " SENSOR_ID", 0, kMaxId)] = pose;
+    }
+    line.expect_size(at, "as many sensors as NUM_SENSORS");
+    rigs.push_back(std::move(rig));
+  });
+  return rigs;
+}
+
+std::vector<RigRecord> parse_rigs_binary(std::string_view bytes, const fs::path& file) {
+  ByteReader in(bytes, file);
+  std::vector<RigRecord> rigs(in.take_count("number of rigs", 8));
+  Ids ids("rig", file);
+  for (RigRecord& rig : rigs) {
+    rig.id = in.take<std::uint32_t>("rig id");
+    ids.add(rig.id);
+    const std::string record = record_name("rig", rig.id);
+    const auto sensors = in.take<std::uint32_t>(record + " number of sensors");
+    for (std::uint32_t i = 0; i < sensors; ++i) {
+      const auto type = in.take<std::int32_t>(record + " type of sensor");
+      const auto camera = in.take<std::uint32_t>(record + " sensor");
+      std::optional<Rigid3d> pose;
+      if (i == 0)
+        pose = Rigid3d::Identity();
+      else if (in.take<std::uint8_t>(record + " has pose") != 0)
+        pose = pose_from(numbers_from(&in, record), record, file);
+      if (type == kCameraType) rig.camera_from_rig[camera] = pose;
+    }
+  }
+  in.expect_end();
+  return rigs;
+}
+
+std::vector<FrameRecord> parse_frames_text(std::string_view text, const fs::path& file) {
+  std::vector<FrameRecord> frames;
+  Ids ids("frame", file);
+  for_each_record(text, file, [&](const TextLine& line, const auto&) {
+    if (line.size() < 10)
+      line.expect_size(10, "FRAME_ID RIG_ID, the pose's seven numbers, NUM_DATA_IDS and data");
+    FrameRecord frame;
+    frame.id = line.integer(0, "FRAME_ID", 0, kMaxId);
+    ids.add(frame.id);
+    const std::string record = record_name("frame", frame.id);
+    frame.rig_id = line.integer(1, record + " RIG_ID", 0, kMaxId);
+    frame.rig_from_world = pose_from(numbers_from(line, 2, record), record, file);
+    const std::int64_t data = line.integer(9, record + " NUM_DATA_IDS", 0, kMaxId);
+    line.expect_size(10 + 3 * static_cast<std::size_t>(data),
+                     "SENSOR_TYPE, SENSOR_ID, DATA_ID as often as NUM_DATA_IDS");
+    for (std::size_t i = 10; i < line.size(); i += 3)
+      if (line.word(i) == kCameraWord)
+        frame.camera_of_image[line.integer(i + 2, record + " DATA_ID", 0, kMaxId)] =
+            line.integer(i + 1, record + " SENSOR_ID", 0, kMaxId);
+    frames.push_back(std::move(frame));
+  });
+  return frames;
+}
+
+std::vector<FrameRecord> parse_frames_binary(std::string_view bytes, const fs::path& file) {
+  ByteReader in(bytes, file);
+  std::vector<FrameRecord> frames(in.take_count("number of frames", 68));
+  Ids ids("frame", file);
+  for (FrameRecord& frame : frames) {
+    frame.id = in.take<std::uint32_t>("frame id");
+    ids.add(frame.id);
+    const std::string record = record_name("frame", frame.id);
+    frame.rig_id = in.take<std::uint32_t>(record + " rig");
+    frame.rig_from_world = pose_from(numbers_from(&in, record), record, file);
+    const auto data = in.take<std::uint32_t>(record + " number of data");
+    for (std::uint32_t i = 0; i < data; ++i) {
+      const auto type = in.take<std::int32_t>(record + " type of sensor");
+      const auto camera = in.take<std::uint32_t>(record + " sensor");
+      const auto image = in.take<std::uint64_t>(record + " data");
+      if (type == kCameraType) frame.camera_of_image[static_cast<std::int64_t>(image)] = camera;
+    }
+  }
+  in.expect_end();
+  return frames;
 }
 
 }  // namespace redrive::colmap

@@ -7,6 +7,7 @@
 #include "redrive/camera/camera.h"
 #include "redrive/camera/example_cameras_testing.h"
 #include "redrive/recording/colmap_files.h"
+#include "redrive/recording/colmap_rigs.h"
 #include "redrive/recording/recording_reader.h"
 #include "redrive/recording/recording_testing.h"
 
@@ -121,8 +122,8 @@ TEST_F(ColmapTest, ReadsBinaryModelsAndOtherFolders) {
   std::string findings;
   for (const Finding& finding : recording.findings)
     findings += finding.subject + ": " + finding.what + "\n";
-  EXPECT_THAT(findings, AllOf(HasSubstr("rigs.bin: not needed"), HasSubstr("other.jpg"),
-                              HasSubstr("gone.png")));
+  EXPECT_THAT(findings, AllOf(HasSubstr("rigs.bin: not used: the model has no frames"),
+                              HasSubstr("other.jpg"), HasSubstr("gone.png")));
 }
 
 TEST_F(ColmapTest, HasNoBoundsAroundPointsTooFarAway) {
@@ -336,6 +337,91 @@ TEST(ColmapCameras, ChoosesTheModelThatIsExact) {
   camera.model = "mei";
   camera.parameters.push_back(1);
   EXPECT_FALSE(colmap::to_record(camera));
+}
+
+// COLMAP numbers models as it finds them, not by size.
+TEST_F(ColmapTest, ReadsTheModelWithMostImages) {
+  write_model("sparse/1/");
+  folder_.write("sparse/0/cameras.txt", kCameras);
+  folder_.write("sparse/0/images.txt", "3 1 0 0 0 0 0 0 1 a/2.png\n\n");
+  folder_.write("sparse/2/cameras.txt", kCameras);
+  folder_.write("sparse/2/images.txt", "cut");
+  const Recording recording = opened();
+  EXPECT_EQ(recording.frames.size(), 2u);
+  EXPECT_EQ(recording.points_file, folder_.path / "sparse/1/points3D.txt");
+  EXPECT_EQ(recording.findings[0].subject, "models");
+  EXPECT_THAT(recording.findings[0].what,
+              AllOf(HasSubstr("sparse/1 with 2 images is read"), HasSubstr("sparse/0 with 1 image"),
+                    HasSubstr("sparse/2 (damaged)")));
+  EXPECT_EQ(open_recording(folder_.path / "sparse/0").frames.size(), 1u) << "as the finding says";
+}
+
+TEST_F(ColmapTest, TakesMasksByOtherNamesAndNamesUnusedOnes) {
+  write_model();
+  folder_.write("masks/a/2.png", "");
+  folder_.write("masks/a/gone.png", "");
+  folder_.write("masks/gone.png", "");
+  const Recording recording = opened();
+  EXPECT_EQ(recording.cameras[0].images[0].mask.path, folder_.path / "masks/a/2.png");
+  ASSERT_EQ(recording.findings.size(), 2u);
+  EXPECT_THAT(recording.findings[1].what, HasSubstr("1 file not used, as they are named after no"));
+}
+
+// Image 10 belongs to camera 7, which looks to the right of camera 1 from 2 to its right.
+const std::string kRigs =
+    "1 3 CAMERA 1 CAMERA 7 1 0.70710678118654752 0 -0.70710678118654752 0 0 0 2 IMU 1 0\n";
+const std::string kFrames = "1 1 1 0 0 0 0 0 0 2 CAMERA 1 3 CAMERA 7 10\n";
+
+TEST_F(ColmapTest, RigsThatAgreeAreNoFinding) {
+  write_model();
+  folder_.write("sparse/0/rigs.txt", kRigs);
+  folder_.write("sparse/0/frames.txt", kFrames);
+  EXPECT_EQ(opened().findings.size(), 1u);
+}
+
+TEST_F(ColmapTest, PosesOfRigsReplaceStaleOnes) {
+  write_model();
+  folder_.write("sparse/0/rigs.txt", kRigs);
+  folder_.write("sparse/0/frames.txt", "1 1 1 0 0 0 0 0 0.5 2 CAMERA 1 3 CAMERA 7 10\n");
+  const Recording recording = opened();
+  const Finding& finding = recording.findings.at(0);
+  EXPECT_EQ(finding.subject, "rigs");
+  EXPECT_THAT(finding.what, AllOf(HasSubstr("2 images of 3"), HasSubstr("0 degrees and 0.5")));
+  EXPECT_NEAR(
+      (recording.frames[0].global_from_body.translation() - Eigen::Vector3d(0, 0, -0.5)).norm(), 0,
+      1e-12);
+  folder_.write("sparse/0/frames.txt", "1 1 1 0 0 0 0 0 0.5 2 CAMERA 1 3 CAMERA\n");
+  EXPECT_THAT(opened().findings.at(0).what,
+              AllOf(HasSubstr("not used"), HasSubstr("frames.txt"), HasSubstr("number of values")));
+}
+
+TEST_F(ColmapTest, BinaryRigsAreThoseOfTheText) {
+  const fs::path file = "f";
+  std::string rigs, frames;
+  const auto add = [](std::string* bytes, auto value) {
+    bytes->append(reinterpret_cast<const char*>(&value), sizeof value);
+  };
+  add(&rigs, std::uint64_t{1}), add(&rigs, std::uint32_t{1}), add(&rigs, std::uint32_t{3});
+  add(&rigs, std::int32_t{0}), add(&rigs, std::uint32_t{1});
+  add(&rigs, std::int32_t{0}), add(&rigs, std::uint32_t{7}), add(&rigs, std::uint8_t{1});
+  for (const double number : {std::sqrt(0.5), 0.0, -std::sqrt(0.5), 0.0, 0.0, 0.0, 2.0})
+    add(&rigs, number);
+  add(&rigs, std::int32_t{1}), add(&rigs, std::uint32_t{1}), add(&rigs, std::uint8_t{0});
+  add(&frames, std::uint64_t{1}), add(&frames, std::uint32_t{1}), add(&frames, std::uint32_t{1});
+  for (const double number : {1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0}) add(&frames, number);
+  add(&frames, std::uint32_t{2});
+  for (const auto& [camera, image] : {std::pair(1u, 3ull), std::pair(7u, 10ull)})
+    add(&frames, std::int32_t{0}), add(&frames, camera), add(&frames, image);
+  const auto text = colmap::parse_rigs_text(kRigs, file);
+  const auto binary = colmap::parse_rigs_binary(rigs, file);
+  ASSERT_EQ(binary.size(), 1u);
+  ASSERT_EQ(binary[0].camera_from_rig.size(), 2u);
+  EXPECT_TRUE(binary[0].camera_from_rig.at(7)->isApprox(*text[0].camera_from_rig.at(7), 1e-15));
+  EXPECT_EQ(colmap::parse_frames_binary(frames, file)[0].camera_of_image,
+            colmap::parse_frames_text(kFrames, file)[0].camera_of_image);
+  rigs.pop_back();
+  EXPECT_THAT(input_error([&] { colmap::parse_rigs_binary(rigs, file); }),
+              HasSubstr("rig 1 has pose: ends here"));
 }
 
 }  // namespace

@@ -95,35 +95,30 @@ std::vector<FrameFile> list_frame_files(const fs::path& folder, const std::strin
   return files;
 }
 
+bool has_file_of(const std::vector<FrameFile>& files, std::int64_t frame_id) {
+  return std::ranges::binary_search(files, frame_id, {}, &FrameFile::frame_id);
+}
+
 std::vector<ImageFile> images_with_poses(std::vector<FrameFile> images, const std::string& camera,
                                          const std::vector<FramePose>& frames,
                                          std::vector<Finding>* findings) {
   if (images.empty()) return {};
 
-  std::set<std::int64_t> posed, seen;
+  std::set<std::int64_t> posed;
   for (const FramePose& frame : frames) posed.insert(frame.id);
-  std::vector<std::int64_t> without_pose, without_image;
+  std::vector<std::int64_t> without_pose;
   std::vector<ImageFile> kept;
   for (FrameFile& image : images) {
-    seen.insert(image.frame_id);
     if (posed.contains(image.frame_id)) {
       kept.push_back({std::move(image)});
     } else {
       without_pose.push_back(image.frame_id);
     }
   }
-  for (const FramePose& frame : frames) {
-    if (!seen.contains(frame.id)) without_image.push_back(frame.id);
-  }
   if (!without_pose.empty()) {
     findings->push_back({camera, counted(without_pose.size(), "image") +
                                      " dropped, the egomotion has no pose for frame " +
                                      first_few(without_pose)});
-  }
-  if (!without_image.empty()) {
-    findings->push_back({camera, "no image for " + counted(without_image.size(), "frame") +
-                                     " that " + (without_image.size() == 1 ? "has" : "have") +
-                                     " a pose: " + first_few(without_image)});
   }
   return kept;
 }

@@ -28,8 +28,10 @@ std::vector<FrameFile> list_frame_files(const std::filesystem::path& folder,
                                         std::initializer_list<std::string_view> extensions,
                                         const std::string& subject, std::vector<Finding>* findings);
 
-/// Returns a camera's images of frames with a pose. Findings list the images that are dropped and
-/// the frames that lack one; a camera without images has none.
+/// Whether one of the files, by id, is of the frame.
+bool has_file_of(const std::vector<FrameFile>& files, std::int64_t frame_id);
+
+/// Returns a camera's images of frames with a pose. A finding lists the images that are dropped.
 std::vector<ImageFile> images_with_poses(std::vector<FrameFile> images, const std::string& camera,
                                          const std::vector<FramePose>& frames,
                                          std::vector<Finding>* findings);

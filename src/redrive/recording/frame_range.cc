@@ -6,6 +6,7 @@
 #include <string_view>
 
 #include "redrive/base/error.h"
+#include "redrive/recording/excerpt.h"
 
 namespace redrive {
 namespace {
@@ -68,13 +69,8 @@ void keep_frames(const FrameRange& range, Recording* recording) {
   const auto outside = [&](std::int64_t id) {
     return id < chosen.front().id || id > chosen.back().id;
   };
-  if (recording->metric && !recording->points_file.empty() &&
-      outside(recording->frames.front().id)) {
-    recording->findings.push_back({recording->points_file.filename().string(),
-                                   "not used: it is in the body axes of the first frame, which is "
-                                   "left out"});
-    recording->points_file.clear();
-  }
+  drop_foreign_points(*std::ranges::find_if_not(recording->frames, outside, &FramePose::id),
+                      recording);
   std::erase_if(recording->frames, [&](const FramePose& frame) { return outside(frame.id); });
   for (RecordedCamera& camera : recording->cameras)
     std::erase_if(camera.images, [&](const ImageFile& image) {

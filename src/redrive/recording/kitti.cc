@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cstdio>
 #include <cstdlib>
+#include <functional>
 #include <optional>
 
 #include "redrive/base/error.h"
@@ -30,20 +31,25 @@ fs::path day_of_drive(const fs::path& root) {
   return (absolute.has_filename() ? absolute : absolute.parent_path()).parent_path();
 }
 
-fs::path required(const fs::path& file) {
-  if (!is_there(file))
-    throw InputError(file, "", "",
-                     "missing: the calibration stands in the folder of the day, above the drive's");
-  return file;
+/// The file of the calibration, also where an excerpt has it in the drive's own folder.
+fs::path calibration_file(const fs::path& root, const char* name) {
+  const fs::path day = day_of_drive(root);
+  for (const fs::path& folder : {day, root, root / "calibration", root / "calib"})
+    if (is_there(folder / name)) return folder / name;
+  throw InputError(day / name, "", "",
+                   "missing: the calibration stands in the folder of the day, above the drive's, "
+                   "or in the drive's");
 }
 
 template <class Parse>
-auto parse_calibration_file(const fs::path& file, Parse parse) {
-  return parse(read_file(required(file)), file);
+auto parse_file(const fs::path& file, Parse parse) {
+  return parse(read_file(file), file);
 }
 
-/// Poses of the body at the times of the GPS and IMU.
-std::vector<FramePose> read_oxts_poses(const fs::path& root, std::vector<Finding>* findings) {
+/// Poses of the body at the times of the GPS and IMU. `is_shown`: of frames that have an image.
+std::vector<FramePose> read_oxts_poses(const fs::path& root,
+                                       const std::function<bool(std::int64_t)>& is_shown,
+                                       std::vector<Finding>* findings) {
   const std::vector<FrameFile> files =
       list_frame_files(root / "oxts/data", "", {".txt"}, "oxts/data", findings);
   if (files.empty()) throw InputError(root / "oxts/data", "", "", "holds no pose");
@@ -51,7 +57,7 @@ std::vector<FramePose> read_oxts_poses(const fs::path& root, std::vector<Finding
   std::vector<FramePose> poses;
   std::vector<std::int64_t> without_time;
   for (const FrameFile& file : files) {
-    const std::optional<std::int64_t> t_ns = times.of(file.frame_id);
+    const std::optional<std::int64_t> t_ns = times.of(file.frame_id, is_shown(file.frame_id));
     if (!t_ns) {
       without_time.push_back(file.frame_id);
       continue;
@@ -94,7 +100,8 @@ std::vector<FramePose> frames_at_images(const std::vector<FramePose>& poses,
   std::vector<FramePose> frames;
   std::vector<std::int64_t> without_time;
   for (const FramePose& pose : poses) {
-    const std::optional<std::int64_t> t_ns = camera.times.of(pose.id);
+    const std::optional<std::int64_t> t_ns =
+        camera.times.of(pose.id, has_file_of(camera.images, pose.id));
     if (!t_ns) {
       without_time.push_back(pose.id);
       continue;
@@ -118,7 +125,10 @@ std::vector<FrameFile> list_scans(const fs::path& root, const std::vector<FrameP
   const Timestamps start(folder / "timestamps_start.txt"), end(folder / "timestamps_end.txt");
   std::vector<std::int64_t> without_time;
   std::erase_if(files, [&](const FrameFile& file) {
-    const auto start_ns = start.of(file.frame_id), end_ns = end.of(file.frame_id);
+    const auto frame = std::ranges::lower_bound(frames, file.frame_id, {}, &FramePose::id);
+    const bool has_frame = frame != frames.end() && frame->id == file.frame_id;
+    const auto start_ns = start.of(file.frame_id, has_frame),
+               end_ns = end.of(file.frame_id, has_frame);
     if (!start_ns || !end_ns) {
       without_time.push_back(file.frame_id);
       return true;
@@ -126,8 +136,7 @@ std::vector<FrameFile> list_scans(const fs::path& root, const std::vector<FrameP
     if (*end_ns <= *start_ns || *end_ns - *start_ns > kMaxRevolution_ns)
       end.fail(file.frame_id, 1e-9 * static_cast<double>(*end_ns - *start_ns),
                "after the start of the revolution, which takes up to 0.5 s");
-    const auto frame = std::ranges::lower_bound(frames, file.frame_id, {}, &FramePose::id);
-    if (frame != frames.end() && frame->id == file.frame_id)
+    if (has_frame)
       start.require_same(file.frame_id, (*start_ns + *end_ns) / 2, frame->t_ns, "the image");
     reader->scans[file.frame_id] = {*start_ns, *end_ns};
     return false;
@@ -173,13 +182,12 @@ bool looks_like(const fs::path& root) {
 
 Recording open(const fs::path& root, PoseSource source) {
   refuse_ground_truth(root, source);
-  const fs::path day = day_of_drive(root);
-  const fs::path cameras_file = day / "calib_cam_to_cam.txt";
-  const CamToCam cam_to_cam = parse_calibration_file(cameras_file, parse_cam_to_cam);
+  const fs::path cameras_file = calibration_file(root, "calib_cam_to_cam.txt");
+  const CamToCam cam_to_cam = parse_file(cameras_file, parse_cam_to_cam);
   const Rigid3d camera_from_velodyne =
-      parse_calibration_file(day / "calib_velo_to_cam.txt", parse_rigid);
+      parse_file(calibration_file(root, "calib_velo_to_cam.txt"), parse_rigid);
   const Rigid3d velodyne_from_imu =
-      parse_calibration_file(day / "calib_imu_to_velo.txt", parse_rigid);
+      parse_file(calibration_file(root, "calib_imu_to_velo.txt"), parse_rigid);
   const Rigid3d velodyne_from_body = velodyne_from_imu * imu_from_body();
   const Rigid3d rectified_from_body =
       cam_to_cam.rectified_from_camera * camera_from_velodyne * velodyne_from_body;
@@ -190,8 +198,14 @@ Recording open(const fs::path& root, PoseSource source) {
   const auto reader = std::make_shared<Reader>();
   reader->body_from_velodyne = velodyne_from_body.inverse(Eigen::Isometry);
 
-  const std::vector<FramePose> poses = read_oxts_poses(root, &findings);
   const std::vector<CameraFolder> cameras = list_cameras(root, &findings);
+  const std::vector<FramePose> poses = read_oxts_poses(
+      root,
+      [&](std::int64_t id) {
+        return std::ranges::any_of(
+            cameras, [&](const CameraFolder& camera) { return has_file_of(camera.images, id); });
+      },
+      &findings);
   if (!cameras.empty())
     recording.frames = frames_at_images(poses, cameras[0], root / "oxts/timestamps.txt", &findings);
   for (const CameraFolder& camera : cameras) {

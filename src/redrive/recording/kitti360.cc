@@ -28,6 +28,9 @@ constexpr double kSamePlace_m = 0.01;
 constexpr double kFarBox_m = 100;  // of objects that stand
 
 bool is_perspective(const std::string& camera) { return camera < "image_02"; }
+const char* images_folder(const std::string& camera) {
+  return is_perspective(camera) ? "data_rect" : "data_rgb";
+}
 
 /// The path without a slash at its end, from the file system's root.
 fs::path whole_path(const fs::path& path) {
@@ -39,10 +42,22 @@ bool holds_drives(const fs::path& folder) {
   return std::ranges::find(kFolders, folder.filename().string()) != std::end(kFolders);
 }
 
+/// Whether a folder, which is no drive of KITTI, has images or scans of KITTI-360 in itself.
+bool is_lone_drive(const fs::path& folder) {
+  if (is_folder(folder / "oxts")) return false;
+  return std::ranges::any_of(kCameras,
+                             [&](const std::string name) {
+                               return is_folder(folder / name / images_folder(name));
+                             }) ||
+         is_there(folder / "velodyne_points/timestamps.txt") ||
+         is_there(folder / "calibration/calib_cam_to_pose.txt");
+}
+
 Layout layout_of(const fs::path& root) {
   const fs::path path = whole_path(root);
   if (holds_drives(path.parent_path()))
     return {path.parent_path().parent_path(), path.filename().string()};
+  if (!is_folder(root / "data_2d_raw")) return {root, path.filename().string()};
   std::vector<std::string> drives;
   for (const fs::path& folder : list_folder(root / "data_2d_raw"))
     if (is_folder(folder)) drives.push_back(folder.filename().string());
@@ -52,6 +67,37 @@ Layout layout_of(const fs::path& root) {
         drives.empty() ? "there is none" : "name the folder of one of them: " + first_few(drives));
   return {root, drives[0]};
 }
+
+/// Where files of a drive were found: as they are unpacked, or in the drive's own folder, where
+/// excerpts have them. Paths of what is nowhere are those of the data set.
+struct Drive {
+  Layout layout;
+  fs::path cameras, velodyne, poses, calibration;
+
+  explicit Drive(const fs::path& root) : layout(layout_of(root)) {
+    const fs::path unpacked = layout.camera("").parent_path(),
+                   own = is_folder(unpacked) ? unpacked : whole_path(root);
+    cameras = is_lone_drive(own) ? own : unpacked;
+    velodyne = first_with({layout.velodyne(), own / "velodyne_points"}, {"data"});
+    poses = first_with({layout.poses(), own, own / "poses", layout.root / "data_poses"},
+                       {"poses.txt", "cam0_to_world.txt"});
+    calibration = first_with(
+        {layout.calibration(), own / "calibration", own, own.parent_path() / "calibration"},
+        {"calib_cam_to_pose.txt", "perspective.txt"});
+  }
+
+  fs::path images(const std::string& name) const { return cameras / name / images_folder(name); }
+
+ private:
+  /// The first of the folders that has one of the entries, else the first one.
+  static fs::path first_with(const std::vector<fs::path>& folders,
+                             const std::vector<const char*>& entries) {
+    for (const fs::path& folder : folders)
+      for (const char* entry : entries)
+        if (is_there(folder / entry)) return folder;
+    return folders[0];
+  }
+};
 
 template <class Parse>
 auto parse_file(const fs::path& file, Parse parse) {
@@ -95,10 +141,9 @@ struct ImuPoses {
   fs::path file;
 };
 
-ImuPoses read_imu_poses(const Layout& layout, const Rigid3d& imu_from_rectified,
+ImuPoses read_imu_poses(const fs::path& folder, const Rigid3d& imu_from_rectified,
                         std::vector<Finding>* findings) {
-  const fs::path poses_file = layout.poses() / "poses.txt",
-                 camera_file = layout.poses() / "cam0_to_world.txt";
+  const fs::path poses_file = folder / "poses.txt", camera_file = folder / "cam0_to_world.txt";
   if (!is_there(camera_file)) return {parse_file(poses_file, kitti::parse_frame_poses), poses_file};
   std::vector<FramePose> of_camera = parse_file(camera_file, kitti::parse_frame_poses);
   for (FramePose& pose : of_camera)
@@ -123,13 +168,20 @@ ImuPoses read_imu_poses(const Layout& layout, const Rigid3d& imu_from_rectified,
   return {std::move(poses), poses_file};
 }
 
+struct CameraImages {
+  std::string name;
+  std::vector<FrameFile> images;
+  kitti::Timestamps times;
+};
+
 /// Frames with a pose and a time.
-std::vector<FramePose> timed_frames(const ImuPoses& imu_poses, const kitti::Timestamps& times,
+std::vector<FramePose> timed_frames(const ImuPoses& imu_poses, const CameraImages& camera,
                                     std::vector<Finding>* findings) {
+  const kitti::Timestamps& times = camera.times;
   std::vector<FramePose> frames;
   std::vector<std::int64_t> without_time;
   for (const FramePose& pose : imu_poses.by_frame) {
-    if (const std::optional<std::int64_t> t_ns = times.of(pose.id))
+    if (const auto t_ns = times.of(pose.id, has_file_of(camera.images, pose.id)))
       frames.push_back({pose.id, *t_ns, pose.global_from_body * imu_from_body()});
     else
       without_time.push_back(pose.id);
@@ -142,22 +194,16 @@ std::vector<FramePose> timed_frames(const ImuPoses& imu_poses, const kitti::Time
   return frames;
 }
 
-struct CameraImages {
-  std::string name;
-  std::vector<FrameFile> images;
-  kitti::Timestamps times;
-};
-
-std::vector<CameraImages> list_cameras(const Layout& layout, std::vector<Finding>* findings) {
+std::vector<CameraImages> list_cameras(const Drive& drive, std::vector<Finding>* findings) {
   std::vector<CameraImages> cameras;
   for (const std::string name : kCameras) {
-    const fs::path folder = layout.images(name);
+    const fs::path folder = drive.images(name);
     std::vector<FrameFile> images =
         list_frame_files(folder, "", {".png", ".jpg", ".jpeg"}, name, findings);
     if (!images.empty()) {
       cameras.push_back(
-          {name, std::move(images), kitti::Timestamps(layout.camera(name) / "timestamps.txt")});
-    } else if (is_folder(layout.camera(name))) {
+          {name, std::move(images), kitti::Timestamps(drive.cameras / name / "timestamps.txt")});
+    } else if (is_folder(drive.cameras / name)) {
       findings->push_back(
           {name, "no image in its folder " + folder.filename().string() +
                      (is_perspective(name) ? "; images before rectification are not read"
@@ -259,8 +305,9 @@ std::vector<FrameFile> list_scans(const fs::path& folder, const std::vector<Fram
 
 /// Reads the boxes, of which `reader` keeps those that stand.
 std::vector<FrameFile> read_objects(const fs::path& file, const kitti::Timestamps& times,
-                                    Reader* reader) {
+                                    Reader* reader, std::vector<Finding>* findings) {
   std::vector<Label> labels;
+  std::vector<std::int64_t> beyond;
   const std::vector<FramePose>& frames = reader->frames;
   const auto lines = static_cast<std::int64_t>(times.by_line.size());
   for (Object& object : parse_file(file, parse_objects)) {
@@ -268,16 +315,17 @@ std::vector<FrameFile> read_objects(const fs::path& file, const kitti::Timestamp
       reader->standing.push_back(std::move(object));
       continue;
     }
-    if (object.frame_id >= lines)
-      throw InputError(file, "timestamp", std::to_string(object.frame_id),
-                       "is no frame of this drive: " + times.file.string() + " has " +
-                           std::to_string(lines) + " lines");
+    if (object.frame_id >= lines) beyond.push_back(object.frame_id);
     const auto frame = std::ranges::lower_bound(frames, object.frame_id, {}, &FramePose::id);
     if (frame == frames.end() || frame->id != object.frame_id) continue;
     labels.push_back({object.frame_id, object.id, object.type,
                       frame->global_from_body.inverse(Eigen::Isometry) * object.world_from_box,
                       object.size_m, object.deforms});
   }
+  if (!beyond.empty())
+    findings->push_back({file.filename().string(),
+                         counted(beyond.size(), "object") + " of frames behind the last time of " +
+                             times.file.string() + ", not used: " + first_few(beyond)});
   std::set<std::int64_t> moving;
   for (const Label& label : labels) moving.insert(label.object_id);
   std::erase_if(reader->standing, [&](const Object& object) { return moving.contains(object.id); });
@@ -295,7 +343,7 @@ fs::path Layout::camera(const std::string& name) const {
   return root / "data_2d_raw" / drive / name;
 }
 fs::path Layout::images(const std::string& name) const {
-  return camera(name) / (is_perspective(name) ? "data_rect" : "data_rgb");
+  return camera(name) / images_folder(name);
 }
 fs::path Layout::velodyne() const { return root / "data_3d_raw" / drive / "velodyne_points"; }
 fs::path Layout::poses() const { return root / "data_poses" / drive; }
@@ -334,28 +382,28 @@ std::int64_t revolution_ns(const kitti::Timestamps& times) {
 }
 
 bool looks_like(const fs::path& root) {
-  return is_folder(root / "data_2d_raw") ||
+  return is_folder(root / "data_2d_raw") || is_lone_drive(root) ||
          (is_folder(root) && holds_drives(whole_path(root).parent_path()));
 }
 
 Recording open(const fs::path& root, PoseSource source) {
   refuse_ground_truth(root, source);
-  const Layout layout = layout_of(root);
-  const Calibration calibration(layout.calibration());
+  const Drive drive(root);
+  const Calibration calibration(drive.calibration);
   Recording recording;
   recording.root = root;
   recording.global_frame = GlobalFrame::kArbitrary;
   std::vector<Finding>& findings = recording.findings;
   const auto reader = std::make_shared<Reader>();
 
-  const std::vector<CameraImages> cameras = list_cameras(layout, &findings);
+  const std::vector<CameraImages> cameras = list_cameras(drive, &findings);
   if (cameras.empty())
-    throw InputError(layout.camera("image_00").parent_path(), "", "",
+    throw InputError(drive.cameras, "", "",
                      "empty recording: no image in image_00/data_rect, image_01/data_rect, "
                      "image_02/data_rgb or image_03/data_rgb");
   recording.frames =
-      timed_frames(read_imu_poses(layout, calibration.imu_from_rectified(), &findings),
-                   cameras[0].times, &findings);
+      timed_frames(read_imu_poses(drive.poses, calibration.imu_from_rectified(), &findings),
+                   cameras[0], &findings);
   for (const CameraImages& camera : cameras) {
     std::vector<ImageFile> images =
         images_with_poses(camera.images, camera.name, recording.frames, &findings);
@@ -368,21 +416,22 @@ Recording open(const fs::path& root, PoseSource source) {
   }
   require_cameras(recording);
 
-  recording.lidar_files = list_scans(layout.velodyne(), recording.frames, reader.get(), &findings);
+  recording.lidar_files = list_scans(drive.velodyne, recording.frames, reader.get(), &findings);
   if (!recording.lidar_files.empty()) {
     const Rigid3d velodyne_from_camera =
-        parse_file(layout.calibration() / "calib_cam_to_velo.txt", parse_cam_to_velo);
+        parse_file(drive.calibration / "calib_cam_to_velo.txt", parse_cam_to_velo);
     reader->body_from_velodyne = imu_from_body().inverse(Eigen::Isometry) *
                                  calibration.imu_from_camera("image_00") *
                                  velodyne_from_camera.inverse(Eigen::Isometry);
     recording.body_from_lidar = reader->body_from_velodyne;
   }
-  if (is_folder(layout.velodyne().parent_path() / "sick_points"))
+  if (is_folder(drive.velodyne.parent_path() / "sick_points"))
     recording.other_sensors.push_back("sick_points");
   reader->frames = recording.frames;
   for (const char* part : {"train", "train_full"})
-    if (const fs::path file = layout.boxes(part); is_there(file) && recording.box_files.empty())
-      recording.box_files = read_objects(file, cameras[0].times, reader.get());
+    if (const fs::path file = drive.layout.boxes(part);
+        is_there(file) && recording.box_files.empty())
+      recording.box_files = read_objects(file, cameras[0].times, reader.get(), &findings);
   recording.reader = reader;
   return recording;
 }

@@ -12,7 +12,8 @@
 
 namespace redrive::kitti360 {
 
-/// A folder of one drive below data_2d_raw, data_3d_raw or data_poses, or the data set's root.
+/// A folder of one drive below data_2d_raw, data_3d_raw or data_poses, the data set's root, or an
+/// excerpt that has images, scans, poses and calibration of a drive in one folder.
 bool looks_like(const std::filesystem::path& root);
 /// InputError if the root holds several drives.
 Recording open(const std::filesystem::path& root, PoseSource source);

@@ -15,6 +15,23 @@ namespace {
 constexpr double kMaxApart_m = 50;
 constexpr int kCameras = 4;
 
+/// The cameras P0 to P3 of a benchmark's calibration.
+RectifiedCameras numbered_cameras(const JsonField& root) {
+  RectifiedCameras cameras;
+  for (int c = 0; c < kCameras; ++c)
+    if (const std::string name = "P" + std::to_string(c); root.has(name))
+      cameras[c] = camera_from_projection(root.at(name), std::nullopt);
+  return cameras;
+}
+
+/// The 3 x 4 matrix of a field.
+Rigid3d rigid_from_rows(const JsonField& field, const std::string& name,
+                        const std::filesystem::path& file) {
+  const std::vector<double> m = field.numbers(12);
+  return rigid_from_numbers({m[0], m[1], m[2], m[4], m[5], m[6], m[8], m[9], m[10]},
+                            {m[3], m[7], m[11]}, name, file);
+}
+
 }  // namespace
 
 nlohmann::json value_of(std::string_view word) {
@@ -25,14 +42,16 @@ nlohmann::json value_of(std::string_view word) {
   return std::string(word);  // of calib_time, or a fault that the field's reader names
 }
 
-nlohmann::json key_values(std::string_view text, const std::filesystem::path& file) {
+nlohmann::json key_values(std::string_view text, const std::filesystem::path& file,
+                          bool needs_colon) {
   nlohmann::json document = nlohmann::json::object();
   for (const TextLine& line : text_lines(text, file)) {
     if (line.size() == 0) continue;
     std::string key(line.word(0));
-    if (key.size() < 2 || key.back() != ':')
+    if (key.size() >= 2 && key.back() == ':')
+      key.pop_back();
+    else if (needs_colon)
       line.fail(0, "key", "expected \"KEY: numbers\" in each line");
-    key.pop_back();
     if (document.contains(key)) line.fail(0, "key", "stands in an earlier line, too");
     nlohmann::json values = nlohmann::json::array();
     for (std::size_t i = 1; i < line.size(); ++i) values.push_back(value_of(line.word(i)));
@@ -103,16 +122,30 @@ OdometryCalibration parse_odometry_calibration(std::string_view text,
                                                const std::filesystem::path& file) {
   const nlohmann::json document = key_values(text, file);
   const JsonField root(document, file);
-  OdometryCalibration calibration;
-  for (int c = 0; c < kCameras; ++c)
-    if (const std::string name = "P" + std::to_string(c); root.has(name))
-      calibration.cameras[c] = camera_from_projection(root.at(name), std::nullopt);
-  if (root.has("Tr")) {
-    const std::vector<double> m = root.at("Tr").numbers(12);
-    calibration.rectified_from_velodyne = rigid_from_numbers(
-        {m[0], m[1], m[2], m[4], m[5], m[6], m[8], m[9], m[10]}, {m[3], m[7], m[11]}, "Tr", file);
-  }
+  OdometryCalibration calibration{numbered_cameras(root), std::nullopt};
+  if (root.has("Tr"))
+    calibration.rectified_from_velodyne = rigid_from_rows(root.at("Tr"), "Tr", file);
   return calibration;
+}
+
+TrackingCalibration parse_tracking_calibration(std::string_view text,
+                                               const std::filesystem::path& file) {
+  const nlohmann::json document = key_values(text, file, /*needs_colon=*/false);
+  const JsonField root(document, file);
+  const auto key = [&](const char* name, const char* of_detection) -> std::string {
+    for (const char* each : {name, of_detection})
+      if (root.has(each)) return each;
+    throw InputError(file, name, "",
+                     "missing; a calibration of KITTI's tracking benchmark has P0 to P3, R_rect, "
+                     "Tr_velo_cam and Tr_imu_velo");
+  };
+  const auto rigid = [&](const std::string& name) {
+    return rigid_from_rows(root.at(name), name, file);
+  };
+  const std::string turn = key("R_rect", "R0_rect");
+  return {numbered_cameras(root),
+          rigid_from_numbers(root.at(turn).numbers(9), {0, 0, 0}, turn, file),
+          rigid(key("Tr_velo_cam", "Tr_velo_to_cam")), rigid(key("Tr_imu_velo", "Tr_imu_to_velo"))};
 }
 
 Rigid3d parse_rigid(std::string_view text, const std::filesystem::path& file) {

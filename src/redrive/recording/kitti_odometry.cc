@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
+#include <map>
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
@@ -9,6 +10,7 @@
 #include "redrive/recording/kitti_poses.h"
 #include "redrive/recording/kitti_reader.h"
 #include "redrive/recording/trajectory.h"
+#include "redrive/recording/wording.h"
 
 namespace redrive::kitti {
 namespace {
@@ -28,15 +30,24 @@ fs::path poses_file_of(const fs::path& root) {
   return file;
 }
 
-std::vector<FramePose> read_frames(const fs::path& root) {
+/// Frames of the lines that both files have. InputError if one of them lacks that of an image.
+std::vector<FramePose> read_frames(const fs::path& root, std::int64_t last_image,
+                                   std::vector<Finding>* findings) {
   const fs::path times_file = root / "times.txt", poses_file = poses_file_of(root);
   const std::vector<std::int64_t> times = parse_times(read_file(times_file), times_file);
   const std::vector<Rigid3d> poses = parse_poses(read_file(poses_file), poses_file);
-  if (poses.size() != times.size())
-    throw InputError(poses_file, "number of lines", std::to_string(poses.size()),
-                     times_file.string() + " has " + std::to_string(times.size()));
+  const std::size_t both = std::min(poses.size(), times.size());
+  if (poses.size() != times.size()) {
+    if (last_image >= static_cast<std::int64_t>(both))
+      throw InputError(poses_file, "number of lines", std::to_string(poses.size()),
+                       times_file.string() + " has " + std::to_string(times.size()));
+    findings->push_back(
+        {poses_file.filename().string(), "has " + counted(poses.size(), "line") + ", times.txt " +
+                                             std::to_string(times.size()) + "; the first " +
+                                             std::to_string(both) + " of both are used"});
+  }
   std::vector<FramePose> frames;
-  for (std::size_t i = 0; i < poses.size(); ++i)
+  for (std::size_t i = 0; i < both; ++i)
     frames.push_back({static_cast<std::int64_t>(i), times[i], poses[i] * rectified_from_body()});
   check_trajectory(frames, poses_file, {"time", "pose"});
   return frames;
@@ -59,12 +70,17 @@ Recording open_odometry(const fs::path& root, PoseSource source) {
   Recording recording;
   recording.root = root;
   recording.global_frame = GlobalFrame::kArbitrary;
-  recording.frames = read_frames(root);
   std::vector<Finding>& findings = recording.findings;
+  std::map<std::string, std::vector<FrameFile>> folders;
+  std::int64_t last_image = -1;
   for (const std::string name : kSequenceFolders) {
+    folders[name] = list_frame_files(root / name, "", {".png"}, name, &findings);
+    if (!folders[name].empty()) last_image = std::max(last_image, folders[name].back().frame_id);
+  }
+  recording.frames = read_frames(root, last_image, &findings);
+  for (auto& [name, files] : folders) {
     std::vector<ImageFile> images =
-        images_with_poses(list_frame_files(root / name, "", {".png"}, name, &findings), name,
-                          recording.frames, &findings);
+        images_with_poses(std::move(files), name, recording.frames, &findings);
     if (images.empty()) continue;
     const auto found = calibration.cameras.find(name.back() - '0');
     if (found == calibration.cameras.end())
@@ -85,10 +101,8 @@ Recording open_odometry(const fs::path& root, PoseSource source) {
     reader->body_from_velodyne =
         rectified_from_body().inverse(Eigen::Isometry) * *calibration.rectified_from_velodyne;
     recording.body_from_lidar = reader->body_from_velodyne;
+    drop_scans_behind(recording.frames, &recording.lidar_files, &findings);
     // The benchmark's scans are motion compensated to the time of their frame.
-    std::erase_if(recording.lidar_files, [&](const FrameFile& file) {
-      return file.frame_id >= static_cast<std::int64_t>(recording.frames.size());
-    });
     for (const FrameFile& file : recording.lidar_files) {
       const std::int64_t t_ns = recording.frames[static_cast<std::size_t>(file.frame_id)].t_ns;
       reader->scans[file.frame_id] = {t_ns, t_ns};

@@ -80,6 +80,37 @@ std::vector<TextLine> lines_of_file(std::string_view text, const std::filesystem
   return lines;
 }
 
+/// ECEF from IMU by a packet.
+Rigid3d pose_of_packet(const TextLine& line) {
+  line.expect_size(30, "latitude, longitude, altitude, roll, pitch, yaw, ...");
+  constexpr double kTurn_rad = 2 * std::numbers::pi + 1e-6;
+  const double latitude_rad = line.number(0, "latitude", -90, 90) * std::numbers::pi / 180,
+               longitude_rad = line.number(1, "longitude", -360, 360) * std::numbers::pi / 180,
+               altitude_m = line.number(2, "altitude", -1000, 20000),
+               roll_rad = line.number(3, "roll", -kTurn_rad, kTurn_rad),
+               pitch_rad = line.number(4, "pitch", -kTurn_rad, kTurn_rad),
+               yaw_rad = line.number(5, "yaw", -kTurn_rad, kTurn_rad);
+  for (std::size_t i = 6; i < line.size(); ++i)
+    line.number(i, "value " + std::to_string(i + 1), -kAnyNumber, kAnyNumber);
+
+  const Eigen::Vector3d up(std::cos(latitude_rad) * std::cos(longitude_rad),
+                           std::cos(latitude_rad) * std::sin(longitude_rad),
+                           std::sin(latitude_rad));
+  const Eigen::Vector3d east(-std::sin(longitude_rad), std::cos(longitude_rad), 0);
+  const double normal_m =  // radius of curvature of the prime vertical
+      kWgs84SemiMajor_m / std::sqrt(1 - kWgs84EccentricitySquared * up.z() * up.z());
+  Eigen::Matrix3d ecef_from_enu;
+  ecef_from_enu << east, up.cross(east), up;
+  Rigid3d ecef_from_imu = Rigid3d::Identity();
+  ecef_from_imu.translation() = (normal_m + altitude_m) * up;
+  ecef_from_imu.translation().z() -= kWgs84EccentricitySquared * normal_m * up.z();
+  ecef_from_imu.linear() = ecef_from_enu * (Eigen::AngleAxisd(yaw_rad, Eigen::Vector3d::UnitZ()) *
+                                            Eigen::AngleAxisd(pitch_rad, Eigen::Vector3d::UnitY()) *
+                                            Eigen::AngleAxisd(roll_rad, Eigen::Vector3d::UnitX()))
+                                               .toRotationMatrix();
+  return ecef_from_imu;
+}
+
 }  // namespace
 
 std::vector<std::optional<std::int64_t>> parse_timestamps(std::string_view text,
@@ -111,33 +142,13 @@ Rigid3d parse_oxts(std::string_view text, const std::filesystem::path& file) {
                      "expected one, with a packet of 30 numbers");
   const std::size_t end = std::min(text.find('\n'), text.size());
   const TextLine line(text.substr(0, end), file, 0);
-  line.expect_size(30, "latitude, longitude, altitude, roll, pitch, yaw, ...");
-  constexpr double kTurn_rad = 2 * std::numbers::pi + 1e-6;
-  const double latitude_rad = line.number(0, "latitude", -90, 90) * std::numbers::pi / 180,
-               longitude_rad = line.number(1, "longitude", -360, 360) * std::numbers::pi / 180,
-               altitude_m = line.number(2, "altitude", -1000, 20000),
-               roll_rad = line.number(3, "roll", -kTurn_rad, kTurn_rad),
-               pitch_rad = line.number(4, "pitch", -kTurn_rad, kTurn_rad),
-               yaw_rad = line.number(5, "yaw", -kTurn_rad, kTurn_rad);
-  for (std::size_t i = 6; i < line.size(); ++i)
-    line.number(i, "value " + std::to_string(i + 1), -kAnyNumber, kAnyNumber);
+  return pose_of_packet(line);
+}
 
-  const Eigen::Vector3d up(std::cos(latitude_rad) * std::cos(longitude_rad),
-                           std::cos(latitude_rad) * std::sin(longitude_rad),
-                           std::sin(latitude_rad));
-  const Eigen::Vector3d east(-std::sin(longitude_rad), std::cos(longitude_rad), 0);
-  const double normal_m =  // radius of curvature of the prime vertical
-      kWgs84SemiMajor_m / std::sqrt(1 - kWgs84EccentricitySquared * up.z() * up.z());
-  Eigen::Matrix3d ecef_from_enu;
-  ecef_from_enu << east, up.cross(east), up;
-  Rigid3d ecef_from_imu = Rigid3d::Identity();
-  ecef_from_imu.translation() = (normal_m + altitude_m) * up;
-  ecef_from_imu.translation().z() -= kWgs84EccentricitySquared * normal_m * up.z();
-  ecef_from_imu.linear() = ecef_from_enu * (Eigen::AngleAxisd(yaw_rad, Eigen::Vector3d::UnitZ()) *
-                                            Eigen::AngleAxisd(pitch_rad, Eigen::Vector3d::UnitY()) *
-                                            Eigen::AngleAxisd(roll_rad, Eigen::Vector3d::UnitX()))
-                                               .toRotationMatrix();
-  return ecef_from_imu;
+std::vector<Rigid3d> parse_oxts_lines(std::string_view text, const std::filesystem::path& file) {
+  std::vector<Rigid3d> poses;
+  for (const TextLine& line : lines_of_file(text, file)) poses.push_back(pose_of_packet(line));
+  return poses;
 }
 
 std::vector<std::int64_t> parse_times(std::string_view text, const std::filesystem::path& file) {

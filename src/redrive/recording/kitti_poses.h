@@ -26,6 +26,9 @@ std::vector<std::optional<std::int64_t>> parse_timestamps(std::string_view text,
 /// values, values that are not finite or out of range.
 Rigid3d parse_oxts(std::string_view text, const std::filesystem::path& file);
 
+/// As parse_oxts by line, of the tracking benchmark's file of a sequence.
+std::vector<Rigid3d> parse_oxts_lines(std::string_view text, const std::filesystem::path& file);
+
 /// Nanoseconds by line, of seconds. InputError: no line, times that are no numbers or do not
 /// increase.
 std::vector<std::int64_t> parse_times(std::string_view text, const std::filesystem::path& file);

@@ -21,12 +21,14 @@ constexpr std::int64_t kOffsetJitter_ns = 5'000'000;
 Timestamps::Timestamps(const std::filesystem::path& path)
     : file(path), by_line(parse_timestamps(read_file(path), path)) {}
 
-std::optional<std::int64_t> Timestamps::of(std::int64_t frame_id) const {
-  if (frame_id >= static_cast<std::int64_t>(by_line.size()))
+std::optional<std::int64_t> Timestamps::of(std::int64_t frame_id, bool needed) const {
+  if (frame_id >= static_cast<std::int64_t>(by_line.size())) {
+    if (!needed) return std::nullopt;
     throw InputError(file, "number of lines", std::to_string(by_line.size()),
                      "has none for frame " + std::to_string(frame_id) +
                          ": line n is of frame n - 1, also where files of other frames are "
                          "missing");
+  }
   return by_line[static_cast<std::size_t>(frame_id)];
 }
 
@@ -79,6 +81,19 @@ std::uint64_t Reader::lidar_point_count(const FrameFile& file) const {
 }
 
 std::vector<Box> Reader::read_boxes(const FrameFile& file) const { return boxes.at(file.frame_id); }
+
+void drop_scans_behind(const std::vector<FramePose>& frames, std::vector<FrameFile>* scans,
+                       std::vector<Finding>* findings) {
+  std::vector<std::int64_t> behind;
+  std::erase_if(*scans, [&](const FrameFile& file) {
+    if (file.frame_id < static_cast<std::int64_t>(frames.size())) return false;
+    behind.push_back(file.frame_id);
+    return true;
+  });
+  if (!behind.empty())
+    findings->push_back(
+        {"velodyne", "no pose for the scan of frame " + first_few(behind) + "; they are not used"});
+}
 
 CameraCalibration calibration_of(const RectifiedCamera& camera, ImageSize size,
                                  const std::string& name, const Rigid3d& rectified_from_body) {

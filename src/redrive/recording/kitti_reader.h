@@ -33,8 +33,9 @@ struct Timestamps {
 
   explicit Timestamps(const std::filesystem::path& path);
 
-  /// Nothing for an empty line; InputError if there is no line for the frame.
-  std::optional<std::int64_t> of(std::int64_t frame_id) const;
+  /// Nothing for an empty line, and behind the last line if the frame is not `needed`, as where an
+  /// excerpt has poses of the whole drive. Else InputError if there is no line for the frame.
+  std::optional<std::int64_t> of(std::int64_t frame_id, bool needed = true) const;
   /// InputError if a time is more than 0.2 s off that of the frame by another sensor.
   void require_same(std::int64_t frame_id, std::int64_t t_ns, std::int64_t other_ns,
                     const std::string& other) const;
@@ -46,6 +47,11 @@ struct Timestamps {
 std::int64_t time_offset_ns(const Timestamps& times, const std::string& camera,
                             const std::vector<ImageFile>& images,
                             const std::vector<FramePose>& frames, std::vector<Finding>* findings);
+
+/// Drops the scans of a sequence behind its last frame, where frames count from 0. A finding names
+/// them.
+void drop_scans_behind(const std::vector<FramePose>& frames, std::vector<FrameFile>* scans,
+                       std::vector<Finding>* findings);
 
 /// The calibration of a rectified camera. `size`: of its images.
 CameraCalibration calibration_of(const RectifiedCamera& camera, ImageSize size,

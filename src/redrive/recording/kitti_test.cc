@@ -156,6 +156,33 @@ TEST_F(Kitti, FindsTheCalibrationOfARelativePath) {
   fs::current_path(before);
 }
 
+TEST_F(Kitti, FindsTheCalibrationInTheDrivesFolder) {
+  const fs::path day = folder_.path / "2011_09_26", drive = folder_.path / kKittiDrive;
+  fs::create_directory(drive / "calibration");
+  for (const auto& [from, to] : {std::pair(day, drive), std::pair(drive, drive / "calibration")}) {
+    for (const char* name :
+         {"calib_cam_to_cam.txt", "calib_velo_to_cam.txt", "calib_imu_to_velo.txt"})
+      fs::rename(from / name, to / name);
+    EXPECT_EQ(opened().cameras.size(), 2u);
+  }
+}
+
+// A drive has packets and scans to its end, the excerpt images and times of a part.
+TEST_F(Kitti, LeavesOutPacketsAndScansBehindTheTimes) {
+  for (const int id : {7, 8}) {
+    write("oxts/data/000000000" + std::to_string(id) + ".txt", testing::kitti_oxts(id));
+    write("velodyne_points/data/000000000" + std::to_string(id) + ".bin",
+          testing::kitti_scan({{10, 0, 0, 1}}));
+  }
+  write("oxts/timestamps.txt", testing::kitti_timestamps(8, 5.01));
+  const Recording recording = opened();
+  EXPECT_EQ(recording.frames.size(), 3u);
+  EXPECT_EQ(recording.lidar_files.size(), 3u);
+  EXPECT_THAT(kitti_findings(recording, "oxts"), HasSubstr("frame 8"));
+  EXPECT_THAT(kitti_findings(recording, "image_00"), HasSubstr("no time for frame 7"));
+  EXPECT_THAT(kitti_findings(recording, "velodyne_points"), HasSubstr("frame 7, 8"));
+}
+
 TEST_F(Kitti, NamesMissingFiles) {
   for (const std::string name :
        {"calib_cam_to_cam.txt", "calib_velo_to_cam.txt", "calib_imu_to_velo.txt"}) {
@@ -326,6 +353,16 @@ TEST_F(KittiSequence, RejectsScansThatEndEarly) {
                 recording.reader->read_lidar(recording.lidar_files[1]);
               }),
               AllOf(HasSubstr("000001.bin"), HasSubstr("7 bytes")));
+}
+
+// Excerpts have few images and the poses, or the times, of the whole sequence.
+TEST_F(KittiSequence, LeavesOutLinesThatOneFileLacks) {
+  folder_.write("sequences/04/times.txt", "0\n0.1\n0.2\n0.3\n0.4\n");
+  folder_.write("sequences/04/velodyne/000004.bin", testing::kitti_scan({{10, 0, 0, 0.25f}}));
+  const Recording recording = opened();
+  EXPECT_EQ(recording.frames.size(), 3u);
+  EXPECT_THAT(kitti_findings(recording, "04.txt"), HasSubstr("the first 3 of both are used"));
+  EXPECT_THAT(kitti_findings(recording, "velodyne"), HasSubstr("frame 4"));
 }
 
 TEST_F(KittiSequence, RejectsPosesThatDoNotFit) {

@@ -45,6 +45,13 @@ std::vector<fs::path> tables_below(const fs::path& folder) {
   return versions;
 }
 
+std::vector<std::string> missing_tables_of_boxes(const fs::path& tables) {
+  std::vector<std::string> missing;
+  for (const char* name : {"sample_annotation.json", "instance.json", "category.json"})
+    if (!is_there(tables / name)) missing.push_back(name);
+  return missing;
+}
+
 struct SceneFolder {
   std::vector<fs::path> tables;
   std::string scene;  ///< name or token; empty: the only one
@@ -186,12 +193,16 @@ Recording open(const fs::path& root, PoseSource source) {
                          ": add one of them to the path, and a scene, as in " +
                          (versions[0] / "scene-0061").string());
   const fs::path tables = versions.at(0), sample_data = tables / "sample_data.json";
-  const SceneTables scene = read_scene(tables, wanted);
+  const std::vector<std::string> missing = missing_tables_of_boxes(tables);
+  const SceneTables scene = read_scene(tables, wanted, scan_file, missing.empty());
 
   Recording recording;
   recording.root = root;
   recording.global_frame = GlobalFrame::kArbitrary;
   std::vector<Finding>& findings = recording.findings;
+  if (!missing.empty())
+    findings.push_back(
+        {"boxes", "none: " + first_few(missing) + " missing in " + tables.filename().string()});
   std::size_t first = scene.sensors.size();
   for (std::size_t s = 0; s < scene.sensors.size(); ++s) {
     const Sensor& sensor = scene.sensors[s];

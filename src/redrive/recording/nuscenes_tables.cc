@@ -271,7 +271,8 @@ void check_sample_times(std::vector<std::int64_t> times_ns, const fs::path& file
 
 }  // namespace
 
-SceneTables read_scene(const fs::path& folder, const std::string& wanted, const ReadTable& read) {
+SceneTables read_scene(const fs::path& folder, const std::string& wanted, const ReadTable& read,
+                       bool boxes) {
   const TokenTables tables(folder, read);
   SceneTables scene;
   const Tokens scenes = {{find_scene(tables, wanted, &scene.name), 0}};
@@ -307,7 +308,7 @@ SceneTables read_scene(const fs::path& folder, const std::string& wanted, const 
                      "has no file of a camera or of LIDAR_TOP of " + scene.name);
   std::ranges::stable_sort(scene.files, {}, &SensorFile::t_ns);
   scene.poses = read_poses(tables, poses);
-  read_annotations(tables, samples, &scene);
+  if (boxes) read_annotations(tables, samples, &scene);
   return scene;
 }
 

@@ -54,8 +54,9 @@ struct SceneTables {
 /// records; no such scene (the message names those that there are); tokens that no record has;
 /// fields that are missing or of another type; numbers that are not finite; rotations whose norm is
 /// not 1 to 1e-3; positions further than 1e7 m; sizes outside 0.01..100 m; file names that leave
-/// the parent folder; a sensor with two calibrations.
+/// the parent folder; a sensor with two calibrations. Without `boxes`, sample_annotation, instance
+/// and category are not read.
 SceneTables read_scene(const std::filesystem::path& folder, const std::string& scene,
-                       const ReadTable& read = scan_file);
+                       const ReadTable& read = scan_file, bool boxes = true);
 
 }  // namespace redrive::nuscenes

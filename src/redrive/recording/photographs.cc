@@ -7,6 +7,7 @@
 #include <optional>
 
 #include "redrive/base/error.h"
+#include "redrive/base/files.h"
 #include "redrive/recording/frame_files.h"
 #include "redrive/recording/image_size.h"
 #include "redrive/recording/wording.h"
@@ -111,6 +112,18 @@ void refuse_without_images(const fs::path& folder, const std::string& first) {
                    "missing, and so are all other images that are listed; there is " +
                        (there.empty() ? "nothing" : first_few(there)) +
                        (is_folder(sought.parent_path()) ? " beside it" : " in " + folder.string()));
+}
+
+void report_unread_points(const std::vector<std::filesystem::path>& folders,
+                          const std::filesystem::path& read, std::vector<Finding>* findings) {
+  std::vector<std::string> unread;
+  for (const std::filesystem::path& folder : folders)
+    for (const std::filesystem::path& file : list_folder(folder))
+      if (has_extension(file, {".ply", ".pcd", ".las", ".laz"}) && file != read)
+        unread.push_back(file.filename().string());
+  if (!unread.empty())
+    findings->push_back(
+        {"points", counted(unread.size(), "cloud") + " not read: " + first_few(unread)});
 }
 
 }  // namespace redrive::photographs

@@ -43,6 +43,9 @@ void note_found_elsewhere(const std::vector<std::string>& images, std::vector<Fi
 /// InputError for a recording none of whose images is there; `first` is the name of one.
 [[noreturn]] void refuse_without_images(const std::filesystem::path& folder,
                                         const std::string& first);
+/// A finding lists the clouds of points in the folders that are not `read`.
+void report_unread_points(const std::vector<std::filesystem::path>& folders,
+                          const std::filesystem::path& read, std::vector<Finding>* findings);
 
 inline Recording empty_recording(const std::filesystem::path& root) {
   Recording recording;

@@ -14,10 +14,10 @@ PoseFiles read_pose_files(const Recording& recording, const std::filesystem::pat
 /// Creates folders where they are missing. IoError.
 void write_pose_files(const std::filesystem::path& folder, const PoseFiles& files);
 
-/// Replaces the recording's poses and calibration. Frames before the first and after the last one
-/// of the files are left out, as align --frames writes them; a finding counts them. InputError
-/// (`folder` is for messages): a file that cannot be parsed, that lacks a frame or a camera with
-/// images, or whose times are not the recording's; a recording of photographs.
+/// Replaces the recording's poses and calibration. Frames that the files lack, as those of align
+/// --frames do, are left out; a finding counts them. InputError (`folder` is for messages): a file
+/// that cannot be parsed, that lacks all frames or a camera with images, or whose times are not the
+/// recording's; a recording of photographs.
 void apply_pose_files(const PoseFiles& files, const std::filesystem::path& folder,
                       Recording* recording);
 

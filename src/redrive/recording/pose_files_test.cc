@@ -92,9 +92,10 @@ TEST(PoseFiles, RejectsFilesOfAnotherRecording) {
     return testing::input_error([&] { apply_pose_files(changed, "other", &recording); });
   };
   nlohmann::json poses = testing::egomotion();
-  poses.erase("10");
+  poses["19"] = poses["9"], poses["20"] = poses["10"];
+  for (const char* id : {"9", "10", "11"}) poses.erase(id);
   EXPECT_THAT(error_message(kEgomotion, poses),
-              AllOf(HasSubstr("egomotion2.json"), HasSubstr("10")));
+              AllOf(HasSubstr("egomotion2.json"), HasSubstr("9"), HasSubstr("another drive")));
   poses = testing::egomotion();
   poses["10"]["time_host"] = 50.15;
   EXPECT_THAT(error_message(kEgomotion, poses),
@@ -108,6 +109,20 @@ TEST(PoseFiles, RejectsFilesOfAnotherRecording) {
   EXPECT_THAT(
       testing::input_error([&] { read_pose_files(f.recording, f.folder.path / "nothing"); }),
       HasSubstr("egomotion2.json"));
+}
+
+// As align --cameras writes them where the other cameras have images of more frames.
+TEST(PoseFiles, LeavesOutFramesThatTheyLack) {
+  Fixture f;
+  PoseFiles files = read_pose_files(f.recording, f.folder.path);
+  nlohmann::json poses = testing::egomotion();
+  poses.erase("10");
+  files[kEgomotion] = poses.dump();
+  apply_pose_files(files, "other", &f.recording);
+  ASSERT_EQ(f.recording.frames.size(), 2u);
+  EXPECT_EQ(f.recording.frames[1].id, 11);
+  EXPECT_EQ(f.recording.cameras[0].images.size(), 2u);
+  EXPECT_THAT(f.recording.findings.back().what, HasSubstr("2 frames of 3"));
 }
 
 }  // namespace

@@ -1,8 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // The registry of recording formats.
+#include <algorithm>
+
 #include "redrive/base/error.h"
 #include "redrive/recording/aimotive.h"
 #include "redrive/recording/colmap.h"
+#include "redrive/recording/excerpt.h"
+#include "redrive/recording/folder_kind.h"
 #include "redrive/recording/kitti.h"
 #include "redrive/recording/kitti360.h"
 #include "redrive/recording/nuscenes.h"
@@ -28,6 +32,8 @@ constexpr Format kFormats[] = {
     {"aimotive", "sensor/calibration, sensor/camera or sensor/gnssins", aimotive::looks_like,
      aimotive::open},
     {"kitti360", "data_2d_raw, or a drive in it", kitti360::looks_like, kitti360::open},
+    {"kitti-tracking", "oxts/NNNN.txt, or calib/NNNN.txt with image_02/NNNN",
+     kitti::looks_like_tracking, kitti::open_tracking},
     {"kitti", "oxts, velodyne_points or image_00/data to image_03/data", kitti::looks_like,
      kitti::open},
     {"kitti-odometry", "calib.txt or times.txt with velodyne or image_0 to image_3",
@@ -49,26 +55,54 @@ const RecordedCamera* Recording::find_camera(const std::string& name) const {
   return nullptr;
 }
 
-Recording open_recording(const std::filesystem::path& root, PoseSource source, bool outside_files) {
-  std::string sought;
-  for (const Format& format : kFormats) {
-    if (format.looks_like(root)) {
-      Recording recording = format.open(root, source);
-      recording.format = format.name;
-      if (!outside_files && !recording.outside_file.empty())
-        throw InputError(root, "", recording.outside_file.string(),
-                         "lies outside of the recording's folder, which names it; "
-                         "--outside-files reads it");
-      leave_out_repeated_images(&recording);
-      return recording;
-    }
-    sought += (sought.empty() ? "" : "; ") + std::string(format.name) + ": " + format.looks_for;
-  }
+std::string recording_format(const std::filesystem::path& folder) {
+  const auto found = std::ranges::find_if(
+      kFormats, [&](const Format& format) { return format.looks_like(folder); });
+  return found == std::end(kFormats) ? "" : found->name;
+}
+
+namespace {
+
+/// Says why a path is no recording, and which one may have been meant.
+[[noreturn]] void refuse_folder(const std::filesystem::path& root) {
+  const auto fail = [&](const std::string& rule) {
+    const std::string hint = did_you_mean(root);
+    throw InputError(root, "", "", rule + (hint.empty() ? "" : "; " + hint));
+  };
   std::error_code error;
-  if (!std::filesystem::exists(root, error)) throw InputError(root, "", "", "no such folder");
-  if (!std::filesystem::is_directory(root, error))
-    throw InputError(root, "", "", "a recording is a folder, this is none");
-  throw InputError(root, "", "", "not a recording of a known format; looked for " + sought);
+  if (!std::filesystem::exists(root, error)) fail("no such folder");
+  if (!std::filesystem::is_directory(root, error)) fail("a recording is a folder, this is none");
+  const FolderKind kind = kind_of_folder(root);
+  if (kind == FolderKind::kRun || kind == FolderKind::kPoses)
+    throw InputError(root, "", "",
+                     "is no recording but " + describe_folder(root) +
+                         (kind == FolderKind::kRun ? ": redrive render, view, eval and figures "
+                                                     "take it, train a recording"
+                                                   : ": --poses takes it, beside the recording"));
+  if (!did_you_mean(root).empty()) fail("not a recording of a known format");
+  std::string sought;
+  for (const Format& format : kFormats)
+    sought += (sought.empty() ? "" : "; ") + std::string(format.name) + ": " + format.looks_for;
+  fail("not a recording of a known format; looked for " + sought);
+}
+
+}  // namespace
+
+Recording open_recording(const std::filesystem::path& root, PoseSource source, bool outside_files) {
+  const std::string name = recording_format(root);
+  const auto format = std::ranges::find(kFormats, name, &Format::name);
+  if (format == std::end(kFormats) || kind_of_folder(root) != FolderKind::kRecording)
+    refuse_folder(root);
+  Recording recording = format->open(root, source);
+  recording.format = format->name;
+  if (!outside_files && !recording.outside_file.empty())
+    throw InputError(root, "", recording.outside_file.string(),
+                     "lies outside of the recording's folder, which names it; "
+                     "--outside-files reads it");
+  leave_out_repeated_images(&recording);
+  leave_out_empty_frames(&recording);
+  report_gaps(&recording);
+  return recording;
 }
 
 }  // namespace redrive

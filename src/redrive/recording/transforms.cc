@@ -12,6 +12,7 @@
 #include "redrive/recording/far_photographs.h"
 #include "redrive/recording/frame_files.h"
 #include "redrive/recording/image_size.h"
+#include "redrive/recording/mask_folder.h"
 #include "redrive/recording/photographs.h"
 #include "redrive/recording/ply.h"
 #include "redrive/recording/recording_reader.h"
@@ -40,11 +41,21 @@ ImageSize size_of_image(const fs::path& path) {
   return *size;
 }
 
-/// Returns nerfstudio's mask of the entry, or instant-ngp's beside the image. Their colours have
-/// opposite meanings.
-MaskFile find_mask(const fs::path& file, const FrameEntry& entry, const fs::path& image) {
+/// The name of an image below its folder `images`, or whatever that is called.
+std::string name_in_images(const fs::path& file, const fs::path& image) {
+  const fs::path relative =
+      image.lexically_normal().lexically_relative(file.parent_path().lexically_normal());
+  const bool has_folder = std::distance(relative.begin(), relative.end()) > 1;
+  return (has_folder ? relative.lexically_relative(*relative.begin()) : relative).string();
+}
+
+/// Returns nerfstudio's mask of the entry, instant-ngp's beside the image, or that of the folder
+/// `masks`. The colours of the first two have opposite meanings.
+MaskFile find_mask(const fs::path& file, const FrameEntry& entry, const fs::path& image,
+                   MaskFolder* masks) {
   const fs::path dynamic = image.parent_path() / ("dynamic_mask_" + image.stem().string() + ".png");
-  if (entry.mask.empty()) return is_there(dynamic) ? MaskFile{dynamic, false} : MaskFile{};
+  if (entry.mask.empty() && !is_there(dynamic)) return masks->find(name_in_images(file, image));
+  if (entry.mask.empty()) return {dynamic, false};
   if (is_there(dynamic))
     throw InputError(
         file, "mask_path", entry.mask,
@@ -53,6 +64,7 @@ MaskFile find_mask(const fs::path& file, const FrameEntry& entry, const fs::path
   const fs::path mask = file.parent_path() / entry.mask;
   if (!is_there(mask))
     throw InputError(mask, "", "", "missing; " + file.string() + " has it as mask_path");
+  masks->use(mask);
   return {mask, true};
 }
 
@@ -79,7 +91,8 @@ TransformsFile read(const fs::path& file) {
 /// Collects frames and images. Images with equal intrinsics are of one camera.
 class Collector {
  public:
-  explicit Collector(const fs::path& root) : recording_(photographs::empty_recording(root)) {}
+  explicit Collector(const fs::path& root)
+      : recording_(photographs::empty_recording(root)), masks_(root) {}
 
   void add(const fs::path& file, const FrameEntry& entry, bool held_out) {
     const fs::path image = find_image(file.parent_path(), entry.file);
@@ -95,7 +108,7 @@ class Collector {
     if (!images_.insert(image).second)
       throw InputError(file, "file_path", entry.file,
                        "a second frame with the image " + image.string());
-    const MaskFile mask = find_mask(file, entry, image);
+    const MaskFile mask = find_mask(file, entry, image, &masks_);
     for (const fs::path& named : {image, mask.path}) note_outside(named);
     const CameraCalibration& c = *entry.camera;
     const auto key = std::tuple(c.model, c.parameters, c.width, c.height);
@@ -125,6 +138,9 @@ class Collector {
 
   Recording finish(std::optional<BoundingCube> bounds) {
     std::vector<RecordedCamera>& cameras = recording_.cameras;
+    masks_.report_unused(&recording_.findings);
+    photographs::report_unread_points({recording_.root}, recording_.points_file,
+                                      &recording_.findings);
     if (!missing_.empty())
       recording_.findings.push_back(
           {"frames", counted(missing_.size(), "image") +
@@ -154,6 +170,7 @@ class Collector {
   }
 
   Recording recording_;
+  MaskFolder masks_;
   std::set<fs::path> images_;
   std::vector<std::string> missing_, found_elsewhere_;
   std::map<std::tuple<std::string, std::vector<double>, int, int>, std::size_t> cameras_;

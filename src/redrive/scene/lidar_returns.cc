@@ -2,6 +2,7 @@
 #include "redrive/scene/lidar_returns.h"
 
 #include <algorithm>
+#include <cstdio>
 #include <tuple>
 
 #include "redrive/recording/recording_reader.h"
@@ -187,6 +188,44 @@ LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene,
       returns.intensity.push_back(ray.intensity);
     }
   return returns;
+}
+
+std::optional<Finding> lost_returns(const LidarReturns& returns) {
+  constexpr float kLeastMedian_m = 0.5f, kMostMedian_m = 300;
+  const std::size_t lost = returns.beyond_trajectory + returns.on_ego,
+                    all = returns.n + lost + returns.on_moving;
+  char what[320];
+  if (2 * lost > all) {
+    std::snprintf(
+        what, sizeof what,
+        "%zu of %zu returns are not used: %zu are more than 60 ms before the first pose or "
+        "after the last (do their times count on the clock of the frames?), %zu within the "
+        "vehicle (are their lengths metres?)",
+        lost, all, returns.beyond_trajectory, returns.on_ego);
+    return Finding{"lidar", what};
+  }
+  if (returns.n == 0) return std::nullopt;
+  std::vector<float> ranges_m = returns.range_m;
+  const auto middle = ranges_m.begin() + static_cast<std::ptrdiff_t>(ranges_m.size() / 2);
+  std::ranges::nth_element(ranges_m, middle);
+  if (*middle >= kLeastMedian_m && *middle <= kMostMedian_m) return std::nullopt;
+  std::snprintf(what, sizeof what,
+                "half of the returns are %s than %g m: are their lengths metres?",
+                *middle < kLeastMedian_m ? "nearer" : "further", double(*middle));
+  return Finding{"lidar", what};
+}
+
+std::optional<Finding> lost_returns_of_sample(const Recording& recording, ThreadPool& pool) {
+  constexpr std::size_t kSample = 4;
+  const std::vector<FrameFile>& files = recording.lidar_files;
+  if (!recording.body_from_lidar || files.empty()) return std::nullopt;
+  std::set<std::int64_t> sample;
+  for (std::size_t i = 0; i < kSample; ++i)
+    sample.insert(files[(2 * i + 1) * files.size() / (2 * kSample)].frame_id);
+  const LidarSelection selection{.frame = [&](std::int64_t id) { return sample.contains(id); },
+                                 .repeated = true};
+  return lost_returns(
+      load_lidar_returns(recording, make_scene(recording, {}), MovingObjects(), pool, selection));
 }
 
 void take_out(const MovingObjects& moving, LidarReturns* returns) {

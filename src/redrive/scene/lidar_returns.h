@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <functional>
+#include <optional>
 #include <set>
 #include <vector>
 
@@ -59,6 +60,12 @@ struct LidarSelection {
 LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene,
                                 const MovingObjects& moving, ThreadPool& pool,
                                 const LidarSelection& selection = {});
+
+/// A finding if most returns of the revolutions are dropped or cannot be metres, whatever the
+/// cause; repeated ones do not count. Nothing without returns at all.
+std::optional<Finding> lost_returns(const LidarReturns& returns);
+/// The same of a few revolutions, spread over the drive; nothing without usable ones.
+std::optional<Finding> lost_returns_of_sample(const Recording& recording, ThreadPool& pool);
 
 /// Takes the returns in the boxes of more moving objects out of the static ones, as
 /// load_lidar_returns does with those that it knows.

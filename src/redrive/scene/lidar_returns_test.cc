@@ -246,5 +246,28 @@ TEST_F(LidarReturnsTest, IsEmptyWithoutExtrinsics) {
   EXPECT_EQ(load().n, 0u);
 }
 
+TEST_F(LidarReturnsTest, SaysWhyMostReturnsAreLost) {
+  const std::int64_t now_ns = recording_.frames[2].t_ns;
+  const auto finding = [&](const std::vector<LasRecord>& points) {
+    recording_.lidar_files.clear();
+    add_file(12, points);
+    ThreadPool pool(1);
+    const std::optional<Finding> lost = lost_returns_of_sample(recording_, pool);
+    return lost ? lost->what : "";
+  };
+  const LasRecord good = seen({20, 3, 1}, now_ns),
+                  late = seen({20, 3, 1}, now_ns + 3'600'000'000'000);
+  EXPECT_EQ(finding({good, good, late}), "");
+  EXPECT_EQ(finding({good, late, late}).substr(0, 31), "2 of 3 returns are not used: 2 ");
+  LasRecord near = good;
+  near.x = 20, near.y = 3, near.z = 500;  // kilometres that are taken for metres
+  EXPECT_NE(finding({near, near, good}).find("2 within the vehicle"), std::string::npos);
+  LasRecord far = good;
+  far.x *= 100, far.y *= 100;  // centimetres
+  EXPECT_NE(finding({far, far, good}).find("are their lengths metres?"), std::string::npos);
+  recording_.body_from_lidar.reset();
+  EXPECT_EQ(finding({late}), "");
+}
+
 }  // namespace
 }  // namespace redrive

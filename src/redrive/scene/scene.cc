@@ -53,6 +53,16 @@ std::vector<const RecordedCamera*> choose_cameras(const Recording& recording,
   return chosen;
 }
 
+/// Leaves out frames that no camera has an image of, unless that are all. Returns their number.
+std::size_t leave_out_unseen(const std::vector<const RecordedCamera*>& cameras,
+                             std::vector<FramePose>* frames) {
+  std::set<std::int64_t> shown;
+  for (const RecordedCamera* camera : cameras)
+    for (const ImageFile& image : camera->images) shown.insert(image.frame_id);
+  const auto is_unseen = [&](const FramePose& frame) { return !shown.contains(frame.id); };
+  return std::ranges::all_of(*frames, is_unseen) ? 0 : std::erase_if(*frames, is_unseen);
+}
+
 RigCamera make_rig_camera(const CameraCalibration& calibration, const SceneOptions& options) {
   constexpr int kColumns = 40;  // there may be a camera for each photograph
   RigCamera camera{calibration.name,           {},
@@ -192,11 +202,14 @@ Scene make_scene(const Recording& recording, const SceneOptions& options) {
     throw UsageError("--holdout-every", std::to_string(options.holdout_every),
                      "this recording has its own split of held-out images; omit the option");
   const Rigid3d world_from_global = scene.global_from_world.inverse();
-  for (const FramePose& frame : select_frames(
-           {options.first_frame, options.last_frame, options.frame_step}, recording.frames))
+  const std::vector<const RecordedCamera*> cameras = choose_cameras(recording, options);
+  std::vector<FramePose> frames =
+      select_frames({options.first_frame, options.last_frame, 1}, recording.frames);
+  if (options.shown_only) scene.unseen_frames = leave_out_unseen(cameras, &frames);
+  for (const FramePose& frame : select_frames({.step = options.frame_step}, frames))
     scene.frames.push_back({frame.id, frame.t_ns, world_from_global * frame.global_from_body});
 
-  for (const RecordedCamera* recorded : choose_cameras(recording, options)) {
+  for (const RecordedCamera* recorded : cameras) {
     std::vector<View> views;
     for (const ImageFile& image : recorded->images) {
       const int frame = scene.frame_index(image.frame_id);

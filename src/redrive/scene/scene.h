@@ -61,10 +61,11 @@ struct SceneOptions {
   std::vector<std::string> cameras;                ///< empty: all with images
   std::int64_t first_frame = -1, last_frame = -1;  ///< ids, inclusive; -1: open
   int frame_step = 1;                              ///< every n-th frame that is there, >= 1
-  int downscale = 1;                               ///< 1..64
-  int holdout_every = 0;   ///< 0: none; n >= 2: every n-th frame (the first one included), all
-                           ///< cameras; only of recordings without a split of their own
-  bool undistort = false;  ///< resamples pinhole images without distortion first
+  bool shown_only = false;  ///< without frames that none of these cameras has an image of
+  int downscale = 1;        ///< 1..64
+  int holdout_every = 0;    ///< 0: none; n >= 2: every n-th frame (the first one included), all
+                            ///< cameras; only of recordings without a split of their own
+  bool undistort = false;   ///< resamples pinhole images without distortion first
   double near_m = 1, far_m = 10;  ///< 0 < near < far
   Background background = Background::kNone;
   bool random_background =
@@ -87,6 +88,7 @@ struct Scene {
   Background background = Background::kNone;
   bool random_background = false;  ///< SceneOptions::random_background
   bool metric = true;              ///< Recording::metric: metres and seconds
+  std::size_t unseen_frames = 0;   ///< left out by SceneOptions::shown_only
   /// Moving objects that the model draws; empty where it draws none.
   std::vector<MovingObject> actors;
 

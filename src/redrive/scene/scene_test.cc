@@ -168,6 +168,26 @@ TEST_F(SceneTest, SkipsMissingImages) {
   EXPECT_EQ(scene.views[1].frame, 2);
 }
 
+// Every second one of the frames that are shown, not of those that have a pose.
+TEST_F(SceneTest, LeavesOutFramesThatNoChosenCameraShows) {
+  std::erase_if(recording_.cameras[0].images,
+                [](const ImageFile& image) { return image.frame_id % 2 == 0; });
+  SceneOptions options;
+  options.cameras = {recording_.cameras[0].calibration.name};
+  options.shown_only = true;
+  options.frame_step = 2;
+  const Scene scene = make_scene(recording_, options);
+  ASSERT_EQ(scene.frames.size(), 2u);
+  EXPECT_EQ(scene.frames[0].id, 11);
+  EXPECT_EQ(scene.frames[1].id, 15);
+  EXPECT_EQ(scene.views.size(), 2u);
+  EXPECT_EQ(scene.unseen_frames, 3u);
+  options.cameras = {};
+  options.frame_step = 1;
+  EXPECT_EQ(make_scene(recording_, options).frames.size(), 6u);
+  EXPECT_EQ(make_scene(recording_, {}).unseen_frames, 0u);
+}
+
 TEST_F(SceneTest, DownscalesTheCamera) {
   SceneOptions options;
   options.downscale = 3;

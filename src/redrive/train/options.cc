@@ -246,6 +246,7 @@ SceneOptions scene_options(const TrainOptions& options) {
   scene.first_frame = frames.first;
   scene.last_frame = frames.last;
   scene.frame_step = frames.step;
+  scene.shown_only = true;
   scene.downscale = options.downscale;
   scene.holdout_every = options.holdout_every;
   scene.undistort = options.undistort;

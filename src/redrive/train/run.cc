@@ -10,6 +10,7 @@
 #include "redrive/base/files.h"
 #include "redrive/base/unfinished.h"
 #include "redrive/model/method.h"
+#include "redrive/recording/folder_kind.h"
 #include "redrive/recording/pose_files.h"
 #include "redrive/scene/moving_file.h"
 #include "redrive/train/memory.h"
@@ -92,6 +93,18 @@ void check_belongs(const Run& run) {
 
 }  // namespace
 
+void require_run(const std::filesystem::path& root) {
+  std::error_code error;
+  if (std::filesystem::exists(RunPaths{root}.config(), error)) return;
+  const std::string is = describe_folder(root), hint = is.empty() ? did_you_mean(root) : "";
+  const bool is_folder = std::filesystem::is_directory(root, error);
+  throw InputError(root, "", "",
+                   (!is.empty() ? "is no run but " + is + "; redrive train makes a run of one"
+                    : is_folder ? "is no run, it has no config.json"
+                                : "no such run folder") +
+                       (hint.empty() ? "" : "; " + hint));
+}
+
 void check_run_is_new(const std::filesystem::path& root) {
   if (root.empty()) throw UsageError("--out", "", "must name a folder");
   std::error_code error;
@@ -140,8 +153,7 @@ Run open_run(const std::filesystem::path& root, bool to_resume) {
   Run run;
   run.paths.root = root;
   std::error_code error;
-  if (!std::filesystem::is_directory(root, error))
-    throw InputError(root, "", "", "no such run folder");
+  require_run(root);
   const nlohmann::json config = read_json(run.paths.config());
   run.options = options_from_json(config, run.paths.config());
   run.recording = open_recording(run.options);

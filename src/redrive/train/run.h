@@ -28,6 +28,10 @@ struct RunPaths {
   std::filesystem::path report() const { return root / "report.html"; }
 };
 
+/// Throws InputError unless `root` is a folder with a config.json; it says what the folder is
+/// instead, and which one may have been meant.
+void require_run(const std::filesystem::path& root);
+
 /// Throws UsageError if `root` is empty or exists.
 void check_run_is_new(const std::filesystem::path& root);
 /// Makes the folder with config.json and the files that `fill` writes, all or nothing. Throws

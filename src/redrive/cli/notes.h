@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a recording lacks or has besides, a line each.
+#pragma once
+
+#include <cstdio>
+
+#include "redrive/recording/recording.h"
+#include "redrive/recording/summary.h"
+#include "redrive/scene/scene.h"
+
+namespace redrive {
+
+inline void print_notes(const Recording& recording) {
+  for (const Finding& finding : recording.findings)
+    std::printf("note: %s: %s\n", finding.subject.c_str(), finding.what.c_str());
+  if (recording.metric)
+    for (const Finding& finding : summarize_drive(recording.frames).findings)
+      std::printf("note: %s: %s\n", finding.subject.c_str(), finding.what.c_str());
+}
+
+/// Of a recording of which the scene is a part.
+inline void print_notes(const Recording& recording, const Scene& scene) {
+  print_notes(recording);
+  if (scene.unseen_frames > 0)
+    std::printf("note: frames: %zu without an image of the chosen cameras, left out\n",
+                scene.unseen_frames);
+}
+
+}  // namespace redrive
