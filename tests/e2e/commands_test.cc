@@ -55,9 +55,9 @@ TEST_F(EndToEnd, TrainWritesACompleteRunAndPrintsProgress) {
   EXPECT_THAT(ended.out, HasSubstr("backend="));
   EXPECT_THAT(ended.out, HasSubstr(std::string(kTinyLeft) + ": mei, 44 x 36"));
   EXPECT_THAT(ended.out, HasSubstr("4 frames, 9 images for training, 3 held out"));
-  EXPECT_THAT(ended.out,
+  EXPECT_THAT(ended.err,
               ContainsRegex("step [0-9]+/60  loss [0-9.]+  [0-9.]+ dB  [0-9]+ rays/s  ETA"));
-  EXPECT_THAT(ended.out, Not(HasSubstr("\r"))) << "piped output has plain lines";
+  EXPECT_THAT(ended.out + ended.err, Not(HasSubstr("\r"))) << "piped output has plain lines";
   EXPECT_TRUE(fs::exists(run / "checkpoint.safetensors"));
   EXPECT_EQ(read_json(run / "config.json").at("width"), 32);
   EXPECT_EQ(read_json(run / "config.json").at("max-steps"), 60);

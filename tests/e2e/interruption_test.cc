@@ -21,7 +21,11 @@ TEST_F(EndToEnd, KilledAndResumedEndsAsUninterrupted) {
   // 0: before the first checkpoint, perhaps.
   expect_same_end_when_killed(whole, parts, train_arguments(parts, kLong), {0, 3, 7});
 
-  EXPECT_EQ(redrive({"resume", parts.string()}).exit_code, kExitOk) << "nothing is left to do";
+  const auto before = contents(parts);
+  const ProgramResult again = redrive({"resume", parts.string(), "--threads", "1"});
+  EXPECT_EQ(again.exit_code, kExitOk) << "nothing is left to do";
+  EXPECT_THAT(again.out, HasSubstr("is finished: step 700"));
+  EXPECT_EQ(contents(parts), before);
   expect_same_end(whole, parts);
 }
 

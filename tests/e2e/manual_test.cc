@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The man page and the bash completion of the packages.
+#include <sstream>
+
 #include "tests/e2e/end_to_end.h"
 
 namespace redrive::testing {
@@ -33,6 +35,42 @@ TEST_F(EndToEnd, BashCompletesCommandsAndTheirOptions) {
   EXPECT_EQ(completed("train --max-s"), "--max-steps --max-seconds\n");
   EXPECT_EQ(completed("doctor --max-s"), "\n");
   EXPECT_EQ(completed("train some/fold"), "\n");  // readline completes files
+  EXPECT_EQ(completed("train --method s"), "splat\n");
+  EXPECT_EQ(completed("render --points-in w"), "world\n");
+  EXPECT_EQ(completed("help tr"), "train\n");
+}
+
+TEST_F(EndToEnd, HelpFitsATerminalAndHasExamples) {
+  const ProgramResult all = redrive({"help"});
+  EXPECT_EQ(all.exit_code, kExitOk);
+  for (const char* command : {"inspect", "align", "train", "resume", "plan", "eval", "render",
+                              "view", "export", "figures", "bench", "doctor"}) {
+    EXPECT_THAT(all.out, HasSubstr("\n  " + std::string(command) + " "));
+    const ProgramResult help = redrive({"help", command});
+    EXPECT_EQ(help.exit_code, kExitOk);
+    EXPECT_THAT(help.out, HasSubstr("Examples\n  redrive " + std::string(command)));
+    std::istringstream lines(help.out);
+    for (std::string line; std::getline(lines, line);) EXPECT_LE(line.size(), 80u) << line;
+  }
+  // The default of the usual method, then of those that differ.
+  EXPECT_THAT(redrive({"help", "train"}).out, HasSubstr("default: 120"));
+}
+
+TEST_F(EndToEnd, AMistypedWordIsNamedWithWhatWasMeant) {
+  const auto error = [](const std::vector<std::string>& words) {
+    const ProgramResult ended = redrive(words);
+    EXPECT_EQ(ended.exit_code, kExitUsage);
+    return ended.err;
+  };
+  EXPECT_THAT(error({"tarin", "x"}), HasSubstr("did you mean train?"));
+  // Not: --out is required.
+  EXPECT_THAT(error({"train", "x", "--otu", "y"}),
+              HasSubstr("--otu: is no option of redrive train; did you mean --out?"));
+  EXPECT_THAT(error({"train", "x", "--out", "y", "--method", "splt"}),
+              HasSubstr("did you mean splat?"));
+  EXPECT_THAT(error({"train", "x", "y", "--out", "z"}),
+              HasSubstr("train y: is one argument too many"));
+  EXPECT_THAT(error({"train", "x", "--out"}), HasSubstr("--out: needs a value"));
 }
 
 }  // namespace

@@ -5,17 +5,23 @@
 #include <CLI/App.hpp>
 
 #include "redrive/base/error.h"
+#include "redrive/cli/help.h"
 #include "redrive/kernels/backend.h"
+#include "redrive/train/options.h"
 
 namespace redrive {
 
 inline void add_backend_options(CLI::App& command, kernels::BackendChoice* choice) {
-  command.add_option("--backend", choice->name, "auto, ref (plain loops) or cpu (default: auto)");
-  command.add_option("--isa", choice->isa,
-                     "instruction set of the cpu backend: auto, avx2, avx512, avx512-bf16 or "
-                     "amx-bf16 (default: auto)");
-  command.add_option("--threads", choice->threads,
-                     "0: all that this process may use (0..1024, default: 0)");
+  // The same as of train, whose fields say what they are.
+  for (const TrainField& field : train_fields()) {
+    const auto add = [&](auto* value) {
+      CLI::Option* option = command.add_option("--" + field.name, *value, help_text(field));
+      if (!field.choices.empty()) option->check(one_of("--" + field.name, field.choices));
+    };
+    if (field.name == "backend") add(&choice->name);
+    if (field.name == "isa") add(&choice->isa);
+    if (field.name == "threads") add(&choice->threads);
+  }
 }
 
 /// Creates the backend. Throws UsageError for --threads out of range, or as make_backend.

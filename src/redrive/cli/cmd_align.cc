@@ -11,8 +11,9 @@
 #include "redrive/cli/alignment.h"
 #include "redrive/cli/command.h"
 #include "redrive/cli/frames_option.h"
-#include "redrive/recording/camera_choice.h"
+#include "redrive/cli/help.h"
 #include "redrive/cli/notes.h"
+#include "redrive/recording/camera_choice.h"
 #include "redrive/recording/readout_options.h"
 #include "redrive/scene/lidar_returns.h"
 #include "redrive/train/run.h"
@@ -62,10 +63,11 @@ Action configure_align(CLI::App& command) {
   add_frames_option(command, &arguments->frames);
   add_cameras_option(command, &arguments->cameras);
   add_outside_files_option(command, &arguments->outside_files);
-  command.add_option(
-      "--out", arguments->out,
-      "folder for poses, calibration and report.html; must not exist (default: prints "
-      "figures and writes nothing)");
+  command
+      .add_option("--out", arguments->out,
+                  "folder for poses, calibration and report.html; must not exist (default: prints "
+                  "figures and writes nothing)")
+      ->type_name("DIR");
   command.add_option(
       "--masks", arguments->options.tracks.masks,
       "folder with CAM.png as inspect --masks writes them, in place of computed masks");
@@ -87,10 +89,10 @@ Action configure_align(CLI::App& command) {
       .add_option("--window", arguments->options.window,
                   "frames that are aligned at a time; a longer drive is aligned in windows that "
                   "overlap by a fifth and joined; 0: never")
-      ->check(CLI::Range(0, 1'000'000))
+      ->check(within("--window", 0, 1'000'000))
       ->capture_default_str();
   command.add_option("--threads", arguments->threads, "0: all that this process may use")
-      ->check(CLI::Range(0, 1024));
+      ->check(within("--threads", 0, 1024));
   return [arguments] { return run_align(*arguments); };
 }
 

@@ -12,7 +12,7 @@
 #include "redrive/base/error.h"
 #include "redrive/cli/backend_options.h"
 #include "redrive/cli/command.h"
-#include "redrive/cli/image_progress.h"
+#include "redrive/cli/help.h"
 #include "redrive/eval/edited_score.h"
 #include "redrive/eval/evaluate.h"
 #include "redrive/eval/other_cameras.h"
@@ -140,7 +140,6 @@ int run_eval(EvalCommandOptions options) {
   const Run run = open_to_render(options.run);
   const auto backend = make_checked_backend(options.backend);
   if (!options.json) std::printf("%s\n", kernels::describe(*backend).c_str());
-  options.eval.progress = image_progress("scored");
   if (!options.edited.empty()) {
     const auto scores = score_edited(run, *backend, options.edited, options.eval);
     if (options.json)
@@ -191,7 +190,7 @@ Action configure_eval(CLI::App& command) {
                                 "evenly spaced (default: every held-out image; " +
                                     std::to_string(kTrainingImagesPerCamera) +
                                     " training images per camera where none is held out)")
-                    ->check(CLI::Range(1, 1000000));
+                    ->check(within("--max-images", 1, 1000000));
   command
       .add_flag("--all", options->eval.all,
                 "score every image, also of the training frames where none is held out")

@@ -14,7 +14,7 @@
 #include "redrive/cli/backend_options.h"
 #include "redrive/cli/command.h"
 #include "redrive/cli/frames_option.h"
-#include "redrive/cli/image_progress.h"
+#include "redrive/cli/help.h"
 #include "redrive/cli/output_file.h"
 #include "redrive/cli/training.h"
 #include "redrive/cli/without_model.h"
@@ -218,9 +218,8 @@ int export_mesh(const ExportCommandOptions& options) {
   if (const auto obstacle = mesh_obstacle()) throw UsageError("--to", "mesh", *obstacle);
   const Run run = open_to_render(options.from);
   const auto backend = make_checked_backend(options.backend);
-  const FieldMesh field = field_mesh(
-      run, *backend,
-      {options.voxel_m, allowed_memory(run.options, memory_bytes()), image_progress("rendered")});
+  const FieldMesh field =
+      field_mesh(run, *backend, {options.voxel_m, allowed_memory(run.options, memory_bytes())});
   if (field.mesh.triangles.empty())
     throw InputError(options.from, "", "", "the field has no opaque surface in its images");
   const std::string bytes = write(field.mesh);
@@ -374,7 +373,7 @@ Action configure_export(CLI::App& command) {
       .add_option("--sh-degree", options->encode.sh_degree,
                   "of Gaussians, the degree of the colours' spherical harmonics, 0 or 1: in "
                   "splat-ply a Gaussian takes 68 bytes with 0, 104 with 1")
-      ->check(CLI::Range(0, 1))
+      ->check(within("--sh-degree", 0, 1))
       ->capture_default_str();
   command.add_option("--actor", options->actor,
                      "id of a moving object whose Gaussians splat-ply and splat-spz have instead "
@@ -383,7 +382,7 @@ Action configure_export(CLI::App& command) {
       .add_option("--voxel", options->voxel_m,
                   "of meshes, the side of a voxel in metres, 0.001..100 (default: 0.1; of "
                   "photographs a hundredth of the median depth)")
-      ->check(CLI::Range(0.001, 100.0));
+      ->check(within("--voxel", 0.001, 100.0));
   command.add_flag("--force", options->force,
                    "overwrites an existing file, or a folder of an earlier export");
   add_frames_option(command, &options->frames);

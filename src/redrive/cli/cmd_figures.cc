@@ -8,7 +8,7 @@
 #include "redrive/base/error.h"
 #include "redrive/cli/backend_options.h"
 #include "redrive/cli/command.h"
-#include "redrive/cli/image_progress.h"
+#include "redrive/cli/help.h"
 #include "redrive/render/open_to_render.h"
 #include "redrive/report/report.h"
 
@@ -42,7 +42,6 @@ int run_figures(FiguresCommandOptions options) {
   }
   const auto backend = make_checked_backend(options.backend);
   std::printf("%s\n", kernels::describe(*backend).c_str());
-  options.figures.eval.progress = image_progress("scored");
   options.figures.written = [](const std::filesystem::path& file) {
     std::printf("%s\n", file.c_str());
     std::fflush(stdout);
@@ -63,7 +62,7 @@ Action configure_figures(CLI::App& command) {
       .add_option("--max-images", options->figures.eval.max_images,
                   "number of images to score per camera and per novel set, evenly spaced "
                   "(default: as eval)")
-      ->check(CLI::Range(1, 1000000));
+      ->check(within("--max-images", 1, 1000000));
   add_backend_options(command, &options->backend);
   return [options] { return run_figures(*options); };
 }

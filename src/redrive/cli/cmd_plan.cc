@@ -13,6 +13,7 @@
 #include "redrive/base/error.h"
 #include "redrive/base/memory_limit.h"
 #include "redrive/cli/command.h"
+#include "redrive/cli/help.h"
 #include "redrive/cli/notes.h"
 #include "redrive/cli/training.h"
 #include "redrive/recording/frame_range.h"
@@ -32,7 +33,7 @@ constexpr std::int64_t kCalibrationImages = 256;
 
 struct PlanArguments {
   std::string recording;
-  std::map<std::string, std::vector<std::string>> given;
+  GivenFields given;
   std::string blocks;  ///< metres or auto; empty: the drive is not divided
   int machines = 1, cores = 0;
   bool json = false;
@@ -42,11 +43,8 @@ TrainOptions options_of(const PlanArguments& arguments) {
   TrainOptions options;
   std::vector<std::string> names;
   options.recording = arguments.recording;
-  for (const TrainField& field : train_fields())
-    if (const auto found = arguments.given.find(field.name); found != arguments.given.end()) {
-      names.push_back(field.name);
-      for (const std::string& value : found->second) field.parse(options, value);
-    }
+  parse_given(arguments.given, &options);
+  for (const auto& [name, values] : arguments.given) names.push_back(name);
   validate_fields(options);
   if (!arguments.given.contains("method")) options.method = kDefaultMethod;
   apply_preset(&options, names);
@@ -240,29 +238,18 @@ int run_plan(const PlanArguments& arguments) {
 Action configure_plan(CLI::App& command) {
   auto arguments = std::make_shared<PlanArguments>();
   command.add_option("RECORDING", arguments->recording, "as for train")->required();
-  for (const TrainField& field : train_fields()) {
-    if (std::ranges::find(kPlannedOptions, field.name) == std::end(kPlannedOptions)) continue;
-    const auto take = [arguments, name = field.name](const std::vector<std::string>& values) {
-      arguments->given[name] = values;
-    };
-    if (field.is_flag)
-      command.add_flag_callback(
-          "--" + field.name, [take] { take({""}); }, field.help);
-    else
-      command.add_option_function<std::vector<std::string>>("--" + field.name, take, field.help)
-          ->expected(1)
-          ->multi_option_policy(field.repeats ? CLI::MultiOptionPolicy::TakeAll
-                                              : CLI::MultiOptionPolicy::Throw);
-  }
+  for (const TrainField& field : train_fields())
+    if (std::ranges::find(kPlannedOptions, field.name) != std::end(kPlannedOptions))
+      add_field(command, field, &arguments->given);
   command.add_option("--blocks", arguments->blocks,
                      "metres of a block, or auto, as for train (default: one block)");
   command
       .add_option("--machines", arguments->machines, "number of machines, 1..100000 (default: 1)")
-      ->check(CLI::Range(1, 100'000));
+      ->check(within("--machines", 1, 100'000));
   command
       .add_option("--cores", arguments->cores,
                   "cores of each machine, 1..4096 (default: those of --threads here)")
-      ->check(CLI::Range(1, 4096));
+      ->check(within("--cores", 1, 4096));
   command.add_flag("--json", arguments->json, "prints the plan as JSON");
   return [arguments] { return run_plan(*arguments); };
 }

@@ -13,6 +13,7 @@
 #include "redrive/cli/actor_options.h"
 #include "redrive/cli/backend_options.h"
 #include "redrive/cli/command.h"
+#include "redrive/cli/help.h"
 #include "redrive/cli/output_file.h"
 #include "redrive/cli/render_options.h"
 #include "redrive/image/exr.h"
@@ -276,6 +277,7 @@ Action configure_render(CLI::App& command) {
       "POSES.json: renders each of its views under its own file name into the folder --out. "
       "RT_ECEF_body is an absolute pose of the body, shift_body_m a translation of the recording's "
       "pose of frame_id in body axes");
+  poses->type_name("POSES.json")->group("Many images");
   command
       .add_flag("--relative", options->relative,
                 "with --poses: uses shift_body_m where a view has both")
@@ -289,10 +291,10 @@ Action configure_render(CLI::App& command) {
           ->excludes(poses);
   command
       .add_option("--fps", options->fps, "images a second of --path (default: the file's, or 24)")
-      ->check(CLI::Range(kMinPathFps, kMaxPathFps))
+      ->check(within("--fps", kMinPathFps, kMaxPathFps))
       ->needs(path);
   command.add_option("--seconds", options->seconds, "duration of --path (default: the path's own)")
-      ->check(CLI::Range(0.001, kMaxPath_s))
+      ->check(within("--seconds", 0.001, kMaxPath_s))
       ->needs(path);
   add_actor_options(command, &options->actors, &options->edit);
   CLI::Option* camera =
@@ -326,11 +328,11 @@ Action configure_render(CLI::App& command) {
           ->excludes(camera)
           ->excludes(lens);
   command.add_option("--azimuth-steps", options->azimuth_steps, "of a revolution of --lidar")
-      ->check(CLI::Range(1, 36000))
+      ->check(within("--azimuth-steps", 1, 36000))
       ->needs(lidar)
       ->default_str("1800");
   command.add_option("--rate", options->rate_hz, "revolutions a second of --lidar")
-      ->check(CLI::Range(0.1, 1000.0))
+      ->check(within("--rate", 0.1, 1000.0))
       ->needs(lidar)
       ->default_str("10");
   command
@@ -343,7 +345,7 @@ Action configure_render(CLI::App& command) {
           "--points-in", options->points_in,
           "axes of the points of --lidar: sensor or body (those at the time of each point), "
           "or world (of the scene, motion compensated)")
-      ->check(CLI::IsMember({"sensor", "body", "world"}))
+      ->check(one_of("--points-in", {"sensor", "body", "world"}))
       ->needs(lidar)
       ->capture_default_str();
   for (CLI::Option* option :
@@ -359,16 +361,16 @@ Action configure_render(CLI::App& command) {
                         "axes of --translate: body (x forward, y left, z up), camera (x right, y "
                         "down, z forward) or local (level: z up, x along the horizontal heading, y "
                         "left)")
-            ->check(CLI::IsMember({"body", "camera", "local"}))
+            ->check(one_of("--axes", {"body", "camera", "local"}))
             ->capture_default_str(),
         command
             .add_option("--yaw", options->yaw_deg,
                         "turns the camera about z of the body, degrees, to the left")
-            ->check(CLI::Range(-360.0, 360.0)),
+            ->check(within("--yaw", -360.0, 360.0)),
         command
             .add_option("--pitch", options->pitch_deg,
                         "then turns it about x of the camera, degrees, upwards")
-            ->check(CLI::Range(-360.0, 360.0)),
+            ->check(within("--pitch", -360.0, 360.0)),
         command
             .add_option("--depth", options->depth,
                         "EXR to write depth along the ray to, in metres, or 16-bit PNG, in mm; "

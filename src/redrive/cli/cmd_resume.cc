@@ -2,7 +2,7 @@
 // redrive resume RUN: continues from the last checkpoint. Options may raise the limits on epochs,
 // steps or seconds, and are written to the run's config.json. (More steps move the default
 // milestones of the learning rate, which are fractions of all steps.)
-#include <map>
+#include <cstdio>
 #include <memory>
 
 #include "redrive/base/error.h"
@@ -21,16 +21,10 @@ constexpr const char* kChangeable[] = {"epochs",  "max-steps", "max-seconds", "m
 
 struct ResumeArguments {
   std::string run;
-  std::map<std::string, std::string> given;
+  GivenFields given;
   bool data_parallel = false;
   LiveViewOptions live;
 };
-
-TrainField field_named(const std::string& name) {
-  for (const TrainField& field : train_fields())
-    if (field.name == name) return field;
-  throw std::logic_error("no training option " + name);
-}
 
 /// Goes on with the blocks that are not finished; with all of them where their limits changed.
 int resume_blocks(const ResumeArguments& arguments, ProcessGroup& processes) {
@@ -42,14 +36,14 @@ int resume_blocks(const ResumeArguments& arguments, ProcessGroup& processes) {
   const RunLock lock(arguments.run);
   DividedRun whole = open_divided_run(arguments.run);
   print_notes(whole.recording, whole.scene);
-  for (const auto& [name, value] : arguments.given) field_named(name).parse(whole.options, value);
+  parse_given(arguments.given, &whole.options);
   validate(whole.options);
   check_blocks(whole, block_resources(processes, whole.options));
   if (!arguments.given.empty()) write_config(whole.paths, whole.options);
   for (const char* limit : {"epochs", "max-steps", "max-seconds"})
     if (arguments.given.contains(limit))
       for (Block& block : whole.blocks) block.finished = false;
-  write_blocks(whole.paths.root, whole.blocks);
+  if (!arguments.given.empty()) write_blocks(whole.paths.root, whole.blocks);
   return train_blocks(processes, &whole);
 }
 
@@ -63,8 +57,16 @@ int lead_resuming(const ResumeArguments& arguments, ProcessGroup& processes) {
   const RunLock lock(arguments.run);
   Run run = open_run(arguments.run, /*to_resume=*/true);
   print_notes(run.recording, run.scene);
-  for (const auto& [name, value] : arguments.given) field_named(name).parse(run.options, value);
+  parse_given(arguments.given, &run.options);
   validate(run.options);
+  if (run.state.step > 0 &&
+      run_progress(run.options, run.state, run.state.loss_watch.pixels) >= 1) {
+    std::printf(
+        "%s is finished: step %lld after %.1f s of training; nothing is written. A higher "
+        "--max-seconds, --max-steps or --epochs goes on\n",
+        run.paths.root.c_str(), static_cast<long long>(run.state.step), run.state.seconds);
+    return kExitOk;
+  }
   const bool together = arguments.data_parallel && processes.size() > 1;
   TrainOptions here = run.options;
   if (together) here.threads = block_resources(processes, run.options).threads;
@@ -93,11 +95,11 @@ int run_resume(const ResumeArguments& arguments) {
 Action configure_resume(CLI::App& command) {
   auto arguments = std::make_shared<ResumeArguments>();
   command.add_option("RUN", arguments->run, "run folder, as train makes it")->required();
-  for (const char* name : kChangeable)
-    command.add_option_function<std::string>(
-        std::string("--") + name,
-        [arguments, name](const std::string& value) { arguments->given[name] = value; },
-        field_named(name).help);
+  for (const char* name : kChangeable) {
+    TrainField field = field_named(name);
+    field.help += "; as in the run unless given";
+    add_field(command, field, &arguments->given);
+  }
   add_data_parallel_option(command, &arguments->data_parallel);
   add_live_view_options(command, &arguments->live);
   return [arguments] { return run_resume(*arguments); };

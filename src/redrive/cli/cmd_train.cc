@@ -8,6 +8,7 @@
 #include "redrive/base/error.h"
 #include "redrive/cli/alignment.h"
 #include "redrive/cli/command.h"
+#include "redrive/cli/help.h"
 #include "redrive/cli/notes.h"
 #include "redrive/cli/train_blocks.h"
 #include "redrive/cli/train_together.h"
@@ -23,9 +24,7 @@ namespace redrive {
 namespace {
 
 struct TrainArguments {
-  /// Values of the options on the command line, by name. A flag has an empty value; only fields
-  /// that repeat have several.
-  std::map<std::string, std::vector<std::string>> given;
+  GivenFields given;
   std::string out;
   std::string blocks;  ///< "auto" or metres; empty: one run
   bool data_parallel = false;
@@ -40,9 +39,7 @@ std::vector<std::string> given_names(const TrainArguments& arguments) {
 
 TrainOptions parse_options(const TrainArguments& arguments) {
   TrainOptions options;
-  for (const TrainField& field : train_fields())
-    if (const auto found = arguments.given.find(field.name); found != arguments.given.end())
-      for (const std::string& value : found->second) field.parse(options, value);
+  parse_given(arguments.given, &options);
   validate_fields(options);
   if (!arguments.given.contains("method")) options.method = kDefaultMethod;
   apply_preset(&options, given_names(arguments));
@@ -175,35 +172,20 @@ int run_train(const TrainArguments& arguments) {
 
 Action configure_train(CLI::App& command) {
   auto arguments = std::make_shared<TrainArguments>();
-  for (const TrainField& field : train_fields()) {
-    const auto take = [arguments, name = field.name](const std::string& value) {
-      arguments->given[name] = {value};
-    };
-    if (field.repeats)
-      command
-          .add_option_function<std::vector<std::string>>(
-              "--" + field.name,
-              [arguments, name = field.name](const std::vector<std::string>& values) {
-                arguments->given[name] = values;
-              },
-              field.help)
-          ->expected(1)
-          ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
-    else if (field.name == "recording")
-      command.add_option_function<std::string>("RECORDING", take, field.help)->required();
-    else if (field.is_flag)
-      command.add_flag_callback(
-          "--" + field.name, [take] { take(""); }, field.help);
-    else
-      command.add_option_function<std::string>("--" + field.name, take, field.help);
-  }
-  command.add_option("--out", arguments->out, "folder of the run; must not exist")->required();
-  command.add_option(
-      "--blocks", arguments->blocks,
-      "METRES or auto: divides the drive into blocks of so many metres at most, each "
-      "trained as a run of its own, one after the other or by the processes of "
-      "mpirun; auto: 200 m, or less by --memory. --max-seconds, --max-steps and "
-      "--epochs are those of each block");
+  command.add_option("--out", arguments->out, "folder of the run; must not exist")
+      ->required()
+      ->type_name("RUN")
+      ->group("Run");
+  for (const TrainField& field : train_fields()) add_field(command, field, &arguments->given);
+  command
+      .add_option("--blocks", arguments->blocks,
+                  "metres, or auto: divides the drive into blocks of so many metres at most, each "
+                  "trained as a run of its own, one after the other or by the processes of "
+                  "mpirun; auto: 200 m, or less by --memory. --max-seconds, --max-steps and "
+                  "--epochs are those of each block")
+      ->type_name("METRES")
+      ->check(offering({"auto"}))
+      ->group("Run");
   add_data_parallel_option(command, &arguments->data_parallel);
   add_live_view_options(command, &arguments->live);
   return [arguments] { return run_train(*arguments); };

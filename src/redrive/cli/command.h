@@ -16,6 +16,7 @@ struct Command {
   const char* name;
   const char* summary;
   Action (*configure)(CLI::App& command);
+  const char* examples;  ///< lines of the help
 };
 
 Action configure_inspect(CLI::App& command);

@@ -10,6 +10,7 @@
 #include <string_view>
 
 #include "redrive/base/error.h"
+#include "redrive/base/progress.h"
 
 namespace redrive {
 namespace {
@@ -70,7 +71,8 @@ struct PrefixedOutput::Stream {
 PrefixedOutput::PrefixedOutput()
     : out_(std::make_unique<Stream>(&stdout, ::dup(STDOUT_FILENO))),
       err_(std::make_unique<Stream>(&stderr, ::dup(STDERR_FILENO))) {
-  // What asks whether standard output is a terminal (train/progress.cc) gets the right answer.
+  Progress::use_lines([] { return prefix_of_thread(); });
+  // What asks whether standard output is a terminal gets the right answer.
   const int nothing = ::open("/dev/null", O_WRONLY | O_CLOEXEC);
   if (nothing >= 0) {
     standard_output_ = ::dup(STDOUT_FILENO);

@@ -4,10 +4,12 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cstdio>
 #include <iostream>
 #include <map>
 #include <string>
+#include <vector>
 
 #include <CLI/App.hpp>
 #include <CLI/Config.hpp>
@@ -16,39 +18,68 @@
 #include "redrive/base/error.h"
 #include "redrive/base/interruption.h"
 #include "redrive/base/process_group.h"
+#include "redrive/base/progress.h"
 #include "redrive/cli/command.h"
 #include "redrive/cli/failure.h"
+#include "redrive/cli/help.h"
 #include "redrive/cli/manual.h"
 
 namespace {
 
 constexpr redrive::Command kCommands[] = {
     {"inspect", "check a recording: content, missing or inconsistent parts",
-     redrive::configure_inspect},
+     redrive::configure_inspect,
+     "  redrive inspect DRIVE\n"
+     "  redrive inspect DRIVE --report CHECK     # calibration, poses, times\n"
+     "  redrive inspect DRIVE --objects --frames 100:200"},
     {"align",
      "refine poses, extrinsics and time offsets by bundle adjustment of images, LiDAR and "
      "egomotion",
-     redrive::configure_align},
-    {"train", "train a radiance field on a recording", redrive::configure_train},
-    {"resume", "continue an interrupted run", redrive::configure_resume},
-    {"plan", "estimate what training a recording will cost", redrive::configure_plan},
+     redrive::configure_align,
+     "  redrive align DRIVE --out ALIGNED\n"
+     "  redrive train DRIVE --poses ALIGNED --out RUN"},
+    {"train", "train a radiance field on a recording", redrive::configure_train,
+     "  redrive train DRIVE --out RUN            # splat, 2 minutes\n"
+     "  redrive train DRIVE --poses ALIGNED --holdout-every 8 --out RUN\n"
+     "  redrive train PHOTOS --preset best --downscale 2 --out RUN\n"
+     "  redrive train DRIVE --method grid --max-seconds 600 --out RUN"},
+    {"resume", "continue an interrupted run", redrive::configure_resume,
+     "  redrive resume RUN\n"
+     "  redrive resume RUN --max-seconds 600     # of training in all"},
+    {"plan", "estimate what training a recording will cost and give", redrive::configure_plan,
+     "  redrive plan DRIVE --downscale 2\n"
+     "  redrive plan DRIVE --blocks auto --machines 8 --cores 64"},
     {"eval", "score a run: PSNR, SSIM, FLIP, and depth error where there is ground truth",
-     redrive::configure_eval},
-    {"render", "render images of novel views", redrive::configure_render},
-    {"view", "look around in a run or a recording with a browser", redrive::configure_view},
-    {"export", "write a run's model in a file format of other programs", redrive::configure_export},
-    {"figures", "write a run's figures as PNG and one report.html", redrive::configure_figures},
-    {"bench", "time kernels and whole training steps on this machine", redrive::configure_bench},
+     redrive::configure_eval,
+     "  redrive eval RUN\n"
+     "  redrive eval RUN --all --json"},
+    {"render", "render images of novel views", redrive::configure_render,
+     "  redrive render RUN --camera CAM --frame 1028 --out same.png\n"
+     "  redrive render RUN --camera CAM --frame 1028 --translate 0,0.5,0 \\\n"
+     "      --out left.png\n"
+     "  redrive render RUN --path sideways:1 --out left.mp4\n"
+     "  redrive render RUN --lidar 64 --frame 1028 --out scan.las"},
+    {"view", "look around in a run or a recording with a browser", redrive::configure_view,
+     "  redrive view RUN --open"},
+    {"export", "write a run's model in a file format of other programs", redrive::configure_export,
+     "  redrive export RUN --to mesh street.glb\n"
+     "  redrive export RUN --to splat-ply street.ply\n"
+     "  redrive export DRIVE --poses ALIGNED --to colmap DIR"},
+    {"figures", "write a run's figures as PNG and one report.html", redrive::configure_figures,
+     "  redrive figures RUN\n"
+     "  redrive figures RUN --compare OTHER"},
+    {"bench", "time kernels and whole training steps on this machine", redrive::configure_bench,
+     "  redrive bench --filter splat"},
     {"doctor", "show what this machine offers and which backend is chosen",
-     redrive::configure_doctor},
+     redrive::configure_doctor, "  redrive doctor"},
 };
 
-std::string known_commands() {
-  std::string names;
-  for (const redrive::Command& command : kCommands)
-    names += (names.empty() ? "there are " : ", ") + std::string(command.name);
-  return names;
-}
+constexpr const char* kExamples =
+    "Examples\n"
+    "  redrive inspect DRIVE\n"
+    "  redrive train DRIVE --out RUN\n"
+    "  redrive view RUN --open\n"
+    "  redrive help train                       # options of a command";
 
 /// Throws IoError where what was printed did not arrive. A closed pipe (| head) is no error.
 void check_standard_output() {
@@ -68,32 +99,48 @@ int end_parsing(const CLI::App& app, const CLI::ParseError& error) {
     return redrive::kExitOk;
   }
   const auto processes = redrive::join_process_group();  // they all end here
-  if (processes->rank() > 0) return redrive::kExitUsage;
-  if (const auto words = app.remaining(); app.get_subcommands().empty() && !words.empty())
-    std::fprintf(
-        stderr, "redrive: %s\n",
-        redrive::UsageError("redrive", words.front(), "is not a command; " + known_commands())
-            .what());
-  else
-    app.exit(error);
+  if (processes->rank() == 0)
+    std::fprintf(stderr, "redrive: %s\n", redrive::usage_message(app, error).c_str());
   return redrive::kExitUsage;
+}
+
+/// Returns the words of the command line; `help COMMAND` as `COMMAND --help`.
+std::vector<std::string> words_of(int argc, char** argv) {
+  std::vector<std::string> words(argv + std::min(argc, 1), argv + argc);
+  if (!words.empty() && words[0] == "help") {
+    words.erase(words.begin());
+    words.emplace_back("--help");
+  }
+  if (words.empty()) words.emplace_back("--help");
+  return words;
 }
 
 int run(int argc, char** argv) {
   CLI::App app("redrive: from the recording of a sensor car to a radiance field and novel views",
                "redrive");
   app.require_subcommand(1);
+  redrive::use_own_help(app);
+  app.footer(kExamples);
   app.set_version_flag("--version", "redrive " REDRIVE_VERSION);
   std::map<const CLI::App*, redrive::Action> actions;
   for (const redrive::Command& command : kCommands) {
     CLI::App* sub = app.add_subcommand(command.name, command.summary);
     actions[sub] = command.configure(*sub);
+    redrive::name_options(*sub);
+    sub->footer(std::string("Examples\n") + command.examples);
   }
   redrive::add_generate_option(app, REDRIVE_VERSION);
+  redrive::name_options(app);
+  std::vector<std::string> words = words_of(argc, argv);
   try {
-    app.parse(argc, argv);
+    redrive::check_words(app, words);
+    std::ranges::reverse(words);  // as the parser takes them
+    app.parse(words);
   } catch (const CLI::ParseError& error) {
     return end_parsing(app, error);
+  } catch (const redrive::UsageError&) {
+    const auto processes = redrive::join_process_group();  // they all end here
+    return processes->rank() == 0 ? redrive::print_failure() : redrive::kExitUsage;
   }
   return actions.at(app.get_subcommands().front())();
 }
@@ -107,6 +154,7 @@ int main(int argc, char** argv) {
   mallopt(M_MMAP_THRESHOLD, 4 << 20);
   mallopt(M_TRIM_THRESHOLD, 1 << 30);
   redrive::handle_signals();
+  const redrive::TerminalOutput output;
   try {
     const int code = run(argc, argv);
     check_standard_output();

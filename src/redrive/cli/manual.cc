@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/cli/manual.h"
 
+#include <algorithm>
 #include <string>
 #include <utility>
 #include <vector>
@@ -8,8 +9,13 @@
 #include <CLI/Error.hpp>
 #include <CLI/Option.hpp>
 #include <CLI/Validators.hpp>
+#include <nlohmann/json.hpp>
 
+#include "redrive/base/did_you_mean.h"
 #include "redrive/base/error.h"
+#include "redrive/base/files.h"
+#include "redrive/cli/help.h"
+#include "redrive/cli/without_model.h"
 
 namespace redrive {
 namespace {
@@ -44,24 +50,19 @@ std::string roff(const std::string& text) {
 std::string bold(const std::string& text) { return "\\fB" + roff(text) + "\\fR"; }
 std::string italic(const std::string& text) { return "\\fI" + roff(text) + "\\fR"; }
 
-bool takes_value(const CLI::Option& option) { return option.get_items_expected_max() > 0; }
-
-/// Returns "--threads INT" for an option, "RECORDING" for a positional argument.
+/// Returns option_heading: names in bold, the value in italics.
 std::string heading(const CLI::Option& option) {
-  if (option.get_positional()) return italic(option.get_name(true));
-  std::string text;
-  for (const std::string& name : option.get_snames()) text += bold("-" + name) + ", ";
-  for (const std::string& name : option.get_lnames()) text += bold("--" + name) + ", ";
-  text.resize(text.size() - 2);
-  const std::string type = option.get_type_name();
-  if (takes_value(option)) text += " " + italic(type.substr(0, type.find(':')));
-  return text;
+  const std::string text = option_heading(option);
+  const std::size_t dashes = text.rfind("-"), space = text.find(' ', dashes + 1);
+  if (dashes == std::string::npos) return italic(text);
+  if (space == std::string::npos) return bold(text);
+  return bold(text.substr(0, space)) + " " + italic(text.substr(space + 1));
 }
 
 std::string option_list(const CLI::App& command) {
   std::string text;
   for (const CLI::Option* option : command.get_options())
-    text += ".TP\n" + heading(*option) + "\n" + roff(option->get_description()) +
+    text += ".TP\n" + heading(*option) + "\n" + roff(option_text(*option)) +
             (option->get_required() ? " (required)\n" : "\n");
   return text;
 }
@@ -88,32 +89,78 @@ std::string man_page(const CLI::App& app, const std::string& version) {
                      italic("OPTIONS") + "]\n.SH OPTIONS\n" + option_list(app) + ".SH COMMANDS\n";
   for (const CLI::App* command : commands_of(app))
     page += ".SS " + bold(name + " " + command->get_name()) + "\n" +
-            roff(command->get_description()) + "\n" + option_list(*command);
+            roff(command->get_description()) + "\n.PP\n" + roff(usage_of(*command)) + "\n" +
+            option_list(*command) + ".PP\n.nf\n" + roff(command->get_footer()) + "\n.fi\n";
   page += ".SH EXIT STATUS\n";
   for (const auto& [code, meaning] : kExitCodes)
     page += ".TP\n" + bold(std::to_string(code)) + "\n" + roff(meaning) + "\n";
   return page;
 }
 
-/// Completes commands and the options of the typed command; readline completes files elsewhere.
+/// Returns lines of a case of bash: the values of each option that has a fixed number of them.
+std::string value_cases(const CLI::App& command) {
+  std::string cases;
+  for (const CLI::Option* option : command.get_options()) {
+    std::string values;
+    for (const std::string& value : offered_values(*option))
+      values += (values.empty() ? "" : " ") + value;
+    if (!values.empty())
+      cases +=
+          "    " + command.get_name() + "," + option->get_name() + ") words='" + values + "' ;;\n";
+  }
+  return cases;
+}
+
+/// Completes commands, the options of the typed command, values of options, and cameras of the run;
+/// readline completes files elsewhere.
 std::string bash_completion(const CLI::App& app) {
-  std::string commands, cases;
+  std::string commands, cases, values;
   for (const CLI::App* command : commands_of(app)) {
     commands += command->get_name() + " ";
     cases += "    0," + command->get_name() + ") words='" + option_words(*command) + "' ;;\n";
+    values += value_cases(*command);
   }
-  return "# Completion of redrive's commands and options for bash.\n"
+  return "# Completion of redrive's commands, options and values for bash.\n"
          "_redrive() {\n"
-         "  local current=${COMP_WORDS[COMP_CWORD]} words=\n"
-         "  case $((COMP_CWORD == 1)),${COMP_WORDS[1]} in\n"
-         "    1,*) words='" +
-         commands + option_words(app) + "' ;;\n" + cases +
-         "  esac\n"
+         "  local current=${COMP_WORDS[COMP_CWORD]} before=${COMP_WORDS[COMP_CWORD-1]} words=\n"
+         "  local command=${COMP_WORDS[1]}\n"
          "  COMPREPLY=()\n"
-         "  ((COMP_CWORD == 1)) || [[ $current == -* ]] || return 0\n"
+         "  case $command,$before in\n" +
+         values + "    help,help) words='" + commands +
+         "' ;;\n"
+         "    *,--camera|*,--cameras)\n"
+         "      words=$(for word in \"${COMP_WORDS[@]:2}\"; do\n"
+         "        [ -d \"$word\" ] && \"${COMP_WORDS[0]}\" --generate \"cameras:$word\"\n"
+         "      done 2>/dev/null) ;;\n"
+         "  esac\n"
+         "  if [ -z \"$words\" ]; then\n"
+         "    case $((COMP_CWORD == 1)),$command in\n"
+         "      1,*) words='" +
+         commands + "help " + option_words(app) + "' ;;\n" + cases +
+         "    esac\n"
+         "    ((COMP_CWORD == 1)) || [[ $current == -* ]] || return 0\n"
+         "  fi\n"
          "  mapfile -t COMPREPLY < <(compgen -W \"$words\" -- \"$current\")\n"
          "}\n"
          "complete -o default -F _redrive redrive";
+}
+
+/// Returns the cameras of a run or a recording, a line each.
+std::string camera_names(const std::string& folder) {
+  const bool is_run = is_run_folder(folder);
+  Run run;
+  if (is_run) {
+    const std::filesystem::path config = RunPaths{folder}.config();
+    run.options = options_from_json(read_json(config), config);
+  }
+  run.options.recording = is_run ? run.options.recording : folder;
+  std::string names;
+  for (const RecordedCamera& camera : open_recording(run.options.recording).cameras) {
+    const std::string& name = camera.calibration.name;
+    const std::vector<std::string>& used = run.options.cameras;
+    if (used.empty() || std::ranges::find(used, name) != used.end()) names += name + "\n";
+  }
+  return names;
 }
 
 }  // namespace
@@ -122,12 +169,23 @@ void add_generate_option(CLI::App& app, const std::string& version) {
   app.add_option_function<std::string>(
          "--generate",
          [&app, version](const std::string& text) {
+           const std::vector<std::string> known = {"man", "bash-completion"};
+           const std::string cameras = "cameras:";  // what completion asks
+           std::string out;
+           if (text == "man")
+             out = man_page(app, version);
+           else if (text == "bash-completion")
+             out = bash_completion(app);
+           else if (text.starts_with(cameras))
+             out = camera_names(text.substr(cameras.size()));
+           else
+             throw UsageError("--generate", text, unknown_name(text, known));
            // CLI11 prints the text of this exception and exits with success.
-           throw CLI::CallForVersion(text == "man" ? man_page(app, version) : bash_completion(app),
-                                     kExitOk);
+           throw CLI::CallForVersion(out, kExitOk);
          },
-         "print the man page or the bash completion and exit: man, bash-completion")
-      ->check(CLI::IsMember({"man", "bash-completion"}));
+         "print the man page or the bash completion: man, bash-completion")
+      ->type_name("WHAT")
+      ->check(offering({"man", "bash-completion"}));
 }
 
 }  // namespace redrive

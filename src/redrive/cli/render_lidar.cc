@@ -9,8 +9,8 @@
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
 #include "redrive/base/output_folder.h"
+#include "redrive/base/progress.h"
 #include "redrive/cli/backend_options.h"
-#include "redrive/cli/image_progress.h"
 #include "redrive/cli/output_file.h"
 #include "redrive/cli/render_options.h"
 #include "redrive/cli/training.h"
@@ -196,18 +196,17 @@ int render_lidar(const RenderOptions& options) {
     write_file(out, format->make(scan_of(*firings).points));
   } else {
     const std::atomic<bool>& stop = stop_on_signal();
-    const auto progress = image_progress("rendered", "frames");
+    Progress progress("rendering revolutions", std::ssize(run.scene.frames));
     int scans = 0;
     write_output_folder("--out", out, options.force, [&](const fs::path& folder) {
       KittiFolder files(folder);
-      int done = 0;
       for (const Frame& frame : run.scene.frames) {
         if (stop) throw Interrupted();
         if (const auto firings = firings_of(frame.id, frame.t_ns)) {
           files.add(frame.id, frame.t_ns, *firings, scan_of(*firings));
           ++scans;
         }
-        if (progress) progress(++done, static_cast<int>(run.scene.frames.size()));
+        progress.count();
       }
       if (scans == 0) throw UsageError("--lidar", options.lidar, "the run has no LiDAR revolution");
       files.finish();

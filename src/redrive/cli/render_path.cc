@@ -8,8 +8,8 @@
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
 #include "redrive/base/output_folder.h"
+#include "redrive/base/progress.h"
 #include "redrive/cli/backend_options.h"
-#include "redrive/cli/image_progress.h"
 #include "redrive/cli/output_file.h"
 #include "redrive/cli/render_options.h"
 #include "redrive/cli/training.h"
@@ -97,7 +97,7 @@ int render_path(const RenderOptions& options) {
   check_rendering_memory(run, &lens);
   const std::atomic<bool>& stop = stop_on_signal();
   const int images = path.images();
-  const auto progress = image_progress("rendered");
+  Progress progress("rendering images", images);
   std::optional<RayTable> rays;
   RenderedImage rendered;
   double fov_deg = 0;
@@ -112,7 +112,7 @@ int render_path(const RenderOptions& options) {
                                                     drive_time_ns(key, run.scene));
     run.state.model->render_to(*backend, *rays, pose, exposure, &rendered);
     const Image8 image = to_image8(rendered);
-    if (progress) progress(i + 1, images);
+    progress.count();
     return image;
   };
   if (is_video(out)) {

@@ -7,13 +7,44 @@
 #include "redrive/base/error.h"
 #include "redrive/base/memory_limit.h"
 #include "redrive/camera/ray_share.h"
-#include "redrive/recording/summary.h"
+#include "redrive/cli/help.h"
 #include "redrive/scene/find_moving.h"
 #include "redrive/train/memory.h"
 #include "redrive/train/pose_changes.h"
 #include "redrive/view/live_view.h"
 
 namespace redrive {
+
+TrainField field_named(const std::string& name) {
+  for (const TrainField& field : train_fields())
+    if (field.name == name) return field;
+  throw std::logic_error("no training option " + name);
+}
+
+void add_field(CLI::App& command, const TrainField& field, GivenFields* given) {
+  const std::string name = field.name;
+  CLI::Option* option = nullptr;
+  if (field.is_flag) {
+    option = command.add_flag_callback("--" + name, [given, name] { (*given)[name] = {""}; });
+  } else {
+    option = command.add_option_function<std::vector<std::string>>(
+        name == "recording" ? "RECORDING" : "--" + name,
+        [given, name](const std::vector<std::string>& values) { (*given)[name] = values; });
+    option->expected(1)->type_name(field.value)->required(name == "recording");
+    option->multi_option_policy(field.repeats ? CLI::MultiOptionPolicy::TakeAll
+                                              : CLI::MultiOptionPolicy::Throw);
+    if (!field.choices.empty()) option->check(offering(field.choices));
+  }
+  option->description(help_text(field));
+  if (!field.group.empty()) option->group(field.group);
+}
+
+void parse_given(const GivenFields& given, TrainOptions* options) {
+  for (const auto& [name, values] : given) {
+    const TrainField field = field_named(name);
+    for (const std::string& value : values) field.parse(*options, value);
+  }
+}
 
 std::unique_ptr<kernels::Backend> make_backend(const TrainOptions& options) {
   return kernels::make_backend({options.backend, options.isa, options.threads});
@@ -26,6 +57,9 @@ std::optional<std::uint64_t> check_run_memory(const Run& run, int threads, int p
       allowed_memory(run.options, memory_bytes()) / static_cast<std::uint64_t>(processes);
   check_memory(need, allowed, run.options);
   std::printf("%s\n", describe_memory(need, allowed).c_str());
+  std::fflush(stdout);
+  std::printf("preparing %zu images; seconds of training count from the first step\n",
+              run.scene.views.size());
   std::fflush(stdout);
   return image_cache_bytes(need, allowed);
 }

@@ -4,6 +4,9 @@
 #pragma once
 
 #include <atomic>
+#include <map>
+#include <string>
+#include <vector>
 
 #include "redrive/base/interruption.h"
 #include "redrive/cli/view_server.h"
@@ -13,8 +16,15 @@
 
 namespace redrive {
 
-/// Trains where no method is given: the best after equal time (docs/benchmarks.md).
-constexpr const char* kDefaultMethod = "splat";
+/// Values of training options on the command line, by name. A flag has an empty value; only fields
+/// that repeat have several.
+using GivenFields = std::map<std::string, std::vector<std::string>>;
+/// Adds an option of train_fields() to a command. `given`: must outlive the command.
+void add_field(CLI::App& command, const TrainField& field, GivenFields* given);
+/// Returns the field of this name, which must exist.
+TrainField field_named(const std::string& name);
+/// Sets the options that are given, but for rules that involve several of them.
+void parse_given(const GivenFields& given, TrainOptions* options);
 
 /// Returns the backend that the options choose. Throws UsageError.
 std::unique_ptr<kernels::Backend> make_backend(const TrainOptions& options);

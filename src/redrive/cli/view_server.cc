@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "redrive/base/error.h"
+#include "redrive/cli/help.h"
 #include "redrive/view/access.h"
 #include "redrive/view/messages.h"
 #include "redrive/view/page.h"
@@ -60,7 +61,7 @@ void add_view_server_options(CLI::App& command, ViewServerOptions* options, CLI:
           .add_option("--port", options->port,
                       with + "port to listen on, 0: any that is free (default: " +
                           std::to_string(kUsualViewPort) + ", or any if that is taken)")
-          ->check(CLI::Range(0, 65535)),
+          ->check(within("--port", 0, 65535)),
       command
           .add_option("--listen", options->listen,
                       with + "IP address to listen on; 0.0.0.0 lets other machines in, without "

@@ -6,6 +6,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/evenly_spaced.h"
+#include "redrive/base/progress.h"
 #include "redrive/eval/evaluate.h"
 #include "redrive/scene/actor_body.h"
 #include "redrive/scene/moving_objects.h"
@@ -80,6 +81,7 @@ Coverage::Coverage(const Run& run, kernels::Backend& backend, bool at_once)
   const Scene& scene = run.scene;
   for (const MovingObject& actor : scene.actors)
     half_size_m_[actor.id] = actor.size_m / 2 + Eigen::Vector3d::Constant(kBoxMargin_m);
+  const Progress progress("rendering what training images saw");
   for (int c = 0; c < static_cast<int>(scene.rig.size()); ++c) {
     std::vector<const View*> training;
     for (const View& view : scene.views)

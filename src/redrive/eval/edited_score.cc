@@ -11,6 +11,7 @@
 #include "redrive/base/error.h"
 #include "redrive/base/evenly_spaced.h"
 #include "redrive/base/files.h"
+#include "redrive/base/progress.h"
 #include "redrive/eval/coverage.h"
 #include "redrive/eval/score_mean.h"
 #include "redrive/recording/frame_files.h"
@@ -96,7 +97,7 @@ std::map<std::string, EditedScore> score_edited(const Run& run, kernels::Backend
   const std::vector<EditedSet> sets =
       read_sets(folder, run.scene, static_cast<std::size_t>(options.max_images));
   std::vector<Scene> scenes;  // wrong edits are reported before anything is rendered
-  int total = 0, done = 0;
+  int total = 0;
   for (const EditedSet& set : sets) {
     scenes.push_back(run.scene);
     edit_actors(set.edit, &scenes.back());
@@ -107,6 +108,7 @@ std::map<std::string, EditedScore> score_edited(const Run& run, kernels::Backend
   align_held_out(run, backend, sets, left_out, &aligned);
   const Coverage coverage(run, backend);
 
+  Progress progress("scoring images", total);
   std::map<std::string, EditedScore> scores;
   for (std::size_t s = 0; s < sets.size(); ++s) {
     Scene& scene = scenes[s];
@@ -134,7 +136,7 @@ std::map<std::string, EditedScore> score_edited(const Run& run, kernels::Backend
       for (std::size_t i = 0; i < changed.used.size(); ++i) changed.used[i] &= is_seen[i];
       if (std::ranges::count_if(changed.used, [](std::uint8_t used) { return used != 0; }) > 0)
         seen.add(score_image(backend, rendered, changed));
-      if (options.progress) options.progress(++done, total);
+      progress.count();
     }
     scores[sets[s].name] = {inside.mean(), seen.mean(), outside.mean()};
   }

@@ -9,6 +9,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/evenly_spaced.h"
+#include "redrive/base/progress.h"
 #include "redrive/eval/moving_scores.h"
 #include "redrive/eval/score_mean.h"
 #include "redrive/math/angles.h"
@@ -130,7 +131,7 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
   const auto chosen_of = [&](const NovelGroundTruth& ground_truth) {
     return evenly_spaced(ground_truth.size(), options.all ? 0 : options.max_images);
   };
-  std::size_t total = 0, done = 0;
+  std::size_t total = 0;
   for (const auto& chosen : by_camera) total += chosen.size();
   for (const NovelGroundTruth& ground_truth : ground_truths)
     total += chosen_of(ground_truth).size();
@@ -140,10 +141,7 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
        evenly_spaced(held_out_scans.size(), options.all ? 0 : options.max_images))
     scans.push_back(held_out_scans[i]);
   total += scans.size();
-  const auto tell = [&] {
-    ++done;
-    if (options.progress) options.progress(static_cast<int>(done), static_cast<int>(total));
-  };
+  Progress progress("scoring images", static_cast<std::int64_t>(total));
 
   struct Part {
     ScoreMean overall;
@@ -167,7 +165,7 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
       mean.add(score);
       overall.add(score);
       if (options.part_of) parts[options.part_of(scene.frames[view.frame].id)].overall.add(score);
-      tell();
+      progress.count();
     }
     evaluation.cameras[run.scene.rig[c].name] = mean.mean();
   }
@@ -185,7 +183,7 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
       if (options.part_of)
         parts[options.part_of(ground_truth.request(i).frame_id)].novel[ground_truth.name()].add(
             score);
-      tell();
+      progress.count();
     }
     evaluation.novel[ground_truth.name()] = mean.mean();
   }
@@ -194,7 +192,8 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
     scores.overall = part.overall.mean();
     for (const auto& [novel, mean] : part.novel) scores.novel[novel] = mean.mean();
   }
-  if (!scans.empty()) evaluation.lidar = score_lidar(run, backend, scans, left_out.moving, tell);
+  if (!scans.empty())
+    evaluation.lidar = score_lidar(run, backend, scans, left_out.moving, &progress);
   return evaluation;
 }
 

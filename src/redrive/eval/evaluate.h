@@ -35,8 +35,6 @@ struct EvalOptions {
   /// Names the part of the drive, such as a block, that images of a frame are also scored with;
   /// empty: there are no parts.
   std::function<std::string(std::int64_t frame_id)> part_of;
-  std::function<void(int done, int total)>
-      progress;  ///< after each image or revolution; may be empty
 };
 
 /// Means over images. NaN where undefined: ssim of images smaller than its 11 x 11 window,

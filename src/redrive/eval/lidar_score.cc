@@ -97,8 +97,7 @@ std::vector<std::int64_t> held_out_revolutions(const Run& run) {
 
 std::optional<LidarScore> score_lidar(const Run& run, kernels::Backend& backend,
                                       const std::vector<std::int64_t>& frames,
-                                      const MovingObjects& left_out,
-                                      const std::function<void()>& scored) {
+                                      const MovingObjects& left_out, Progress* progress) {
   LidarScore score;
   RangeErrors all, on_moving;
   double chamfer = 0;
@@ -137,7 +136,7 @@ std::optional<LidarScore> score_lidar(const Run& run, kernels::Backend& backend,
       chamfer += chamfer_distance(measured, seen);
       ++with_chamfer;
     }
-    if (scored) scored();
+    if (progress) progress->count();
   }
   if (all.returns() == 0) return std::nullopt;
   static_cast<RangeScore&>(score) = all.score();

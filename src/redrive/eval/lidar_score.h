@@ -4,10 +4,10 @@
 #pragma once
 
 #include <cstdint>
-#include <functional>
 #include <optional>
 #include <vector>
 
+#include "redrive/base/progress.h"
 #include "redrive/train/run.h"
 #include "redrive/train/training_data.h"
 
@@ -41,11 +41,10 @@ double chamfer_distance(const std::vector<Eigen::Vector3f>& a,
 /// the recording has no revolutions, or where the run is of an earlier build, which trained on all.
 std::vector<std::int64_t> held_out_revolutions(const Run& run);
 
-/// Scores the revolutions of `frames`; calls `scored` after each. `left_out`: objects whose returns
+/// Scores the revolutions of `frames` and counts them. `left_out`: objects whose returns
 /// do not count. Nothing if they have no return.
 std::optional<LidarScore> score_lidar(const Run& run, kernels::Backend& backend,
                                       const std::vector<std::int64_t>& frames,
-                                      const MovingObjects& left_out,
-                                      const std::function<void()>& scored);
+                                      const MovingObjects& left_out, Progress* progress = nullptr);
 
 }  // namespace redrive

@@ -54,7 +54,7 @@ class LidarScoreTest : public ::testing::Test {
   }
   std::optional<LidarScore> score(PaintBackend& backend) {
     const MovingObjects none({}, run_.recording.frames, run_.scene.global_from_world);
-    return score_lidar(run_, backend, held_out_revolutions(run_), none, {});
+    return score_lidar(run_, backend, held_out_revolutions(run_), none);
   }
 
   TemporaryFolder folder_;

@@ -9,6 +9,7 @@
 #include "redrive/base/error.h"
 #include "redrive/base/evenly_spaced.h"
 #include "redrive/base/parallel.h"
+#include "redrive/base/progress.h"
 #include "redrive/eval/moving_scores.h"
 #include "redrive/eval/score_mean.h"
 #include "redrive/scene/load_views.h"
@@ -123,12 +124,13 @@ std::map<std::string, OtherCameraScore> score_other_cameras(const Run& run,
                                                             const std::vector<std::string>& names,
                                                             const EvalOptions& options) {
   std::vector<OtherScene> scenes;  // wrong names are reported at once
-  std::size_t total = 0, done = 0;
+  std::size_t total = 0;
   for (const std::string& name : names) {
     scenes.push_back(scene_of(run, name, options));
     total += scenes.back().scene.views.size();
   }
   std::map<std::string, OtherCameraScore> scores;
+  Progress progress("scoring images", static_cast<std::int64_t>(total));
   for (OtherScene& other : scenes) {
     Scene& scene = other.scene;
     const RigCamera& camera = scene.rig[static_cast<std::size_t>(other.camera)];
@@ -149,8 +151,7 @@ std::map<std::string, OtherCameraScore> score_other_cameras(const Run& run,
                                      scene.exposure(view)),
                         recorded, recorded});
       apply_mask(view_mask(scene, view, of_camera, left_out.moving), &images.back().ground_truth);
-      ++done;
-      if (options.progress) options.progress(static_cast<int>(done), static_cast<int>(total));
+      progress.count();
     }
     result.gains = least_squares_gains(images);
     ScoreMean mean;

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "redrive/base/error.h"
+#include "redrive/base/progress.h"
 #include "redrive/scene/load_views.h"
 #include "redrive/train/pose_refiner.h"
 
@@ -53,7 +54,8 @@ ViewAlignment align_views(const Run& run, kernels::Backend& backend,
   request.seed = run.options.seed;
   request.pixels = rays;
   request.pose_gradients = true;
-  for (int step = 0; step < kSteps; ++step) {
+  Progress progress("refining poses of held-out images", kSteps);
+  for (int step = 0; step < kSteps; ++step, progress.count()) {
     request.step = step;
     const StepOutput output = run.state.model->step(backend, data, request, unused, &buffers);
     request.pixels_drawn += static_cast<std::uint64_t>(output.pixels);

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "redrive/base/error.h"
+#include "redrive/base/progress.h"
 #include "redrive/export/field_points.h"
 #include "redrive/export/fill_ground.h"
 #include "redrive/export/surface_mesh.h"
@@ -80,6 +81,7 @@ std::vector<DepthImage> render_depth_images(const Run& run, kernels::Backend& ba
   RayTable table;
   std::shared_ptr<const PixelDirections> directions;
   int table_camera = -1, factor = 1;
+  Progress progress("rendering depth", static_cast<std::int64_t>(views.size()));
   // Views of a camera in groups: their normals take a thread each.
   for (std::size_t first = 0; first < views.size();) {
     const int camera = views[first]->camera;
@@ -108,7 +110,7 @@ std::vector<DepthImage> render_depth_images(const Run& run, kernels::Backend& ba
     for (auto& image : made) images.push_back(std::move(*image));
     first += made.size();
     bytes_of(images, run, options.most_bytes);
-    if (options.progress) options.progress(static_cast<int>(first), static_cast<int>(views.size()));
+    progress.count(static_cast<std::int64_t>(made.size()));
   }
   return images;
 }
@@ -124,6 +126,7 @@ FieldMesh field_mesh(const Run& run, kernels::Backend& backend, const MeshOption
                 : run.scene.metric  ? kVoxel_m
                                     : median_depth(images) / kVoxelsPerMedianDepth;
   out.range_m = kRangeVoxels * out.voxel_m;
+  const Progress progress("making a surface of the depth");
   TsdfVolume volume(out.voxel_m, options.most_bytes - bytes_of(images, run, options.most_bytes));
   volume.fuse(images, out.range_m, pool);
   images.clear();

@@ -3,7 +3,6 @@
 #pragma once
 
 #include <cstdint>
-#include <functional>
 
 #include "redrive/export/triangle_mesh.h"
 #include "redrive/export/tsdf_volume.h"
@@ -14,7 +13,6 @@ namespace redrive {
 struct MeshOptions {
   double voxel_m = 0;            ///< 0: 0.1 m; of photographs a hundredth of the median depth
   std::uint64_t most_bytes = 0;  ///< of images and volume
-  std::function<void(int done, int total)> progress;  ///< of the images; may be empty
 };
 
 struct FieldMesh {

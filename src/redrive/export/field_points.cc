@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "redrive/base/evenly_spaced.h"
+#include "redrive/base/progress.h"
 #include "redrive/render/normals.h"
 #include "redrive/render/renderer.h"
 
@@ -34,6 +35,7 @@ std::vector<PlyPoint> field_points(const Run& run, kernels::Backend& backend, st
   RayTable table;
   int table_camera = -1;
   std::size_t taken = 0;
+  Progress progress("rendering depth", std::ssize(views));
   for (const View* view : views) {
     if (table_camera != view->camera) {
       table = make_ray_table(scene.rig[view->camera].camera, backend.threads());
@@ -64,6 +66,7 @@ std::vector<PlyPoint> field_points(const Run& run, kernels::Backend& backend, st
             std::lround(255 * std::clamp(image.rgb[3 * pixel + k], 0.0f, 1.0f)));
       points.push_back(point);
     }
+    progress.count();
   }
   return points;
 }

@@ -7,6 +7,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
+#include "redrive/base/progress.h"
 #include "redrive/export/write_photo_set.h"
 #include "redrive/recording/scan_files.h"
 #include "redrive/recording/trajectory.h"
@@ -128,12 +129,14 @@ void write_kitti360_scans(const kitti360::Layout& layout, const Recording& drive
     scans.push_back({file, before, id, 0});
   }
   std::vector<Counts> counts(scans.size());
+  Progress progress("writing LiDAR", 2 * std::ssize(scans));
   pool.run(static_cast<int>(scans.size()), [&](int s) {
     if (stop) throw Interrupted();
     Scan& scan = scans[static_cast<std::size_t>(s)];
     Counts ignored;
     const auto frame = std::ranges::lower_bound(frames, scan.id, {}, &FramePose::id);
     scan.middle_ns = middle_ns(new_points(drive, scan, &ignored)).value_or(frame->t_ns);
+    progress.count();
   });
   const auto off_ns = [&](const Scan& scan) {
     const auto frame = std::ranges::lower_bound(frames, scan.id, {}, &FramePose::id);
@@ -163,6 +166,7 @@ void write_kitti360_scans(const kitti360::Layout& layout, const Recording& drive
         layout.velodyne() / "data" / kitti_file_name(scan.id, ".bin"),
         make_scan(new_points(drive, scan, &own), kitti360::scan_at(scan.middle_ns, revolution_ns),
                   drive.frames, frames, body_from_velodyne, &own));
+    progress.count();
   });
   const Rigid3d velodyne_from_camera =
       body_from_velodyne.inverse(Eigen::Isometry) * body_from_first_camera;

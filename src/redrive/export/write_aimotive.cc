@@ -8,6 +8,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
+#include "redrive/base/progress.h"
 #include "redrive/export/drive.h"
 #include "redrive/export/write_photo_set.h"
 #include "redrive/recording/aimotive_boxes.h"
@@ -132,6 +133,7 @@ DriveNotes write_aimotive(const fs::path& folder, const Recording& drive, Thread
     for (const FrameFile& file : drive.lidar_files) of_frame[file.frame_id].push_back(file);
     const std::vector<std::pair<std::int64_t, std::vector<FrameFile>>> revolutions(of_frame.begin(),
                                                                                    of_frame.end());
+    Progress progress("writing LiDAR", std::ssize(revolutions));
     pool.run(static_cast<int>(revolutions.size()), [&](int r) {
       if (stop) throw Interrupted();
       const auto& [frame_id, files] = revolutions[static_cast<std::size_t>(r)];
@@ -141,6 +143,7 @@ DriveNotes write_aimotive(const fs::path& folder, const Recording& drive, Thread
       if (files.size() > 1) std::ranges::stable_sort(points, {}, &LidarPoint::t_ns);
       for (LidarPoint& point : points) point.t_ns -= earlier_ns;
       write_file(scans / ("frame_" + padded(frame_id) + ".las"), revolution_las(points));
+      progress.count();
     });
     if (revolutions.size() < drive.lidar_files.size())
       notes.changed.emplace_back("LiDAR revolutions of the same frame are one file");

@@ -9,6 +9,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
+#include "redrive/base/progress.h"
 #include "redrive/export/cloud_normals.h"
 #include "redrive/image/image_io.h"
 #include "redrive/recording/colmap_files.h"
@@ -150,6 +151,7 @@ void write_images(const fs::path& images, const fs::path& masks, const PhotoSet&
     if (set.cameras[c].resampled) resampling[c] = make_resampling(set.cameras[c]);
   });
   for (const Photo& photo : set.photos) make_folders((images / photo.name).parent_path());
+  Progress progress("writing images", std::ssize(set.photos));
   pool.run(static_cast<int>(set.photos.size()), [&](int i) {
     if (stop) throw Interrupted();
     const Photo& photo = set.photos[i];
@@ -170,6 +172,7 @@ void write_images(const fs::path& images, const fs::path& masks, const PhotoSet&
       write_image(out, read_image(photo.source));
     }
     if (!masks.empty()) write_photo_mask(masks, photo, how);
+    progress.count();
   });
 }
 

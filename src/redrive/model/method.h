@@ -25,6 +25,9 @@ struct Preset {
   std::vector<std::vector<std::string>> cameras = {};
 };
 
+/// Trains where no method is given: the best after equal time (docs/benchmarks.md).
+inline constexpr const char* kDefaultMethod = "splat";
+
 struct Method {
   std::string name;                  ///< --method
   std::string help;                  ///< one line

@@ -101,7 +101,9 @@ fs::path choose_model(const std::vector<fs::path>& models, const fs::path& folde
     try {
       sizes.back().images = std::ranges::count_if(
           read(required_file(model, "images"), parse_images_binary, parse_images_text),
-          [&](const ImageRecord& image) { return !photographs::find_image(folder, image.name).empty(); });
+          [&](const ImageRecord& image) {
+            return !photographs::find_image(folder, image.name).empty();
+          });
     } catch (const InputError&) {
     }
   }

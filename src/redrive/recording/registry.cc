@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "redrive/base/error.h"
+#include "redrive/base/progress.h"
 #include "redrive/recording/aimotive.h"
 #include "redrive/recording/colmap.h"
 #include "redrive/recording/excerpt.h"
@@ -89,6 +90,7 @@ namespace {
 }  // namespace
 
 Recording open_recording(const std::filesystem::path& root, PoseSource source, bool outside_files) {
+  const Progress progress("reading the recording");
   const std::string name = recording_format(root);
   const auto format = std::ranges::find(kFormats, name, &Format::name);
   if (format == std::end(kFormats) || kind_of_folder(root) != FolderKind::kRecording)

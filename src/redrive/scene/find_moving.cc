@@ -6,6 +6,7 @@
 #include <iterator>
 #include <optional>
 
+#include "redrive/base/progress.h"
 #include "redrive/scene/moving_file.h"
 #include "redrive/scene/moving_objects.h"
 #include "redrive/scene/seen_through.h"
@@ -379,6 +380,7 @@ MovingObject object_of(const Track& track, const std::vector<Sweep>& sweeps) {
 
 std::vector<MovingObject> find_moving_objects(const LidarReturns& returns,
                                               const MovingObjects& annotated, ThreadPool& pool) {
+  const Progress progress("looking for moving objects in the LiDAR");
   const std::vector<Sweep> sweeps = seen_through(returns, pool);
   std::vector<std::vector<Cluster>> clusters(sweeps.size());
   pool.run(static_cast<int>(sweeps.size()),

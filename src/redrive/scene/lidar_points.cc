@@ -7,6 +7,7 @@
 #include <unordered_map>
 
 #include "redrive/base/error.h"
+#include "redrive/base/progress.h"
 #include "redrive/scene/project_shutter.h"
 
 namespace redrive {
@@ -148,6 +149,7 @@ PointCloud lidar_points(const Scene& scene, const ViewImages& images, const Lida
   };
 
   std::vector<std::vector<ColouredPoint>> parts;
+  Progress progress("colouring LiDAR points", static_cast<std::int64_t>(returns.n));
   for (std::size_t begin = 0; begin < returns.n; begin += kReturnsAtOnce) {
     const std::size_t n = std::min(kReturnsAtOnce, returns.n - begin);
     std::vector<std::optional<ColouredPoint>> coloured(n);
@@ -181,6 +183,7 @@ PointCloud lidar_points(const Scene& scene, const ViewImages& images, const Lida
     parts.emplace_back();
     for (const auto& point : coloured)
       if (point) parts.back().push_back(*point);
+    progress.count(static_cast<std::int64_t>(n));
   }
   return make_point_cloud(parts);
 }

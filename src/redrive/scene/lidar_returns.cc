@@ -5,6 +5,7 @@
 #include <cstdio>
 #include <tuple>
 
+#include "redrive/base/progress.h"
 #include "redrive/recording/recording_reader.h"
 #include "redrive/recording/trajectory.h"
 #include "redrive/scene/cloud_returns.h"
@@ -146,8 +147,10 @@ LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene,
     return !selection.frame || selection.frame(files[f]->frame_id);
   };
   // A file that is not selected is read for what the next one repeats.
+  Progress progress("reading LiDAR", 2 * count);
   std::vector<std::vector<LidarPoint>> points(files.size());
   pool.run(count, [&](int f) {
+    progress.count();
     if (selected(f) || (!selection.repeated && f + 1 < count && selected(f + 1)))
       points[f] = recording.reader->read_lidar(*files[f]);
   });
@@ -157,6 +160,7 @@ LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene,
   std::vector<LidarReturns> counts(files.size());
   const std::vector<LidarPoint> none;
   pool.run(count, [&](int f) {
+    progress.count();
     if (!selected(f)) return;
     rays[f] = rays_of(points[f], f > 0 && !selection.repeated ? points[f - 1] : none, recording,
                       world_from_global, moving, &counts[f]);

@@ -9,6 +9,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/opencv_threads.h"
+#include "redrive/base/progress.h"
 #include "redrive/image/image_io.h"
 #include "redrive/scene/resample.h"
 
@@ -163,10 +164,12 @@ Image8 ViewLoader::operator()(const View& view) const {
 std::vector<Image8> load_views(const Scene& scene, ThreadPool& pool) {
   const ViewLoader load(scene, pool);
   std::vector<Image8> images(scene.views.size());
+  Progress progress("decoding images", std::ssize(images));
   pool.run(static_cast<int>(images.size()), [&](int i) {
     const View& view = scene.views[i];
     Image8 image = load(view);
     if (!view.held_out) images[i] = std::move(image);
+    progress.count();
   });
   return images;
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/scene/masks.h"
 #include "redrive/base/opencv_threads.h"
+#include "redrive/base/progress.h"
 #include "redrive/image/image_io.h"
 
 #include <opencv2/imgproc.hpp>
@@ -257,12 +258,14 @@ Mask find_static_mask(const Scene& scene, int camera, const std::vector<Image8>&
 std::vector<Mask> static_masks(const Scene& scene, const std::vector<Image8>& images,
                                const std::filesystem::path& folder, ThreadPool& pool, bool on_car) {
   std::vector<Mask> masks(scene.rig.size());
+  Progress progress("finding masks", std::ssize(masks));
   pool.run(static_cast<int>(masks.size()), [&](int c) {
     const RigCamera& rig = scene.rig[c];
     const std::filesystem::path file = mask_file(folder, rig);
     const bool has_file = !folder.empty() && std::filesystem::exists(file);
     masks[c] = has_file ? read_mask(file, rig, scene.downscale)
                         : find_static_mask(scene, c, images, on_car);
+    progress.count();
   });
   return masks;
 }
@@ -270,7 +273,8 @@ std::vector<Mask> static_masks(const Scene& scene, const std::vector<Image8>& im
 std::vector<Mask> static_masks(const Scene& scene, const ViewLoader& load,
                                const std::filesystem::path& folder, ThreadPool& pool, bool on_car) {
   std::vector<Mask> masks;
-  for (int c = 0; c < static_cast<int>(scene.rig.size()); ++c) {
+  Progress progress("finding masks", std::ssize(scene.rig));
+  for (int c = 0; c < static_cast<int>(scene.rig.size()); ++c, progress.count()) {
     const RigCamera& rig = scene.rig[c];
     const std::filesystem::path file = mask_file(folder, rig);
     if (!folder.empty() && std::filesystem::exists(file)) {
@@ -321,12 +325,22 @@ std::vector<std::uint32_t> object_map(const Scene& scene, const View& view,
                        [&] { return directions_of(scene.rig[view.camera].camera); });
 }
 
-void mark_objects(const Scene& scene, const MovingObjects& objects, ThreadPool& pool,
+namespace {
+
+void apply_to_all(const ViewMasker& masker, const Scene& scene, ThreadPool& pool,
                   std::vector<Image8>* images) {
-  const ViewMasker masker(scene, {}, {}, objects, pool);
+  Progress progress("masking images", std::ssize(*images));
   pool.run(static_cast<int>(images->size()), [&](int i) {
     if (!scene.views[i].held_out) masker.apply(scene.views[i], &(*images)[i]);
+    progress.count();
   });
+}
+
+}  // namespace
+
+void mark_objects(const Scene& scene, const MovingObjects& objects, ThreadPool& pool,
+                  std::vector<Image8>* images) {
+  apply_to_all(ViewMasker(scene, {}, {}, objects, pool), scene, pool, images);
 }
 
 void apply_mask(const Mask& mask, Image8* image) {
@@ -369,10 +383,7 @@ void apply_masks(const Scene& scene, const std::vector<Mask>& camera_masks,
                  const MovingObjects& moving, ThreadPool& pool, std::vector<Image8>* images) {
   REDRIVE_CHECK_OP(camera_masks.size(), ==, scene.rig.size());
   REDRIVE_CHECK_OP(images->size(), ==, scene.views.size());
-  const ViewMasker masker(scene, camera_masks, moving, {}, pool);
-  pool.run(static_cast<int>(images->size()), [&](int i) {
-    if (!scene.views[i].held_out) masker.apply(scene.views[i], &(*images)[i]);
-  });
+  apply_to_all(ViewMasker(scene, camera_masks, moving, {}, pool), scene, pool, images);
 }
 
 Image8 overlay(const Image8& image, const Mask& mask) {

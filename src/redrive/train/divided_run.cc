@@ -9,6 +9,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
+#include "redrive/base/progress.h"
 #include "redrive/scene/find_moving.h"
 #include "redrive/scene/load_views.h"
 #include "redrive/scene/masks.h"
@@ -99,6 +100,7 @@ std::vector<Block> divide_as_told(const std::string& text, const DividedRun& who
                                        std::max(1, whole.options.holdout_every)});
   };
   if (text != "auto") return divided(length_of(text));
+  const Progress progress("dividing the drive");
   for (double length_m = kLongestCore_m;; length_m *= kShrink) {
     std::vector<Block> blocks = divided(length_m);
     const Block& longest = blocks[longest_first(blocks, whole.scene.frames).front()];
@@ -218,6 +220,7 @@ BlockMetrics read_block_metrics(const std::filesystem::path& root) {
 }
 
 SeamExposure match_exposures(const DividedRun& whole) {
+  const Progress progress("comparing the brightness of blocks");
   std::vector<std::string> cameras;
   for (const RigCamera& camera : whole.scene.rig) cameras.push_back(camera.name);
   std::vector<SharedImage> shared;

@@ -4,15 +4,19 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <iterator>
 #include <limits>
 
 #include <nlohmann/json.hpp>
 
+#include "redrive/base/did_you_mean.h"
 #include "redrive/base/error.h"
 #include "redrive/train/options.h"
 
 namespace redrive {
 namespace {
+
+constexpr double kInfinite = 1e9;  // seconds and metres that no run reaches
 
 template <class T>
 std::string text_of(T value) {
@@ -71,11 +75,13 @@ struct Range {
 
 template <class T>
 TrainField number(const std::string& name, T TrainOptions::*member, const Range<T>& range,
-                  const std::string& help) {
+                  const std::string& help, const std::string& value = "N") {
   const std::string flag = "--" + name;
   TrainField field;
   field.name = name;
-  field.help = help + " (" + range.rule() + "; default: " + text_of(TrainOptions{}.*member) + ")";
+  field.value = value;
+  field.help = help;
+  field.rule = range.rule();
   field.parse = [=](TrainOptions& o, const std::string& text) {
     o.*member = number_of<T>(flag, text);
   };
@@ -90,16 +96,16 @@ TrainField number(const std::string& name, T TrainOptions::*member, const Range<
   return field;
 }
 
-TrainField text(const std::string& name, std::string TrainOptions::*member,
-                const std::vector<std::string>& choices, const std::string& help) {
+TrainField text(const std::string& name, const std::string& value,
+                std::string TrainOptions::*member, const std::vector<std::string>& choices,
+                const std::string& help) {
   TrainField field;
   field.name = name;
-  std::string rule;
+  field.value = value;
+  field.choices = choices;
+  field.help = help;
   for (const std::string& choice : choices)
-    if (!choice.empty()) rule += (rule.empty() ? "" : ", ") + choice;
-  const std::string standard = TrainOptions{}.*member;
-  field.help = help + (rule.empty() ? "" : ": " + rule) +
-               (standard.empty() ? "" : " (default: " + standard + ")");
+    if (!choice.empty()) field.rule += (field.rule.empty() ? "" : ", ") + choice;
   field.parse = [=](TrainOptions& o, const std::string& value) { o.*member = value; };
   field.save = [=](const TrainOptions& o, nlohmann::json& json) { json[name] = o.*member; };
   field.load = [=](TrainOptions& o, const nlohmann::json& json) {
@@ -110,7 +116,8 @@ TrainField text(const std::string& name, std::string TrainOptions::*member,
   field.check = [=](const TrainOptions& o) {
     for (const std::string& choice : choices)
       if (o.*member == choice) return;
-    if (!choices.empty()) throw UsageError("--" + name, o.*member, "unknown; known are " + rule);
+    if (!choices.empty())
+      throw UsageError("--" + name, o.*member, unknown_name(o.*member, choices));
   };
   return field;
 }
@@ -132,11 +139,12 @@ TrainField flag(const std::string& name, bool TrainOptions::*member, const std::
 }
 
 /// A,B,C on the command line, an array in JSON; validate() checks the elements.
-TrainField list(const std::string& name, std::vector<std::string> TrainOptions::*member,
-                const std::string& help) {
+TrainField list(const std::string& name, const std::string& value,
+                std::vector<std::string> TrainOptions::*member, const std::string& help) {
   const std::string flag = "--" + name;
   TrainField field;
   field.name = name;
+  field.value = value;
   field.help = help;
   field.parse = [=](TrainOptions& o, const std::string& value) {
     (o.*member).clear();
@@ -161,9 +169,11 @@ TrainField list(const std::string& name, std::vector<std::string> TrainOptions::
   return field;
 }
 
-std::vector<std::string> names_of(const std::vector<Method>& all) {
-  std::vector<std::string> names;
-  for (const Method& method : all) names.push_back(method.name);
+/// Returns the names of all methods, the usual one first.
+std::vector<std::string> method_names() {
+  std::vector<std::string> names = {kDefaultMethod};
+  for (const Method& method : methods())
+    if (method.name != kDefaultMethod) names.push_back(method.name);
   return names;
 }
 
@@ -199,10 +209,32 @@ std::string hyperparameter_text(const std::string& flag, const nlohmann::json& j
   return text_from_steps(steps);
 }
 
+/// Returns a value of config.json as text; empty for none.
+std::string text_of_json(const nlohmann::json& json) {
+  if (json.is_string()) return json.get<std::string>();
+  if (json.is_number()) return json.dump();
+  return "";
+}
+
+/// Returns the options of each method with their defaults, the usual one first.
+const std::vector<TrainOptions>& defaults_of_methods() {
+  static const std::vector<TrainOptions> all = [] {
+    std::vector<TrainOptions> defaults;
+    for (const std::string& name : method_names()) {
+      TrainOptions& options = defaults.emplace_back();
+      options.method = name;
+      apply_preset(&options, {});
+    }
+    return defaults;
+  }();
+  return all;
+}
+
 /// Options of the methods' hyperparameters, each once; the help says which methods have it.
 std::vector<TrainField> hyperparameter_fields() {
   std::vector<TrainField> fields;
-  for (const Method& method : methods()) {
+  for (const std::string& name_of_method : method_names()) {
+    const Method& method = *find_method(name_of_method);
     const auto model = method.make();
     for (const HyperparameterValue& value : hyperparameter_values(*model)) {
       const std::string &name = value.what.name, &option = value.what.option;
@@ -218,6 +250,8 @@ std::vector<TrainField> hyperparameter_fields() {
       const std::string flag = "--" + option;
       TrainField field;
       field.name = option;
+      field.value = value.is_list ? "A,B" : "N";
+      field.group = "Model";
       field.help = help;
       field.hyperparameter = name;
       field.parse = [=](TrainOptions& o, const std::string& text) {
@@ -250,9 +284,11 @@ bool has_option(const std::string& name) {
 TrainField set_field() {
   TrainField field;
   field.name = "set";
+  field.value = "NAME=VALUE";
+  field.group = "Model";
   field.repeats = true;
   field.help =
-      "NAME=VALUE: sets any hyperparameter of the method or of pose refinement; names are listed "
+      "sets any hyperparameter of the method or of pose refinement; names are listed "
       "under \"hyperparameters\" in the run's config.json, and by the message for an unknown name; "
       "may be given several times";
   field.parse = [](TrainOptions& o, const std::string& text) {
@@ -276,73 +312,100 @@ TrainField set_field() {
   return field;
 }
 
-std::vector<TrainField> make_fields() {
+/// The fields of a group of the help.
+std::vector<TrainField> group(const char* name, std::vector<TrainField> fields) {
+  for (TrainField& field : fields) field.group = name;
+  return fields;
+}
+
+std::vector<TrainField> data_fields() {
   using O = TrainOptions;
-  constexpr double kInfinite = 1e9;  // seconds and metres that no run reaches
-  return {
-      text("recording", &O::recording, {}, "folder of the recording"),
-      text("method", &O::method, names_of(methods()),
-           "kind of radiance field to train (default: splat)"),
-      text("preset", &O::preset, preset_names(),
-           "defaults for options that are not given" + preset_help()),
-      list("cameras", &O::cameras, "A,B: the cameras to train on (default: all that have images)"),
-      text("frames", &O::frames, {},
-           "FIRST:LAST[:STEP]: frame ids, both included, either may be empty (default: all)"),
-      number("downscale", &O::downscale, Range<int>{1, 64},
-             "train on images this many times smaller"),
-      number("holdout-every", &O::holdout_every, Range<int>{0, 1'000'000},
-             "keep every n-th frame for eval; 0: none, not 1"),
-      flag("undistort", &O::undistort,
-           "resample the images without distortion first, as the report did (pinhole cameras)"),
-      flag("outside-files", &O::outside_files,
-           "also read images, masks and points that transforms.json names outside of its folder"),
-      flag(
-          "truth-poses", &O::ground_truth_poses,
-          "use the ground-truth poses and calibration of a synthetic recording, to separate errors "
-          "of poses from errors of the field"),
-      text("poses", &O::poses, {},
-           "folder that redrive align wrote: use its poses and calibration, of which the run keeps "
-           "a copy"),
-      flag("align", &O::align,
-           "run redrive align first; the run keeps its result and report in RUN/poses"),
-      list("rolling-shutter", &O::rolling_shutter,
-           "MS or CAM:MS,CAM:MS: readout time of the rows in ms, the middle one at the image's "
-           "time; "
-           "negative: from the lowest row up; estimate or CAM:estimate: --align estimates it "
-           "(default: readout_s of the calibration)"),
-      text("refine-poses", &O::refine_poses, {"auto", "on", "off"},
-           "refine each frame's pose and each camera's extrinsics and time offset while training; "
-           "auto: on for drives with grid, off for nerf and with --truth-poses"),
-      number("near", &O::near_m, Range<double>{0, kInfinite, true},
-             "first sample of a ray, metres"),
-      number("far", &O::far_m, Range<double>{0, kInfinite, true}, "last sample of a ray, metres"),
-      text("background", &O::background, {"", "white", "black", "random"},
-           "background of transparent pixels in rendering and scoring, which they need; random: "
-           "black; grid trains on random backgrounds"),
-      text("masks", &O::masks, {},
-           "auto: mask the ego vehicle, broken rows and moving objects that the method does not "
-           "draw; none: mask nothing; or a folder with CAM.png as in RUN/masks, in place of "
-           "computed masks"),
-      number("epochs", &O::epochs, Range<int>{1, 10000}, "passes over all training pixels"),
-      number("max-steps", &O::max_steps, Range<std::int64_t>{0, 1'000'000'000'000},
-             "stop after so many steps; 0: no limit"),
-      number(
-          "max-seconds", &O::max_seconds, Range<double>{0, kInfinite},
-          "stop after so many seconds of training alone; 0: no limit; grid's learning rate decays "
-          "by this time, nerf's by steps only"),
-      number("seed", &O::seed, Range<std::uint64_t>{0, std::numeric_limits<std::uint64_t>::max()},
-             "seed of all random numbers"),
-      number("checkpoint-every", &O::checkpoint_every, Range<int>{1, 1'000'000'000},
-             "steps between checkpoints; at least one per minute is written"),
-      number("threads", &O::threads, Range<int>{0, 1024}, "0: all that this process may use"),
-      text("memory", &O::memory, {},
-           "memory that training may use; a run that needs more is rejected before it begins: "
-           "bytes, "
-           "a number of GiB such as 6GiB, or a percentage of the machine's or control group's"),
-      text("backend", &O::backend, {"auto", "ref", "cpu"}, "backend that computes"),
-      text("isa", &O::isa, {"auto", "avx2", "avx512", "avx512-bf16", "amx-bf16"},
-           "instruction set of the cpu backend"),
-  };
+  return group(
+      "Data",
+      {text("recording", "", &O::recording, {}, "folder of the recording"),
+       list("cameras", "A,B", &O::cameras,
+            "the cameras to train on (default: all that have images)"),
+       text("frames", "FIRST:LAST[:STEP]", &O::frames, {},
+            "frame ids, both included, either may be empty (default: all)"),
+       number("downscale", &O::downscale, Range<int>{1, 64},
+              "train on images this many times smaller"),
+       number("holdout-every", &O::holdout_every, Range<int>{0, 1'000'000},
+              "keep every n-th frame for eval; 0: none, not 1"),
+       flag("undistort", &O::undistort,
+            "resample the images without distortion first, as the report did (pinhole cameras)"),
+       flag("outside-files", &O::outside_files,
+            "also read images, masks and points that transforms.json names outside of its folder"),
+       text("masks", "WHICH", &O::masks, {},
+            "auto: mask the ego vehicle, broken rows and moving objects that the method does not "
+            "draw; none: mask nothing; or a folder with CAM.png as in RUN/masks, in place of "
+            "computed masks"),
+       text("background", "COLOUR", &O::background, {"", "white", "black", "random"},
+            "background of transparent pixels in rendering and scoring, which they need; random: "
+            "black; grid trains on random backgrounds")});
+}
+
+std::vector<TrainField> pose_fields() {
+  using O = TrainOptions;
+  return group(
+      "Poses",
+      {flag("truth-poses", &O::ground_truth_poses,
+            "use the ground-truth poses and calibration of a synthetic recording, to separate "
+            "errors of poses from errors of the field"),
+       text("poses", "DIR", &O::poses, {},
+            "folder that redrive align wrote: use its poses and calibration, of which the run "
+            "keeps a copy (default: those of the recording)"),
+       flag("align", &O::align,
+            "run redrive align first; the run keeps its result and report in RUN/poses"),
+       list("rolling-shutter", "MS", &O::rolling_shutter,
+            "MS or CAM:MS,CAM:MS: readout time of the rows in ms, the middle one at the image's "
+            "time; negative: from the lowest row up; estimate or CAM:estimate: --align estimates "
+            "it (default: readout_s of the calibration)"),
+       text("refine-poses", "WHEN", &O::refine_poses, {"auto", "on", "off"},
+            "refine each frame's pose and each camera's extrinsics and time offset while training; "
+            "auto: on for drives with splat and grid, off for nerf and with --truth-poses")});
+}
+
+std::vector<TrainField> length_fields() {
+  using O = TrainOptions;
+  return group(
+      "Length",
+      {number("max-seconds", &O::max_seconds, Range<double>{0, kInfinite},
+              "stop after so many seconds of training, which count from the first step; 0: no "
+              "limit; rates of splat and grid follow this time, those of nerf steps",
+              "S"),
+       number("max-steps", &O::max_steps, Range<std::int64_t>{0, 1'000'000'000'000},
+              "stop after so many steps; 0: no limit"),
+       number("epochs", &O::epochs, Range<int>{1, 10000}, "passes over all training pixels"),
+       number("seed", &O::seed, Range<std::uint64_t>{0, std::numeric_limits<std::uint64_t>::max()},
+              "seed of all random numbers"),
+       number("checkpoint-every", &O::checkpoint_every, Range<int>{1, 1'000'000'000},
+              "steps between checkpoints; at least one per minute is written")});
+}
+
+std::vector<TrainField> method_fields() {
+  using O = TrainOptions;
+  return group("Method",
+               {text("method", "M", &O::method, method_names(), "kind of radiance field to train"),
+                text("preset", "NAME", &O::preset, preset_names(),
+                     "defaults for options that are not given" + preset_help()),
+                number("near", &O::near_m, Range<double>{0, kInfinite, true},
+                       "first sample of a ray, metres", "M"),
+                number("far", &O::far_m, Range<double>{0, kInfinite, true},
+                       "last sample of a ray, metres", "M")});
+}
+
+std::vector<TrainField> resource_fields() {
+  using O = TrainOptions;
+  return group(
+      "Resources",
+      {number("threads", &O::threads, Range<int>{0, 1024}, "0: all that this process may use"),
+       text("memory", "BYTES", &O::memory, {},
+            "memory that training may use; a run that needs more is rejected before it begins: "
+            "bytes, a number of GiB such as 6GiB, or a percentage of the machine's or control "
+            "group's"),
+       text("backend", "NAME", &O::backend, {"auto", "ref", "cpu"}, "backend that computes"),
+       text("isa", "NAME", &O::isa, {"auto", "avx2", "avx512", "avx512-bf16", "amx-bf16"},
+            "instruction set of the cpu backend")});
 }
 
 }  // namespace
@@ -357,10 +420,29 @@ nlohmann::json hyperparameter_json(const HyperparameterValue& value) {
 }
 
 std::vector<TrainField> train_fields() {
-  std::vector<TrainField> fields = make_fields();
+  std::vector<TrainField> fields;
+  for (auto make : {data_fields, pose_fields, length_fields, method_fields, hyperparameter_fields,
+                    resource_fields})
+    std::ranges::move(make(), std::back_inserter(fields));
   fields.push_back(set_field());
-  for (TrainField& field : hyperparameter_fields()) fields.push_back(std::move(field));
   return fields;
+}
+
+std::string help_text(const TrainField& field) {
+  std::string text = field.help, notes = field.rule;
+  const auto add = [&](const std::string& note) { notes += (notes.empty() ? "" : "; ") + note; };
+  std::string usual;
+  if (field.hyperparameter.empty() && !field.is_flag && !field.repeats)
+    for (const TrainOptions& options : defaults_of_methods()) {
+      nlohmann::json json;
+      field.save(options, json);
+      const std::string value = text_of_json(json.value(field.name, nlohmann::json()));
+      const bool is_usual = &options == &defaults_of_methods().front();
+      if (is_usual && !value.empty()) add("default: " + value);
+      if (!is_usual && value != usual && field.name != "method") add(options.method + ": " + value);
+      if (is_usual) usual = value;
+    }
+  return notes.empty() ? text : text + " (" + notes + ")";
 }
 
 }  // namespace redrive

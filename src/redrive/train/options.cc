@@ -10,6 +10,7 @@
 
 #include <nlohmann/json.hpp>
 
+#include "redrive/base/did_you_mean.h"
 #include "redrive/base/error.h"
 #include "redrive/recording/camera_choice.h"
 #include "redrive/recording/frame_range.h"
@@ -50,15 +51,15 @@ void set_defaults(const OptionValues& values, const std::vector<std::string>& gi
 void apply_preset(TrainOptions* options, const std::vector<std::string>& given) {
   if (!options->preset.empty() && !find_preset(*options)) {
     // Without --method the preset's own method is meant.
-    std::string known;
+    std::vector<std::string> known;
     const Method* of_preset = nullptr;
     for (const Method& method : methods()) {
       for (const Preset& preset : method.presets)
-        if (known.find(preset.name) == std::string::npos)
-          known += (known.empty() ? "" : ", ") + preset.name;
+        if (!contains(known, preset.name)) known.push_back(preset.name);
       if (!of_preset && find_preset(method, options->preset)) of_preset = &method;
     }
-    if (!of_preset) throw UsageError("--preset", options->preset, "unknown; known are " + known);
+    if (!of_preset)
+      throw UsageError("--preset", options->preset, unknown_name(options->preset, known));
     if (contains(given, "method"))
       throw UsageError("--preset", options->preset, "is not one of --method " + options->method);
     options->method = of_preset->name;
@@ -138,13 +139,13 @@ void apply_hyperparameters(const TrainOptions& options, Model* model) {
       for (const HyperparameterValue& value : hyperparameter_values(*method.make()))
         if (value.what.name == name)
           throw UsageError(value.what.flag(), text, "belongs to --method " + method.name);
-    std::string known;
+    std::vector<std::string> known;
     for (Configurable* numbers :
          {static_cast<Configurable*>(model), static_cast<Configurable*>(&unused)})
       for (const HyperparameterValue& value : hyperparameter_values(*numbers))
-        if (!value.what.derived) known += (known.empty() ? "" : ", ") + value.what.name;
+        if (!value.what.derived) known.push_back(value.what.name);
     throw UsageError("--set", name + "=" + text,
-                     "unknown; --method " + options.method + " has " + known);
+                     unknown_name(name, known) + " (--method " + options.method + ")");
   }
   model->check([](const Hyperparameter& what, const std::string& value, const std::string& rule) {
     throw UsageError(what.flag(), value, rule);

@@ -53,7 +53,7 @@ struct TrainOptions {
   // optimisation
   int epochs = 10000;          ///< 1..10000
   std::int64_t max_steps = 0;  ///< 0: no limit
-  double max_seconds = 300;    ///< of training alone; 0: no limit
+  double max_seconds = 300;    ///< of training, from the first step on; 0: no limit
   std::uint64_t seed = 1;
   int checkpoint_every = 1000;  ///< steps; also at the end and on Ctrl-C
   // resources
@@ -73,12 +73,15 @@ struct TrainOptions {
   }
 };
 
-/// One option: its flag without dashes ("near"), JSON key, help with unit, range and default; parse
-/// throws UsageError.
+/// One option: its flag without dashes ("near"), which is its JSON key, too; parse throws
+/// UsageError.
 struct TrainField {
   std::string name, help;
-  bool is_flag = false;        ///< a switch without a value
-  bool repeats = false;        ///< may be given several times
+  std::string value = {}, rule = {};      ///< of the help: "DIR", "1..64"
+  std::string group = {};                 ///< of the help
+  std::vector<std::string> choices = {};  ///< all values; empty: any
+  bool is_flag = false;                   ///< a switch without a value
+  bool repeats = false;                   ///< may be given several times
   std::string hyperparameter;  ///< name of the one that it sets; empty: an option of every method
   std::function<void(TrainOptions&, const std::string&)> parse;    ///< from the command line
   std::function<void(const TrainOptions&, nlohmann::json&)> save;  ///< into json[name]
@@ -88,6 +91,8 @@ struct TrainField {
 };
 /// Returns the options of every method, then those of hyperparameters.
 std::vector<TrainField> train_fields();
+/// Returns help, rule and default: that of the usual method, and of the others where it differs.
+std::string help_text(const TrainField& field);
 
 /// Sets the options that are not named in `given` to the method's defaults and the preset's values.
 /// Removes the time limit where epochs or max-steps are given. Throws UsageError for a preset that

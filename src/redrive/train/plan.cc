@@ -208,12 +208,14 @@ TrainingPlan plan_training(std::vector<PlannedBlock> blocks, const TrainingRates
                  step_s =
                      std::max(rates.step_s / cores + missing * rates.decode_s / cores, decode_s);
     decoding_limits |= decode_s >= step_s;
-    block.prepare_s = images * rates.prepare_s / cores;
-    block.train_s = start_s + static_cast<double>(limits.max_steps) * step_s;
+    const double read_s = images * rates.prepare_s / cores;
+    block.prepare_s = read_s + start_s;
+    block.train_s = static_cast<double>(limits.max_steps) * step_s;
     if (limits.max_seconds > 0)
-      block.train_s = limits.max_steps > 0 ? std::min(block.train_s, limits.max_seconds)
-                                           : std::max(limits.max_seconds, start_s);
-    const double steps = std::max(0.0, block.train_s - start_s) / step_s,
+      block.train_s =
+          limits.max_steps > 0 ? std::min(block.train_s, limits.max_seconds) : limits.max_seconds;
+    block.steps = block.train_s / step_s;
+    const double steps = block.steps,
                  file = static_cast<double>(block.image_file_bytes) / std::max(images, 1.0),
                  reads = static_cast<double>(block.image_file_bytes) *
                              (block.streams ? kStreamedPasses : 1) +
@@ -226,7 +228,7 @@ TrainingPlan plan_training(std::vector<PlannedBlock> blocks, const TrainingRates
     tasks.push_back(block.seconds());
     reads_per_s.push_back(std::max((static_cast<double>(block.image_file_bytes) +
                                     static_cast<double>(block.lidar_file_bytes)) /
-                                       std::max(block.prepare_s, 1e-9),
+                                       std::max(read_s, 1e-9),
                                    missing * file / step_s));
     longest = std::max(longest, block.seconds());
     sum += block.seconds();

@@ -52,8 +52,8 @@ struct PlannedBlock {
   std::uint64_t checkpoint_bytes = 0;
   // Of plan_training:
   bool streams = false;           ///< images are decoded when needed
-  double prepare_s = 0;           ///< before training
-  double train_s = 0;             ///< training, with the first parameters
+  double prepare_s = 0;           ///< before training, with the first parameters
+  double train_s = 0, steps = 0;  ///< of training
   std::uint64_t reads_bytes = 0;  ///< from images and LiDAR files
   double seconds() const { return prepare_s + train_s; }
 };

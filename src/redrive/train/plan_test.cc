@@ -39,8 +39,9 @@ TEST(Plan, OneBlockOnOneMachine) {
       plan_training({planned_block(100)}, kRates, {1, 2, 4 * kPlanGiB}, {.max_steps = 1000});
   EXPECT_EQ(plan.ranks_per_machine, 1);
   EXPECT_EQ(plan.cores_per_rank, 2);
-  EXPECT_DOUBLE_EQ(plan.blocks[0].prepare_s, 100 * 0.04 / 2);
-  EXPECT_DOUBLE_EQ(plan.blocks[0].train_s, (100 * 0.1 + 1000 * 0.06) / 2);
+  EXPECT_DOUBLE_EQ(plan.blocks[0].prepare_s, 100 * (0.04 + 0.1) / 2);
+  EXPECT_DOUBLE_EQ(plan.blocks[0].train_s, 1000 * 0.06 / 2);
+  EXPECT_DOUBLE_EQ(plan.blocks[0].steps, 1000);
   EXPECT_DOUBLE_EQ(plan.seconds, 37);
   EXPECT_DOUBLE_EQ(plan.core_seconds, 74);
   EXPECT_DOUBLE_EQ(plan.efficiency, 1);
@@ -51,6 +52,7 @@ TEST(Plan, OneBlockOnOneMachine) {
   EXPECT_EQ(plan.limit, "the longest block");
 }
 
+// Seconds of training count from the first step on.
 TEST(Plan, ATimeLimitIsTheTimeOfTraining) {
   const auto train_s = [](const TrainingLimits& limits) {
     return plan_training({planned_block(100)}, kRates, {1, 2, 4 * kPlanGiB}, limits)
@@ -58,7 +60,7 @@ TEST(Plan, ATimeLimitIsTheTimeOfTraining) {
         .train_s;
   };
   EXPECT_DOUBLE_EQ(train_s({.max_seconds = 120}), 120);
-  EXPECT_DOUBLE_EQ(train_s({.max_steps = 1000, .max_seconds = 120}), 35);
+  EXPECT_DOUBLE_EQ(train_s({.max_steps = 1000, .max_seconds = 120}), 30);
   EXPECT_DOUBLE_EQ(train_s({.max_steps = 1000, .max_seconds = 20}), 20);
 }
 
@@ -84,8 +86,8 @@ TEST(Plan, ImagesThatDoNotFitAreReadAgain) {
   const PlannedBlock& block = plan.blocks[0];
   EXPECT_TRUE(block.streams);
   // Half of the steps decode an image.
-  EXPECT_DOUBLE_EQ(block.train_s,
-                   (100 * (0.1 + (kStreamedPasses - 1) * 0.02) + 1000 * (0.06 + 0.5 * 0.02)) / 2);
+  EXPECT_DOUBLE_EQ(block.prepare_s, 100 * (0.04 + 0.1 + (kStreamedPasses - 1) * 0.02) / 2);
+  EXPECT_DOUBLE_EQ(block.train_s, 1000 * (0.06 + 0.5 * 0.02) / 2);
   EXPECT_NEAR(static_cast<double>(block.reads_bytes),
               kStreamedPasses * 100e6 + 500e6 + 1000 * 0.5 * 1e6, 1);
   EXPECT_EQ(plan.memory_bytes, kPlanGiB);

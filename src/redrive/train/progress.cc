@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/train/progress.h"
 
-#include <unistd.h>
-
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -19,24 +17,6 @@ std::string progress_line(const ProgressState& state) {
                 static_cast<long long>(state.step), of_all, state.loss, state.psnr_db,
                 state.rays_per_s, left / 3600, left / 60 % 60, left % 60);
   return line;
-}
-
-Progress::Progress() : terminal_(isatty(STDOUT_FILENO)), next_(Clock::now()) {}
-
-bool Progress::due() const { return Clock::now() >= next_; }
-
-void Progress::show(const ProgressState& state) {
-  next_ =
-      Clock::now() + (terminal_ ? std::chrono::milliseconds(200) : std::chrono::milliseconds(5000));
-  std::printf(terminal_ ? "\r%s\033[K" : "%s\n", progress_line(state).c_str());
-  std::fflush(stdout);
-  open_line_ = terminal_;
-}
-
-void Progress::finish() {
-  if (open_line_) std::printf("\n");
-  std::fflush(stdout);
-  open_line_ = false;
 }
 
 }  // namespace redrive

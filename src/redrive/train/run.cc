@@ -8,6 +8,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
+#include "redrive/base/progress.h"
 #include "redrive/base/unfinished.h"
 #include "redrive/model/method.h"
 #include "redrive/recording/folder_kind.h"
@@ -154,6 +155,7 @@ Run open_run(const std::filesystem::path& root, bool to_resume) {
   run.paths.root = root;
   std::error_code error;
   require_run(root);
+  const Progress progress("opening the run");
   const nlohmann::json config = read_json(run.paths.config());
   run.options = options_from_json(config, run.paths.config());
   run.recording = open_recording(run.options);

@@ -18,6 +18,7 @@
 #include <nlohmann/json.hpp>
 
 #include "redrive/base/error.h"
+#include "redrive/base/progress.h"
 #include "redrive/base/rng.h"
 #include "redrive/model/surface_planes.h"
 #include "redrive/rays/lidar_sampler.h"
@@ -80,6 +81,8 @@ class Trainer {
     if (writes_) truncate_metrics(run_.paths, {state_.restarts, state_.rollbacks, state_.step});
     print_schedule();
     if (state_.step == 0) save();
+    Progress shown("training");
+    progress_ = &shown;
     waited_s_ = row_waited_s_ = data_.images.statistics().waited_s;
     while (true) {
       while (progress() < 1) {
@@ -89,6 +92,7 @@ class Trainer {
       }
       if (state_.window.steps > 0) close_window(state_.step);
       if (!loss_rose()) {
+        REDRIVE_CHECK_OP(state_.step, >, 0);  // or the run would look trained
         finish_training();
         return end(TrainEnd::kFinished);
       }
@@ -112,39 +116,27 @@ class Trainer {
     return refinement_.first_rate_m * std::pow(refinement_.last_rate, progress());
   }
 
-  /// Returns the progress of the run, by the limit that will end it; 1 at its end.
-  double progress() const {
-    const auto pixels =
-        static_cast<double>(options_.epochs) * static_cast<double>(sampler_.pixels());
-    double progress = static_cast<double>(state_.pixels_drawn) / pixels;
-    if (options_.max_steps > 0)
-      progress = std::max(
-          progress, static_cast<double>(state_.step) / static_cast<double>(options_.max_steps));
-    if (options_.max_seconds > 0)
-      progress = std::max(progress, state_.seconds / options_.max_seconds);
-    return progress;
-  }
+  double progress() const { return run_progress(options_, state_, sampler_.pixels()); }
 
   /// Initialises parameters from the data, with fresh moments.
   void begin_from_data() {
     Model& model = *state_.model;
-    const auto begin = std::chrono::steady_clock::now();
+    const Progress progress("preparing the first parameters");
     ThreadPool pool(backend_.threads());
     model.initialize_from(data_, state_.seed, pool);
-    state_.seconds += seconds_since(begin);
     if (state_.adam.size() != model.size()) state_.adam = model.zero_moments();
   }
 
   /// Fits planes to the LiDAR returns, if the model uses them. No checkpoint holds them.
   void find_surfaces() {
     if (!state_.model->uses_surfaces(data_)) return;
-    const auto begin = std::chrono::steady_clock::now();
+    const Progress progress("fitting planes to the LiDAR");
     ThreadPool pool(backend_.threads());
     surfaces_.emplace(run_.scene, data_.lidar, pool);
-    if (state_.step == 0) state_.seconds += seconds_since(begin);
   }
 
   void finish_training() {
+    const Progress progress("filling what moving objects hide");
     const auto begin = std::chrono::steady_clock::now();
     state_.model->finish_training(backend_, data_, &state_.adam);
     state_.seconds += of_processes(seconds_since(begin)).front();
@@ -240,12 +232,13 @@ class Trainer {
     for (std::size_t i = 0; i < result.loss_terms.size(); ++i)
       window.terms[i] += result.loss_terms[i].value;
     window.seconds += seconds;
-    if (progress_.due()) show_progress();
+    show_progress();
     if (state_.step % kStepsPerRow == 0) close_window(state_.step);
     if (has_diverged(state_.loss_watch)) return roll_back(high_loss());
     save_due_ |= state_.step % options_.checkpoint_every == 0 ||
                  state_.seconds - saved_seconds_ >= kSecondsPerCheckpoint;
-    if (save_due_ && !loss_rose()) save();  // a checkpoint must be a state to roll back to
+    // A checkpoint must be a state to roll back to. That of the end is written when all is done.
+    if (save_due_ && progress() < 1 && !loss_rose()) save();
   }
 
   void save() {
@@ -267,7 +260,6 @@ class Trainer {
 
   /// Restarts the run from another seed after a start that failed.
   void restart(const std::string& reason) {
-    progress_.finish();
     if (state_.restarts == kMaxRestarts)
       throw UsageError("--learning-rate", initial_rate(),
                        "no start out of " + std::to_string(kMaxRestarts + 1) + " converged (" +
@@ -294,7 +286,6 @@ class Trainer {
   void skip() {
     ++state_.skipped_steps;
     ++state_.bad_steps;
-    progress_.finish();
     std::fprintf(stderr,
                  "redrive: step %lld: loss or gradients are not finite; skipped (%lld so far)\n",
                  static_cast<long long>(state_.step), static_cast<long long>(state_.skipped_steps));
@@ -311,7 +302,6 @@ class Trainer {
 
   /// Goes back to the last checkpoint, at a lower learning rate.
   void roll_back(const std::string& reason) {
-    progress_.finish();
     if (state_.rollbacks == kMaxRollbacks)
       throw UsageError("--learning-rate", initial_rate(),
                        reason + ", as " + std::to_string(kMaxRollbacks) +
@@ -406,13 +396,14 @@ class Trainer {
     const double time_left = options_.max_seconds - state_.seconds;
     const bool time_ends_it = options_.max_seconds > 0 && time_left < left;
     if (time_ends_it) left = time_left;
-    progress_.show({state_.step, time_ends_it ? 0 : steps_, window.loss / window.steps,
-                    decibels(window.mse / window.steps), rays_per_second(), left});
+    progress_->show(
+        progress_line({state_.step, time_ends_it ? 0 : steps_, window.loss / window.steps,
+                       decibels(window.mse / window.steps), rays_per_second(), left}));
   }
 
   TrainEnd end(TrainEnd how) {
     if (state_.window.steps > 0) show_progress();
-    progress_.finish();
+    if (writes_) progress_->print();
     const ImageCache::Statistics images = data_.images.statistics();
     if (images.reads > 0)
       std::printf("steps waited %.1f s for images; %lld decoded, at most %.1f MB in memory\n",
@@ -450,10 +441,20 @@ class Trainer {
   // Of ViewImages::statistics, before the first step and at the last row of metrics.
   double waited_s_ = 0, row_waited_s_ = 0;
   std::int64_t steps_ = 0, steps_per_epoch_ = 0;
-  Progress progress_;
+  Progress* progress_ = nullptr;  // of run()
 };
 
 }  // namespace
+
+double run_progress(const TrainOptions& options, const TrainState& state, std::uint64_t pixels) {
+  double progress = static_cast<double>(state.pixels_drawn) /
+                    (static_cast<double>(options.epochs) * static_cast<double>(pixels));
+  if (options.max_steps > 0)
+    progress = std::max(progress,
+                        static_cast<double>(state.step) / static_cast<double>(options.max_steps));
+  if (options.max_seconds > 0) progress = std::max(progress, state.seconds / options.max_seconds);
+  return progress;
+}
 
 TrainEnd train(Run* run, const TrainingData& data, kernels::Backend& backend,
                const std::atomic<bool>& stop, StepObserver* observer, ProcessGroup* processes) {

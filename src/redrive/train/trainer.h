@@ -22,6 +22,10 @@ class StepObserver {
                              const std::vector<FramePose>& frames) = 0;
 };
 
+/// Returns the progress of a run, by the limit that will end it; 1 or more at its end. `pixels`: of
+/// an epoch.
+double run_progress(const TrainOptions& options, const TrainState& state, std::uint64_t pixels);
+
 enum class TrainEnd { kFinished, kInterrupted };
 
 /// Trains from run->state.step to the end of the run, or until `stop`. A resumed run ends with the

@@ -257,6 +257,31 @@ TEST_F(TrainerTest, MaxSecondsIncludesTheTimeBeforeResuming) {
   EXPECT_EQ(again.state.step, run.state.step) << "its time was used up";
 }
 
+// Preparation does not use up the time of training, however long it takes: without a step a run
+// would look trained.
+TEST_F(TrainerTest, ATimeLimitTrainsAStepAtLeast) {
+  TrainOptions options = tiny_options(0);
+  options.max_seconds = 1e-9;
+  redrive::Run run = run_named("run", options);
+  EXPECT_EQ(train(&run, *backend_, never_), TrainEnd::kFinished);
+  EXPECT_EQ(run.state.step, 1);
+}
+
+TEST_F(TrainerTest, ProgressIsThatOfTheLimitThatEndsTheRun) {
+  TrainOptions options;
+  options.epochs = 2;
+  options.max_steps = 10;
+  options.max_seconds = 8;
+  TrainState state;
+  state.step = 1;
+  state.seconds = 2;
+  state.pixels_drawn = 100;
+  EXPECT_DOUBLE_EQ(run_progress(options, state, 1000), 0.25);
+  EXPECT_DOUBLE_EQ(run_progress(options, state, 50), 1);
+  options.max_seconds = 0;
+  EXPECT_DOUBLE_EQ(run_progress(options, state, 1000), 0.1);
+}
+
 TEST(Metrics, RejectsAMalformedLineByNumber) {
   TemporaryFolder folder;
   const RunPaths paths{folder.path};

@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "redrive/base/error.h"
+#include "redrive/base/progress.h"
 #include "redrive/scene/find_moving.h"
 #include "redrive/scene/load_views.h"
 #include "redrive/scene/moving_file.h"
@@ -70,12 +71,14 @@ void stream_images(const Run& run, std::uint64_t bytes, ThreadPool& pool, Traini
   std::vector<std::uint64_t> pixels(scene.views.size());
   std::vector<RayTable> tables;
   for (const RigCamera& rig : scene.rig) tables.push_back(make_ray_table(rig.camera));
+  Progress progress("reading images", std::ssize(pixels));
   pool.run(static_cast<int>(pixels.size()), [&](int v) {
     const View& view = scene.views[static_cast<std::size_t>(v)];
     if (view.held_out)
       images->load(view);
     else
       pixels[v] = epoch_pixels(tables[view.camera], *data->cache->get({v, false}));
+    progress.count();
   });
   for (const std::uint64_t of_view : pixels) data->pixels += of_view;
 }

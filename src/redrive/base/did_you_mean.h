@@ -1,0 +1,22 @@
+// SPDX-License-Identifier: Apache-2.0
+// What somebody may have meant who mistyped a name.
+#pragma once
+
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace redrive {
+
+/// Returns the number of letters to insert, to delete, to replace or to swap with their neighbour
+/// that make one text of the other, whatever their case.
+int edit_distance(std::string_view a, std::string_view b);
+
+/// Returns "; did you mean NAME?" with the name that is nearest to `word`: one that begins with it,
+/// or that differs by a third of its letters at most. Empty where none is near.
+std::string did_you_mean(std::string_view word, const std::vector<std::string>& names);
+
+/// Returns "unknown; known are A, B; did you mean A?".
+std::string unknown_name(std::string_view word, const std::vector<std::string>& names);
+
+}  // namespace redrive

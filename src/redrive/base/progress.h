@@ -1,0 +1,61 @@
+// SPDX-License-Identifier: Apache-2.0
+// Progress of work that may take seconds, on standard error: on a terminal one line that is
+// updated, with a bar and the time left; elsewhere a line every 5 s.
+#pragma once
+
+#include <atomic>
+#include <chrono>
+#include <cstdint>
+#include <string>
+
+namespace redrive {
+
+/// Shows work while it lives: the latest of those that live. A thread of its own prints, so that
+/// nothing is silent, however long a part takes.
+class Progress {
+ public:
+  /// `what`: the work, "decoding images". `total`: its parts, which are counted; 0: the time that
+  /// it has taken is shown instead.
+  explicit Progress(std::string what, std::int64_t total = 0);
+  ~Progress();
+  Progress(const Progress&) = delete;
+  Progress& operator=(const Progress&) = delete;
+
+  void count(std::int64_t parts = 1) { done_ += parts; }  ///< from any thread
+  void show(std::string text);  ///< a line of the caller's own in place of the parts
+  void print();                 ///< prints that line, if any, for good
+
+  /// From now on output has lines alone, as of a pipe. `prefix`: returns what those of the calling
+  /// thread begin with.
+  static void use_lines(std::string (*prefix)());
+
+ private:
+  friend class ProgressDisplay;
+  std::string text(bool terminal, double now_s) const;
+
+  const std::string what_, prefix_;
+  const std::int64_t total_;
+  std::atomic<std::int64_t> done_{0};
+  std::string own_;
+  double began_s_ = 0;
+  bool announced_ = false;
+};
+
+/// While it lives, what stdio prints on a terminal takes the place of a line of progress there.
+class TerminalOutput {
+ public:
+  TerminalOutput();
+  ~TerminalOutput();
+  TerminalOutput(const TerminalOutput&) = delete;
+  TerminalOutput& operator=(const TerminalOutput&) = delete;
+};
+
+/// Returns "decoding images  [######..............]  30 %  0:14 left" for a terminal, "decoding
+/// images: 30 of 100, 0:14 left" elsewhere; with the time so far where total is 0 or nothing is
+/// done.
+std::string progress_text(const std::string& what, std::int64_t done, std::int64_t total,
+                          double seconds, bool terminal);
+/// Whether a line is due in a pipe: 2 s after work began that has none yet, and 5 s after the last.
+bool progress_line_due(double now_s, double last_line_s, double began_s, bool announced);
+
+}  // namespace redrive

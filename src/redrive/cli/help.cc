@@ -1,0 +1,329 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/cli/help.h"
+
+#include <algorithm>
+#include <cctype>
+#include <charconv>
+#include <cstdio>
+#include <iterator>
+#include <memory>
+#include <utility>
+
+#include <CLI/Error.hpp>
+#include <CLI/Formatter.hpp>
+#include <CLI/Validators.hpp>
+
+#include "redrive/base/did_you_mean.h"
+#include "redrive/base/error.h"
+
+namespace redrive {
+namespace {
+
+constexpr std::size_t kTextColumn = 26;
+constexpr const char* kHelpGroup = "Help";
+
+/// What the help calls an option's value, and its group.
+struct OptionWords {
+  const char *name, *value, *group;
+};
+
+constexpr const char *kView = "View", *kMany = "Many images", *kLidar = "LiDAR",
+                     *kTraffic = "Moving objects", *kOutput = "Output", *kServer = "Browser",
+                     *kRecording = "Recording", *kResources = "Resources";
+
+constexpr OptionWords kOptionWords[] = {
+    {"actor", "ID", kTraffic},
+    {"actors", "IDS", kTraffic},
+    {"axes", "AXES", kView},
+    {"azimuth-steps", "N", kLidar},
+    {"backend", "NAME", kResources},
+    {"blocks", "METRES", ""},
+    {"camera", "CAM", kView},
+    {"cameras", "A,B", ""},
+    {"compare", "RUN", ""},
+    {"cores", "N", ""},
+    {"depth", "FILE", kOutput},
+    {"edit", "EDIT.json", kTraffic},
+    {"edited", "DIR", ""},
+    {"exposure", "WHOSE", kView},
+    {"filter", "TEXT", ""},
+    {"force", "", kOutput},
+    {"fps", "N", kMany},
+    {"frame", "ID", kView},
+    {"frames", "FIRST:LAST[:STEP]", kRecording},
+    {"generate", "WHAT", ""},
+    {"help", "", kHelpGroup},
+    {"isa", "NAME", kResources},
+    {"lens", "LENS", kView},
+    {"lidar", "SENSOR", kLidar},
+    {"listen", "ADDRESS", kServer},
+    {"machines", "N", ""},
+    {"masks", "DIR", ""},
+    {"max-images", "N", ""},
+    {"mount", "X,Y,Z,YAW,PITCH,ROLL", kView},
+    {"normals", "FILE.png", kOutput},
+    {"opacity", "FILE.png", kOutput},
+    {"open", "", kServer},
+    {"out", "OUT", kOutput},
+    {"path", "PATH", kMany},
+    {"pitch", "DEG", kView},
+    {"points-in", "AXES", kLidar},
+    {"port", "N", kServer},
+    {"poses", "DIR", ""},
+    {"range", "MIN:MAX", kLidar},
+    {"rate", "HZ", kLidar},
+    {"relative", "", kMany},
+    {"repetitions", "N", ""},
+    {"report", "DIR", ""},
+    {"rolling-shutter", "MS", ""},
+    {"seconds", "S", kMany},
+    {"sh-degree", "N", ""},
+    {"threads", "N", kResources},
+    {"to", "FORMAT", ""},
+    {"translate", "X,Y,Z", kView},
+    {"view", "", kServer},
+    {"voxel", "M", ""},
+    {"window", "N", ""},
+    {"yaw", "DEG", kView},
+};
+
+std::vector<const CLI::App*> subcommands_of(const CLI::App& app) {
+  return app.get_subcommands([](const CLI::App* command) { return !command->get_name().empty(); });
+}
+
+/// Two columns: what it is, and what it does from kTextColumn on, or below where that is no room.
+std::string row(const std::string& heading, const std::string& text) {
+  std::string line = "  " + heading;
+  if (line.size() + 2 > kTextColumn)
+    line += "\n" + std::string(kTextColumn, ' ');
+  else
+    line.resize(kTextColumn, ' ');
+  return line + wrapped(text, kTextColumn, kTextColumn) + "\n";
+}
+
+class OwnFormatter : public CLI::FormatterBase {
+ public:
+  std::string make_help(const CLI::App* app, std::string, CLI::AppFormatMode) const override {
+    const std::vector<const CLI::App*> commands = subcommands_of(*app);
+    std::string help =
+        wrapped(app->get_description(), 0, 0) + "\n\n  " + wrapped(usage_of(*app), 2, 6) + "\n";
+    if (!commands.empty()) help += "\nCommands\n";
+    for (const CLI::App* command : commands)
+      help += row(command->get_name(), command->get_description());
+    std::vector<std::string> groups = app->get_groups();
+    std::erase(groups, kHelpGroup);
+    groups.emplace_back(kHelpGroup);
+    for (const std::string& group : groups) {
+      const auto options = app->get_options([&](const CLI::Option* option) {
+        return option->get_group() == group && !option->get_positional();
+      });
+      if (group.empty() || options.empty()) continue;
+      help += "\n" + group + "\n";
+      for (const CLI::Option* option : options)
+        help += row(option_heading(*option), option_text(*option));
+    }
+    std::string arguments;
+    for (const CLI::Option* option : app->get_options())
+      if (option->get_positional()) arguments += row(option_heading(*option), option_text(*option));
+    if (!arguments.empty()) {
+      const std::size_t at = help.find("\n\n", help.find(usage_of(*app).substr(0, 12)));
+      help.insert(at == std::string::npos ? help.size() : at + 1, "\n" + arguments);
+    }
+    if (!app->get_footer().empty()) help += "\n" + app->get_footer() + "\n";
+    return help;
+  }
+};
+
+/// A word with a dash that is no negative number.
+bool is_option(std::string_view word) {
+  return word.size() > 1 && word[0] == '-' &&
+         !(std::isdigit(static_cast<unsigned char>(word[1])) || word[1] == '.');
+}
+
+bool takes_value(const CLI::Option& option) { return option.get_items_expected_max() > 0; }
+
+}  // namespace
+
+std::string wrapped(const std::string& text, std::size_t begin, std::size_t indent,
+                    std::size_t width) {
+  std::string out;
+  std::size_t column = begin;
+  for (std::size_t at = 0; at < text.size();) {
+    const std::size_t end = std::min(text.find_first_of(" \n", at), text.size());
+    const bool first = column == begin && out.empty();
+    if (!first && column + 1 + (end - at) > width && column > indent) {
+      out += "\n" + std::string(indent, ' ');
+      column = indent;
+    } else if (!first && column > indent) {
+      out += ' ';
+      ++column;
+    }
+    out.append(text, at, end - at);
+    column += end - at;
+    if (end < text.size() && text[end] == '\n') {
+      out += "\n" + std::string(indent, ' ');
+      column = indent;
+    }
+    at = end + 1;
+  }
+  return out;
+}
+
+void use_own_help(CLI::App& app) { app.formatter(std::make_shared<OwnFormatter>()); }
+
+void name_options(CLI::App& command) {
+  for (CLI::Option* option : command.get_options([](const CLI::Option*) { return true; })) {
+    if (option->get_lnames().empty()) continue;
+    const auto words = std::ranges::find_if(kOptionWords, [&](const OptionWords& known) {
+      return option->get_lnames().front() == known.name;
+    });
+    if (words == std::end(kOptionWords)) continue;
+    const std::string type = option->get_type_name();
+    const bool is_own = !type.starts_with("TEXT") && !type.starts_with("INT") &&
+                        !type.starts_with("UINT") && !type.starts_with("FLOAT");
+    if (takes_value(*option) && !is_own) option->type_name(words->value);
+    if (option->get_group() == "Options" && words->group[0] != '\0') option->group(words->group);
+  }
+}
+
+std::string option_heading(const CLI::Option& option) {
+  if (option.get_positional() && option.get_lnames().empty()) return option.get_name(true);
+  std::string text;
+  for (const std::string& name : option.get_snames()) text += "-" + name + ", ";
+  for (const std::string& name : option.get_lnames()) text += "--" + name + ", ";
+  text.resize(text.size() - 2);
+  const std::string type = option.get_type_name();
+  if (takes_value(option)) text += " " + type.substr(0, type.find(":{"));
+  return text;
+}
+
+std::string option_text(const CLI::Option& option) {
+  std::string text = option.get_description();
+  if (!option.get_default_str().empty()) text += " (default: " + option.get_default_str() + ")";
+  return text;
+}
+
+std::string usage_of(const CLI::App& command) {
+  std::string usage = command.get_name();
+  if (const CLI::App* parent = command.get_parent()) usage = parent->get_name() + " " + usage;
+  if (!subcommands_of(command).empty()) return usage + " COMMAND [options]";
+  bool optional = false;
+  for (const CLI::Option* option : command.get_options()) {
+    if (option->get_positional())
+      usage += " " + option->get_name(true);
+    else if (option->get_required())
+      usage += " " + option_heading(*option);
+    else
+      optional = true;
+  }
+  return usage + (optional ? " [options]" : "");
+}
+
+CLI::Validator one_of(const std::string& option, const std::vector<std::string>& names) {
+  CLI::Validator check = offering(names);
+  check.operation([option, names](std::string& value) {
+    if (std::ranges::find(names, value) == names.end())
+      throw UsageError(option, value, unknown_name(value, names));
+    return std::string();
+  });
+  return check;
+}
+
+CLI::Validator within(const std::string& option, double low, double high) {
+  char rule[80];
+  std::snprintf(rule, sizeof rule, "must be a number in %.15g..%.15g", low, high);
+  return CLI::Validator(
+      [option, low, high, rule = std::string(rule)](std::string& value) {
+        double number = 0;
+        const char* const end = value.data() + value.size();
+        const auto [at, error] = std::from_chars(value.data(), end, number);
+        if (error != std::errc() || at != end || !(number >= low && number <= high))
+          throw UsageError(option, value, rule);
+        return std::string();
+      },
+      "");
+}
+
+CLI::Validator offering(const std::vector<std::string>& names) {
+  std::string all;
+  for (const std::string& name : names)
+    if (!name.empty()) all += (all.empty() ? "" : ",") + name;
+  return CLI::Validator([](std::string&) { return std::string(); }, "{" + all + "}");
+}
+
+std::vector<std::string> offered_values(const CLI::Option& option) {
+  const std::string type = option.get_type_name();
+  const std::size_t begin = type.find('{'), end = type.find('}');
+  std::vector<std::string> values;
+  if (begin == std::string::npos || end == std::string::npos) return values;
+  for (std::size_t at = begin + 1; at < end;) {
+    const std::size_t comma = std::min(type.find(',', at), end);
+    values.push_back(type.substr(at, comma - at));
+    at = comma + 1;
+  }
+  return values;
+}
+
+void check_words(const CLI::App& app, const std::vector<std::string>& words) {
+  const CLI::App* command = nullptr;
+  bool is_value = false;
+  for (const std::string& word : words) {
+    if (word == "--") return;
+    if (is_option(word)) {
+      const std::string name = word.substr(0, word.find('='));
+      const CLI::App& of = command ? *command : app;
+      if (const CLI::Option* const option = of.get_option_no_throw(name)) {
+        is_value = takes_value(*option) && name == word;
+        continue;
+      }
+      std::vector<std::string> names;
+      for (const CLI::Option* option : of.get_options())
+        for (const std::string& known : option->get_lnames()) names.push_back("--" + known);
+      const std::string whose = command ? "redrive " + command->get_name() : "redrive";
+      throw UsageError(name, "",
+                       "is no option of " + whose + did_you_mean(name, names) +
+                           (did_you_mean(name, names).empty() ? "; " : " ") + whose +
+                           " --help lists them");
+    }
+    if (std::exchange(is_value, false) || command) continue;
+    std::vector<std::string> names;
+    for (const CLI::App* known : subcommands_of(app)) {
+      names.push_back(known->get_name());
+      if (known->get_name() == word) command = known;
+    }
+    if (command) continue;
+    std::string known;
+    for (const std::string& name : names) known += (known.empty() ? "; there are " : ", ") + name;
+    throw UsageError("redrive", word, "is not a command" + known + did_you_mean(word, names));
+  }
+}
+
+std::string usage_message(const CLI::App& app, const CLI::ParseError& error) {
+  const auto chosen = app.get_subcommands();
+  const CLI::App& command = chosen.empty() ? app : *chosen.front();
+  const std::string usage = usage_of(command), what = error.what();
+  const std::string option = what.substr(0, what.find(':'));
+  if (dynamic_cast<const CLI::ExtrasError*>(&error)) {
+    const std::vector<std::string> extra = command.remaining();
+    return UsageError(command.get_name(), extra.empty() ? "" : extra.front(),
+                      "is one argument too many: " + usage)
+        .what();
+  }
+  if (dynamic_cast<const CLI::RequiredError*>(&error)) return what + ": " + usage;
+  if (dynamic_cast<const CLI::ArgumentMismatch*>(&error)) {
+    if (what.find("missing") != std::string::npos || what.find("At least") != std::string::npos)
+      return option + ": needs a value: " + usage;
+    if (what.find("At Most") != std::string::npos) return option + ": is given more than once";
+  }
+  if (dynamic_cast<const CLI::ConversionError*>(&error)) {
+    const std::string prefix = "Could not convert: ";
+    if (const std::size_t equals = what.find(" = ");
+        what.starts_with(prefix) && equals != std::string::npos)
+      return UsageError(what.substr(prefix.size(), equals - prefix.size()), what.substr(equals + 3),
+                        "must be a whole number")
+          .what();
+  }
+  return what;
+}
+
+}  // namespace redrive

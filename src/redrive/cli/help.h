@@ -1,0 +1,46 @@
+// SPDX-License-Identifier: Apache-2.0
+// Help texts, and errors of the command line in the words of the other errors.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include <CLI/App.hpp>
+
+namespace redrive {
+
+/// Returns text in lines of at most `width` columns, all but the first indented by `indent`; the
+/// first begins at column `begin`.
+std::string wrapped(const std::string& text, std::size_t begin, std::size_t indent,
+                    std::size_t width = 80);
+
+/// Gives the program and the commands added to it later help in groups and in 80 columns.
+void use_own_help(CLI::App& app);
+/// Names the values of a command's options, "N" or "DIR", and their groups, where it does not
+/// itself.
+void name_options(CLI::App& command);
+
+/// Returns "--out RUN" for an option, "RECORDING" for a positional argument.
+std::string option_heading(const CLI::Option& option);
+/// Returns what the option does, with its default: "side of a voxel in metres (default: 0.1)".
+std::string option_text(const CLI::Option& option);
+/// Returns "redrive train RECORDING --out RUN [options]".
+std::string usage_of(const CLI::App& command);
+
+/// A check of an option's value: one of `names`, which completion offers. UsageError with what may
+/// have been meant.
+CLI::Validator one_of(const std::string& option, const std::vector<std::string>& names);
+/// A check of a number. UsageError.
+CLI::Validator within(const std::string& option, double low, double high);
+/// Offers `names` to completion and checks nothing.
+CLI::Validator offering(const std::vector<std::string>& names);
+/// Returns what completion offers for an option's value.
+std::vector<std::string> offered_values(const CLI::Option& option);
+
+/// Throws UsageError for the first word that names no command or no option of the typed command.
+/// To call before the words are parsed: what an error there blames is often another option.
+void check_words(const CLI::App& app, const std::vector<std::string>& words);
+/// Returns a parser's error in the words of UsageError.
+std::string usage_message(const CLI::App& app, const CLI::ParseError& error);
+
+}  // namespace redrive
