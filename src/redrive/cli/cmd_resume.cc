@@ -59,8 +59,7 @@ int lead_resuming(const ResumeArguments& arguments, ProcessGroup& processes) {
   print_notes(run.recording, run.scene);
   parse_given(arguments.given, &run.options);
   validate(run.options);
-  if (run.state.step > 0 &&
-      run_progress(run.options, run.state, run.state.loss_watch.pixels) >= 1) {
+  if (run.state.step > 0 && run_progress(run.options, run.state) >= 1) {
     std::printf(
         "%s is finished: step %lld after %.1f s of training; nothing is written. A higher "
         "--max-seconds, --max-steps or --epochs goes on\n",

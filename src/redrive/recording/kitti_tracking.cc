@@ -89,8 +89,8 @@ void add_cameras(const Sequence& sequence, const fs::path& calibration_file,
     if (found == calibration.cameras.end())
       throw InputError(calibration_file, "P" + name.substr(7), "",
                        "missing; the sequence has images of this camera");
-    const std::optional<ImageSize> size = png_size(images[0].path);
-    if (!size) throw InputError(images[0].path, "", "", "is no PNG image");
+    const std::optional<ImageSize> size = image_size(images[0].path);
+    if (!size) throw InputError(images[0].path, "", "", "is no image with a known size");
     recording->cameras.push_back(
         {calibration_of(found->second, *size, name, rectified_from_body), std::move(images)});
   }

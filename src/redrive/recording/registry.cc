@@ -66,13 +66,14 @@ namespace {
 
 /// Says why a path is no recording, and which one may have been meant.
 [[noreturn]] void refuse_folder(const std::filesystem::path& root) {
-  const auto fail = [&](const std::string& rule) {
-    const std::string hint = did_you_mean(root);
-    throw InputError(root, "", "", rule + (hint.empty() ? "" : "; " + hint));
+  const std::string hint = did_you_mean(root);
+  const auto refusal = [&](const std::string& rule) {
+    return InputError(root, "", "", rule + (hint.empty() ? "" : "; " + hint));
   };
   std::error_code error;
-  if (!std::filesystem::exists(root, error)) fail("no such folder");
-  if (!std::filesystem::is_directory(root, error)) fail("a recording is a folder, this is none");
+  if (!std::filesystem::exists(root, error)) throw refusal("no such folder");
+  if (!std::filesystem::is_directory(root, error))
+    throw refusal("a recording is a folder, this is none");
   const FolderKind kind = kind_of_folder(root);
   if (kind == FolderKind::kRun || kind == FolderKind::kPoses)
     throw InputError(root, "", "",
@@ -80,11 +81,11 @@ namespace {
                          (kind == FolderKind::kRun ? ": redrive render, view, eval and figures "
                                                      "take it, train a recording"
                                                    : ": --poses takes it, beside the recording"));
-  if (!did_you_mean(root).empty()) fail("not a recording of a known format");
+  if (!hint.empty()) throw refusal("not a recording of a known format");
   std::string sought;
   for (const Format& format : kFormats)
     sought += (sought.empty() ? "" : "; ") + std::string(format.name) + ": " + format.looks_for;
-  fail("not a recording of a known format; looked for " + sought);
+  throw refusal("not a recording of a known format; looked for " + sought);
 }
 
 }  // namespace

@@ -25,6 +25,7 @@ template <class State, class Visit>
 void visit_numbers(State& state, const Visit& visit) {
   visit("step", state.step);
   visit("pixels_drawn", state.pixels_drawn);
+  visit("pixels", state.pixels);
   visit("seconds", state.seconds);
   visit("seed", state.seed);
   visit("restarts", state.restarts);

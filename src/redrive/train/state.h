@@ -72,6 +72,7 @@ struct TrainState {
   PoseState poses;
   std::int64_t step = 0;           ///< steps done
   std::uint64_t pixels_drawn = 0;  ///< in the order of the epochs, without those of the error map
+  std::uint64_t pixels = 0;        ///< that train, an epoch; 0 before the first step
   Buffer<float> cell_errors;       ///< error map, of PixelSampler::cells; empty: not used
   double seconds = 0;              ///< of steps, including resumed runs, and of finish_training
   std::uint64_t seed = 0;          ///< in use; differs from the option after a restart

@@ -116,7 +116,7 @@ class Trainer {
     return refinement_.first_rate_m * std::pow(refinement_.last_rate, progress());
   }
 
-  double progress() const { return run_progress(options_, state_, sampler_.pixels()); }
+  double progress() const { return run_progress(options_, state_); }
 
   /// Initialises parameters from the data, with fresh moments.
   void begin_from_data() {
@@ -181,6 +181,7 @@ class Trainer {
   /// Adapts the state to the pixels, which differ from before after masks were edited or when it is
   /// fresh.
   void adapt_state() {
+    state_.pixels = sampler_.pixels();
     const std::size_t cells = state_.model->uses_error_map() ? sampler_.cells().size() : 0;
     if (state_.cell_errors.size() != cells) {
       state_.cell_errors = Buffer<float>(cells);
@@ -446,9 +447,9 @@ class Trainer {
 
 }  // namespace
 
-double run_progress(const TrainOptions& options, const TrainState& state, std::uint64_t pixels) {
+double run_progress(const TrainOptions& options, const TrainState& state) {
   double progress = static_cast<double>(state.pixels_drawn) /
-                    (static_cast<double>(options.epochs) * static_cast<double>(pixels));
+                    (static_cast<double>(options.epochs) * static_cast<double>(state.pixels));
   if (options.max_steps > 0)
     progress = std::max(progress,
                         static_cast<double>(state.step) / static_cast<double>(options.max_steps));

@@ -22,9 +22,9 @@ class StepObserver {
                              const std::vector<FramePose>& frames) = 0;
 };
 
-/// Returns the progress of a run, by the limit that will end it; 1 or more at its end. `pixels`: of
-/// an epoch.
-double run_progress(const TrainOptions& options, const TrainState& state, std::uint64_t pixels);
+/// Returns the progress of a run, by the limit that will end it; 1 or more at its end.
+/// `state.pixels`: not 0.
+double run_progress(const TrainOptions& options, const TrainState& state);
 
 enum class TrainEnd { kFinished, kInterrupted };
 

@@ -276,10 +276,12 @@ TEST_F(TrainerTest, ProgressIsThatOfTheLimitThatEndsTheRun) {
   state.step = 1;
   state.seconds = 2;
   state.pixels_drawn = 100;
-  EXPECT_DOUBLE_EQ(run_progress(options, state, 1000), 0.25);
-  EXPECT_DOUBLE_EQ(run_progress(options, state, 50), 1);
+  state.pixels = 1000;
+  EXPECT_DOUBLE_EQ(run_progress(options, state), 0.25);
   options.max_seconds = 0;
-  EXPECT_DOUBLE_EQ(run_progress(options, state, 1000), 0.1);
+  EXPECT_DOUBLE_EQ(run_progress(options, state), 0.1);
+  state.pixels = 50;
+  EXPECT_DOUBLE_EQ(run_progress(options, state), 1);
 }
 
 TEST(Metrics, RejectsAMalformedLineByNumber) {
