@@ -20,6 +20,16 @@ double thread_seconds() {
   return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
 }
 
+/// What came nearest to its budget; printed at the end.
+struct Slowest {
+  double share = 0, took_s = 0;
+  std::size_t bytes = 0;
+  ~Slowest() {
+    std::fprintf(stderr, "slowest input: %.0f %% of its budget, %.3f s for %zu bytes\n",
+                 100 * share, took_s, bytes);
+  }
+} slowest;
+
 }  // namespace
 
 extern "C" int __real_LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size);
@@ -33,6 +43,11 @@ extern "C" int __wrap_LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size
     std::fprintf(stderr, "%.2f s of processor time for %zu bytes, %.2f allowed\n", took, size,
                  allowed);
     __builtin_trap();
+  }
+  if (took > slowest.share * allowed) {
+    slowest.share = took / allowed;
+    slowest.took_s = took;
+    slowest.bytes = size;
   }
   return result;
 }

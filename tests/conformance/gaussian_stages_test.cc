@@ -488,7 +488,7 @@ TEST_P(GaussianStagesTest, AnUpdateByKeptGradientsIsTheSame) {
 }
 
 TEST_P(GaussianStagesTest, ThreadsChangeNoBit) {
-  if (make()->name() != "cpu") GTEST_SKIP() << "one thread";
+  if (make()->name() != "cpu") GTEST_SKIP() << "it has one thread";
   const GaussianCase c(true, false, true);
   const Isa isa = *make()->isa();
   const auto one = make_cpu_backend(isa, 1), four = make_cpu_backend(isa, 4);

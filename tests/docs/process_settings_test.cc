@@ -38,6 +38,10 @@ TEST(ProcessSettings, AreSetInOneFileEach) {
       {"setNumThreads|setUseOptimized|setRNGSeed|theRNG", "base/opencv_threads.h"},
       {"sigaction|signal|sigprocmask|pthread_sigmask", "base/interruption.cc"},
       {"mallopt", "cli/main.cc"},
+      {"av_log_set_level", "image/video.cc"},
+      {"global_control|setNbThreads|omp_set_\\w+|setLogLevel|redirectError", ""},
+      // Functions whose result or state is one for all threads.
+      {"strtok|localtime|gmtime|asctime|ctime|rand|drand48|tmpnam|getpwuid|tjGetErrorStr", ""},
       {"setlocale|global|imbue", ""},
       {"fesetround|fesetenv|_MM_SET_\\w+|_mm_setcsr", ""},
       {"umask|chdir|fchdir|current_path|setenv|putenv|unsetenv|setrlimit|srand", ""}};

@@ -26,7 +26,9 @@ static_assert(std::atomic<int>::is_always_lock_free);
 
 /// Returns a hidden name with the program's own, so that it is no user's file.
 fs::path beside(const fs::path& place, const std::string& ending) {
-  return place.parent_path() / ("." + place.filename().string() + ending);
+  std::string name = ".";
+  name.append(place.filename().string()).append(ending);
+  return place.parent_path() / name;
 }
 
 bool names(const fs::path& path, int descriptor) {

@@ -192,7 +192,7 @@ TEST(Registry, RejectsUnknownFolders) {
 // A real recording; the expected values are copied from its files.
 TEST(Aimotive, OpensARealRecording) {
   const fs::path root = fs::path(REDRIVE_SHARED) / "data/aimotive_night";
-  if (!fs::exists(root)) GTEST_SKIP() << "no recording at " << root;
+  if (!fs::exists(root)) GTEST_SKIP() << root << " is not here";
   const Recording recording = open_recording(root);
   ASSERT_EQ(recording.cameras.size(), 4u);
   EXPECT_THAT(recording.other_sensors,

@@ -347,7 +347,7 @@ TEST_F(Kitti360, PosesOfOtherSoftwareReplaceItsOwn) {
 // Files of the data set: the cameras look ahead, ahead, left and right, above the road.
 TEST(RealKitti360, CalibrationIsRead) {
   const fs::path real = fs::path(REDRIVE_SHARED) / "data/kitti360/calibration";
-  if (!fs::exists(real)) GTEST_SKIP() << "no calibration at " << real;
+  if (!fs::exists(real)) GTEST_SKIP() << real << " is not here";
   TemporaryFolder folder;
   testing::write_kitti360_drive(folder);
   fs::remove_all(folder.path / "calibration");

@@ -3,7 +3,7 @@
 // drives are skipped where they are missing.
 #include <algorithm>
 #include <cstdio>
-#include <optional>
+#include <filesystem>
 #include <string>
 
 #include <gtest/gtest.h>
@@ -81,33 +81,29 @@ TEST(FindMovingStreet, FindsNothingBesideTheBoxes) {
   EXPECT_TRUE(find_moving_objects(rest, annotated, pool).empty());
 }
 
-class RealDrives : public ::testing::Test {
- protected:
-  std::optional<Comparison> look(const std::string& drive) {
-    const std::filesystem::path root = std::string(REDRIVE_SHARED "/data/") + drive;
-    if (!std::filesystem::exists(root)) return std::nullopt;
-    return compare(root, PoseSource::kRecorded);
-  }
-};
+std::string real_drive(const std::string& name) { return REDRIVE_SHARED "/data/" + name; }
 
-TEST_F(RealDrives, FindsTheTwoCarsAhead) {
-  const auto found = look("kitti/2011_09_26/2011_09_26_drive_0013_sync");
-  if (!found) GTEST_SKIP();
-  EXPECT_GT(found->recall(), 0.9);
-  EXPECT_LT(found->wrong(), 0.05) << "margins of boxes";
+TEST(RealDrives, FindsTheTwoCarsAhead) {
+  const std::string root = real_drive("kitti/2011_09_26/2011_09_26_drive_0013_sync");
+  if (!std::filesystem::exists(root)) GTEST_SKIP() << root << " is not here";
+  const Comparison found = compare(root, PoseSource::kRecorded);
+  EXPECT_GT(found.recall(), 0.9);
+  EXPECT_LT(found.wrong(), 0.05) << "margins of boxes";
 }
 
-TEST_F(RealDrives, FindsTwoCyclists) {
-  const auto found = look("kitti/2011_09_26/2011_09_26_drive_0002_sync");
-  if (!found) GTEST_SKIP();
-  EXPECT_EQ(found->found.size(), 2u);
+TEST(RealDrives, FindsTwoCyclists) {
+  const std::string root = real_drive("kitti/2011_09_26/2011_09_26_drive_0002_sync");
+  if (!std::filesystem::exists(root)) GTEST_SKIP() << root << " is not here";
+  const Comparison found = compare(root, PoseSource::kRecorded);
+  EXPECT_EQ(found.found.size(), 2u);
 }
 
-TEST_F(RealDrives, FindsVehiclesAtNight) {
-  const auto found = look("aimotive_night");
-  if (!found) GTEST_SKIP();
-  EXPECT_GT(found->recall(), 0.8);
-  EXPECT_LT(found->wrong(), 0.03);
+TEST(RealDrives, FindsVehiclesAtNight) {
+  const std::string root = real_drive("aimotive_night");
+  if (!std::filesystem::exists(root)) GTEST_SKIP() << root << " is not here";
+  const Comparison found = compare(root, PoseSource::kRecorded);
+  EXPECT_GT(found.recall(), 0.8);
+  EXPECT_LT(found.wrong(), 0.03);
 }
 
 }  // namespace

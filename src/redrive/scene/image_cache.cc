@@ -50,17 +50,16 @@ namespace {
 
 constexpr std::uint64_t kNever = std::numeric_limits<std::uint64_t>::max();
 
-/// Order in which images are let go, the last one first: by their next use in the plan; of those
-/// without one, what was used longest ago.
-struct Rank {
-  std::uint64_t next_use, unused_for;
-  ImageKey key;
-  auto operator<=>(const Rank&) const = default;
-};
-
 }  // namespace
 
 struct ImageCache::Impl {
+  /// Order in which images are let go, the last one first: by their next use in the plan; of those
+  /// without one, what was used longest ago.
+  struct Rank {
+    std::uint64_t next_use, unused_for;
+    ImageKey key;
+    auto operator<=>(const Rank&) const = default;
+  };
   struct Entry {
     ImagePointer image;        ///< null while it is decoded, and after an error
     std::exception_ptr error;  ///< of Load

@@ -57,14 +57,15 @@ TEST_F(PoseCorrectionsTest, CorrectFramesExtrinsicsAndTimeOffsetsInTheirOwnAxes)
     const View& view = scene.views[v];
     const Rigid3d body =
         view.frame == 2 ? view.world_from_body * rigid_from_vector(frame) : view.world_from_body;
-    if (view.camera == 1)
+    if (view.camera == 1) {
       expect_same(placed.world_from_camera(placed.views[v]),
                   body * scene.rig[1].body_from_sensor * rigid_from_vector(camera), 1e-7);
-    else if (view.frame == 3)  // interpolated half way to the next frame
+    } else if (view.frame == 3) {  // interpolated half way to the next frame
       EXPECT_NEAR(
           (placed.views[v].world_from_body.translation() - view.world_from_body.translation())
               .norm(),
           0.5, 1e-5);
+    }
   }
 }
 

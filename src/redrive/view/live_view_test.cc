@@ -8,6 +8,7 @@
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 
+#include "redrive/model/splat_model.h"
 #include "redrive/train/train_testing.h"
 #include "redrive/view/loopback_client_testing.h"
 
@@ -63,6 +64,10 @@ class LivePage {
     client = std::make_unique<LoopbackClient>(server->port());
     const std::string host = "127.0.0.1:" + std::to_string(server->port());
     EXPECT_THAT(client->upgrade("/t/socket", host, "http://" + host), HasSubstr("101"));
+    look(more);
+  }
+  /// Asks for the image of frame 11, where `more` says nothing else.
+  void look(const nlohmann::json& more) {
     nlohmann::json view = {{"type", "view"},       {"id", 1},
                            {"camera", "FRONT"},    {"frame", 11},
                            {"shift_m", {0, 0, 0}}, {"yaw_deg", 0},
@@ -128,6 +133,35 @@ TEST_F(LiveViewTest, ChangesNoBitOfTheRun) {
             60);
   stop = true;
   server.join();
+}
+
+TEST_F(LiveViewTest, SplatsGrowOnThreadsWhileThePageLooksAround) {
+  TrainOptions options;
+  options.recording = "in memory";
+  options.method = "splat";
+  options.max_seconds = 0;
+  options.max_steps = 1000000;
+  options.refine_poses = "on";
+  options.checkpoint_every = 15;
+  options.set("initial.sky", 400);
+  options.set("max_gaussians", 1000);
+  options.set("densify_every", 8);
+  redrive::Run run = tiny_run(folder_.path / "run", folder_.path, options);
+  const auto backend = processor_backend(3);
+  std::atomic<bool> stop{false};
+  LivePage page(&run, *backend, stop);
+  std::thread trainer([&] { train(&run, *backend, stop, &page.live); });
+  for (const int yaw_deg : {0, 20, -20}) {
+    page.look({{"id", yaw_deg + 100}, {"yaw_deg", yaw_deg}});
+    wait_for(*page.client, "image",
+             [&](const nlohmann::json& image) { return image["id"] == yaw_deg + 100; });
+  }
+  wait_for(*page.client, "training",
+           [](const nlohmann::json& training) { return training["step"] > 25; });
+  stop = true;
+  trainer.join();
+  const auto& model = dynamic_cast<const SplatModel&>(*run.state.model);
+  EXPECT_GT(model.gaussians, model.first_gaussians);
 }
 
 TEST_F(LiveViewTest, ServesTheLastPoses) {
