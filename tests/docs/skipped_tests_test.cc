@@ -59,8 +59,9 @@ TEST_F(SkippedTests, MayLackWhatNobodyCanInstall) {
 TEST_F(SkippedTests, MayNotLackWhatSetupInstalls) {
   EXPECT_FALSE(passes(skipped("Video.IsRead", "there is no ffprobe (Debian package ffmpeg)")));
   EXPECT_THAT(printed_, HasSubstr("must not be skipped"));
-  EXPECT_FALSE(passes("add_test(Browser sh -c \"echo 'skipped: there is no chromium'; exit 77\")\n"
-                      "set_tests_properties(Browser PROPERTIES SKIP_RETURN_CODE 77)\n"));
+  EXPECT_FALSE(
+      passes("add_test(Browser sh -c \"echo 'skipped: there is no chromium'; exit 77\")\n"
+             "set_tests_properties(Browser PROPERTIES SKIP_RETURN_CODE 77)\n"));
   EXPECT_THAT(printed_, HasSubstr("1 skipped, there is no chromium: Browser"));
 }
 
