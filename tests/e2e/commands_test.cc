@@ -18,6 +18,7 @@ namespace {
 
 using ::testing::ContainsRegex;
 using ::testing::HasSubstr;
+using ::testing::MatchesRegex;
 using ::testing::Not;
 
 TEST_F(EndToEnd, HelpAndVersionSucceed) {
@@ -239,6 +240,10 @@ TEST_F(EndToEnd, FiguresAndReport) {
   const fs::path run = trained("run", 60);
   const ProgramResult ended = redrive({"figures", run.string()});
   ASSERT_EQ(ended.exit_code, kExitOk) << ended.err;
+  EXPECT_THAT(ended.out, MatchesRegex((run / "report.html").string() +
+                                      ": PSNR [0-9.]+ dB, SSIM [0-9.]+, FLIP [0-9.]+ on [0-9]+ "
+                                      "training images\n"))
+      << "one line";
   for (const std::string camera : {kTinyFront, kTinyRear, kTinyLeft})
     for (const char* figure : {"_original.png", "_reproduced.png", "_perturbed.png",
                                "_perturbed_camera_axes.png", "_depth.png"})
@@ -246,6 +251,7 @@ TEST_F(EndToEnd, FiguresAndReport) {
   EXPECT_GT(read_image(run / "figures/loss.png").width, 0);
   const std::string html = read_file(run / "report.html");
   EXPECT_THAT(html, HasSubstr("data:image/png;base64,"));
+  EXPECT_THAT(html, HasSubstr("No frame was held out"));
   EXPECT_THAT(html, HasSubstr("As recorded. Not refined by training."));
   EXPECT_THAT(html, Not(ContainsRegex("(src|href)=\"(https?:)?//"))) << "self-contained";
 }

@@ -10,6 +10,7 @@
 #include "redrive/cli/command.h"
 #include "redrive/cli/help.h"
 #include "redrive/render/open_to_render.h"
+#include "redrive/report/headline.h"
 #include "redrive/report/report.h"
 
 namespace redrive {
@@ -41,12 +42,8 @@ int run_figures(FiguresCommandOptions options) {
     options.figures.compared = &*compared;
   }
   const auto backend = make_checked_backend(options.backend);
-  std::printf("%s\n", kernels::describe(*backend).c_str());
-  options.figures.written = [](const std::filesystem::path& file) {
-    std::printf("%s\n", file.c_str());
-    std::fflush(stdout);
-  };
-  write_figures(run, *backend, options.figures);
+  const Evaluation scores = write_figures(run, *backend, options.figures);
+  std::printf("%s: %s\n", run.paths.report().c_str(), score_text(scores).c_str());
   return kExitOk;
 }
 

@@ -164,6 +164,7 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
       const Score score = score_image(backend, rendered, ground_truth);
       mean.add(score);
       overall.add(score);
+      if (options.scored) options.scored(view, score);
       if (options.part_of) parts[options.part_of(scene.frames[view.frame].id)].overall.add(score);
       progress.count();
     }

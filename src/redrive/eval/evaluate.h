@@ -28,6 +28,8 @@ constexpr double kPsnrCapDb = 100;
 /// Default number of training images to score per camera where no frame is held out.
 constexpr int kTrainingImagesPerCamera = 8;
 
+struct Score;
+
 struct EvalOptions {
   int max_images = 0;  ///< per camera and per novel set, evenly spaced, and of LiDAR revolutions;
                        ///< 0: all held-out ones, or kTrainingImagesPerCamera
@@ -35,6 +37,9 @@ struct EvalOptions {
   /// Names the part of the drive, such as a block, that images of a frame are also scored with;
   /// empty: there are no parts.
   std::function<std::string(std::int64_t frame_id)> part_of;
+  /// Called with each scored image of a camera, the view at the pose that it was rendered from; may
+  /// be empty.
+  std::function<void(const View& view, const Score& score)> scored;
 };
 
 /// Means over images. NaN where undefined: ssim of images smaller than its 11 x 11 window,

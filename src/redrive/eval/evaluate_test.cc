@@ -87,8 +87,16 @@ constexpr double kTolerance = 1e-6;
 
 TEST_F(EvaluateTest, AveragesOverHeldOutViewsOnly) {
   for (View& view : run_.scene.views) view.held_out = view.frame == 1 || view.frame == 3;
-  const Evaluation result = evaluate(run_, black_, {});
+  std::vector<std::pair<int, double>> scored;  // frames of camera A
+  EvalOptions options;
+  options.scored = [&](const View& view, const Score& score) {
+    if (view.camera == 0) scored.emplace_back(view.frame, score.psnr_db);
+  };
+  const Evaluation result = evaluate(run_, black_, options);
   EXPECT_TRUE(result.held_out);
+  ASSERT_EQ(scored.size(), 2u);
+  EXPECT_EQ(scored[1].first, 3);
+  EXPECT_NEAR(scored[1].second, psnr_of(0.6), kTolerance);
   EXPECT_EQ(result.cameras.at("A").images, 2);
   EXPECT_NEAR(result.cameras.at("A").psnr_db, (psnr_of(0.2) + psnr_of(0.6)) / 2, kTolerance);
   EXPECT_NEAR(result.cameras.at("B").psnr_db, 0, kTolerance);

@@ -22,12 +22,14 @@ constexpr std::size_t kPointsShown = 4000;  // of a camera's residuals
 
 std::string number(const char* format, ...) __attribute__((format(printf, 1, 2)));
 std::string number(const char* format, ...) {
-  char buffer[96];
-  va_list values;
+  va_list values, again;
   va_start(values, format);
-  std::vsnprintf(buffer, sizeof buffer, format, values);
+  va_copy(again, values);
+  std::string text(std::max(0, std::vsnprintf(nullptr, 0, format, values)), '\0');
+  std::vsnprintf(text.data(), text.size() + 1, format, again);
+  va_end(again);
   va_end(values);
-  return buffer;
+  return text;
 }
 
 double seconds_of(const Recording& recording, std::size_t frame) {
@@ -53,7 +55,7 @@ std::string trajectory_script(const Recording& recording, const AlignResult& res
                               const std::string& name) {
   std::ostringstream out;
   out.precision(7);
-  out << plot_preamble({name, "forward of the first frame (m)", "left of it (m)", 1200, 520})
+  out << plot_preamble({name, "forward of the first frame (m)", "left of it (m)"})
       << "set size ratio -1\n$data << end\n";
   const Rigid3d first_from_global =
       recording.frames.front().global_from_body.inverse(Eigen::Isometry);
@@ -99,10 +101,10 @@ std::string by_frame_script(const Recording& recording, const AlignResult& resul
   out << "end\nplot ";
   for (std::size_t c = 0; c < cameras; ++c) {
     const std::string colour = plot_colour(c);
-    out << (c ? ", " : "") << "$data using 1:" << 2 * c + 2 << " with lines lw 1 dt 3 lc rgb '"
+    out << (c ? ", " : "") << "$data using 1:" << 2 * c + 2 << " with lines lw 2 dt 3 lc rgb '"
         << colour << "' title " << gnuplot_string(result.cameras[c].name + " before")
-        << ", $data using 1:" << 2 * c + 3 << " with lines lw 2.5 lc rgb '" << colour
-        << "' title 'after'";
+        << ", $data using 1:" << 2 * c + 3 << " with lines lw 3 lc rgb '" << colour << "' title "
+        << gnuplot_string(result.cameras[c].name + " after");
   }
   out << "\n";
   return out.str();
@@ -116,9 +118,9 @@ std::string scatter_script(const AlignResult& result, int camera, const std::str
   std::ostringstream out;
   out.precision(4);
   const double reach = std::max(1.0, 3 * result.bundle.cameras[camera].initial_px);
-  out << plot_preamble({name, "error in x (px)", "error in y (px)", 620, 560})
-      << "set size ratio 1\nset key top left inside\nset xrange [" << -reach << ":" << reach
-      << "]\nset yrange [" << -reach << ":" << reach << "]\n$data << end\n";
+  out << plot_preamble({name, "error in x (px)", "error in y (px)", 760})
+      << "set size ratio 1\nset xrange [" << -reach << ":" << reach << "]\nset yrange [" << -reach
+      << ":" << reach << "]\n$data << end\n";
   const std::size_t step = 1 + of_camera.size() / kPointsShown;
   for (std::size_t i = 0; i < of_camera.size(); i += step)
     out << of_camera[i]->initial_px.x() << ' ' << of_camera[i]->initial_px.y() << ' '
@@ -179,7 +181,7 @@ std::string contrast_script(const AlignResult& result, const std::string& name) 
   }
   out << "end\nset yrange [0:1.05]\nplot ";
   for (std::size_t c = 0; c < fits.size(); ++c)
-    out << (c ? ", " : "") << "$data using 1:" << c + 2 << " with lines lw 2 lc rgb '"
+    out << (c ? ", " : "") << "$data using 1:" << c + 2 << " with lines lw 3 lc rgb '"
         << plot_colour(c) << "' title " << gnuplot_string(result.cameras[c].name);
   out << "\n";
   return out.str();
@@ -252,9 +254,10 @@ void write_align_page(const std::filesystem::path& folder, const Recording& reco
             "</p>\n";
   if (!bundle.contrast.empty())
     body += "<h2>Time offsets by the LiDAR</h2>\n" + html_table(contrast_rows(result), true) +
-            drawn("contrast", contrast_script(result, "contrast"),
-                  "Correlation of LiDAR intensities (lane markings, signs, posts) with image "
-                  "brightness, as if the camera had been exposed at another time");
+            html_row(drawn("contrast", contrast_script(result, "contrast"),
+                           "correlation of LiDAR intensities (lane markings, signs, posts) with "
+                           "image brightness, as if the camera had been exposed at another time"),
+                     FigureSize::kLarge);
   if (result.aligned_vs_ground_truth)
     body +=
         "<h2>Errors against the ground truth</h2>\n" +
@@ -267,29 +270,32 @@ void write_align_page(const std::filesystem::path& folder, const Recording& reco
         "<p>After a rigid alignment of the whole trajectory.</p>\n";
   body +=
       "<h2>Trajectory</h2>\n" +
-      drawn("position",
-            corrections_script(recording, result, {"position", "time (s)", "translation (cm)"}, 0,
-                               100, {extrinsic_name(0), extrinsic_name(1), extrinsic_name(2)}),
-            "Correction of each frame's position, in the axes of the body; bands: two standard "
-            "deviations of the trajectory's shape") +
-      drawn("rotation",
-            corrections_script(recording, result, {"rotation", "time (s)", "rotation (deg)"}, 3,
-                               kDegreesPerRadian,
-                               {extrinsic_name(3), extrinsic_name(4), extrinsic_name(5)}),
-            "Correction of each frame's rotation") +
-      drawn("trajectory", trajectory_script(recording, result, "trajectory"), "From above");
+      html_row(
+          drawn(
+              "position",
+              corrections_script(recording, result, {"position", "time (s)", "translation (cm)"}, 0,
+                                 100, {extrinsic_name(0), extrinsic_name(1), extrinsic_name(2)}),
+              "correction of each frame's position, in the axes of the body; bands: two standard "
+              "deviations of the trajectory's shape") +
+              drawn(
+                  "rotation",
+                  corrections_script(recording, result, {"rotation", "time (s)", "rotation (deg)"},
+                                     3, kDegreesPerRadian,
+                                     {extrinsic_name(3), extrinsic_name(4), extrinsic_name(5)}),
+                  "correction of each frame's rotation") +
+              drawn("trajectory", trajectory_script(recording, result, "trajectory"),
+                    "from above, to scale"),
+          FigureSize::kLarge);
   if (!bundle.residuals.empty()) {
-    body += "<h2>Reprojection errors</h2>\n" +
-            drawn("errors_by_frame", by_frame_script(recording, result, "errors_by_frame"),
-                  "By frame") +
-            "<div class=\"row\">\n";
+    std::string figures =
+        drawn("errors_by_frame", by_frame_script(recording, result, "errors_by_frame"), "by frame");
     for (std::size_t c = 0; c < result.cameras.size(); ++c) {
       if (bundle.cameras[c].used == 0) continue;
       const std::string name = "errors_" + result.cameras[c].name;
-      body +=
+      figures +=
           drawn(name, scatter_script(result, static_cast<int>(c), name), result.cameras[c].name);
     }
-    body += "</div>\n";
+    body += "<h2>Reprojection errors</h2>\n" + html_row(figures, FigureSize::kLarge);
   }
   write_file(folder / "report.html", html_page("Aligned poses", body));
 }

@@ -6,6 +6,7 @@
 
 #include "redrive/base/files.h"
 #include "redrive/math/angles.h"
+#include "redrive/report/html_testing.h"
 #include "redrive/scene/scene_testing.h"
 
 namespace redrive {
@@ -37,9 +38,15 @@ TEST(AlignPage, RotationsHaveOneNameInTableAndCurves) {
     result.bundle.cameras.emplace_back();
     result.bundle.ties_of_camera.push_back(0);
   }
+  result.bundle.tracks = result.bundle.lidar_points = result.bundle.patches = result.bundle.rounds =
+      2'000'000'000;
+  result.seconds = 74;
   write_align_page(folder.path / "aligned", recording, result);
-  const std::string html = read_file(folder.path / "aligned/report.html"),
+  const std::string html = without_heads(read_file(folder.path / "aligned/report.html")),
                     script = read_file(folder.path / "aligned/figures/rotation.gnuplot");
+  EXPECT_THAT(html, HasSubstr("2000000000 tracks of image points, 2000000000 LiDAR points on "
+                              "2000000000 flat patches; 2000000000 rounds, 74 s</p>"))
+      << "nothing cut off";
   EXPECT_THAT(html, HasSubstr("<th>roll deg</th><th>pitch deg</th><th>yaw deg</th>"));
   EXPECT_THAT(html, HasSubstr("<td>unobservable</td><td>+0.000 \u00b1 0.000</td>"
                               "<td>+0.500 \u00b1 0.050</td>"));

@@ -10,30 +10,61 @@
 namespace redrive {
 namespace {
 
+// Plots are drawn black on white. The dark page has the colour that their inverted white has:
+// 255 (1 - 0.92) = 0x14; turning hues by half a circle leaves each curve its hue.
 constexpr char kStyle[] = R"(
-:root { color-scheme: light; --ink: #1d2733; --faint: #5f6b7a; --line: #dde3ea; }
-body { margin: 0 auto; max-width: 1560px; padding: 24px 32px 64px;
-  font: 15px/1.5 system-ui, sans-serif; color: var(--ink); }
+:root { color-scheme: light dark; --page: #fff; --ink: #1d2733; --faint: #5f6b7a; --line: #dde3ea;
+  --panel: #f3f5f8; --alarm: #8c1d18; --alarm-panel: #fdeceb; --alarm-line: #b3261e; }
+@media screen and (prefers-color-scheme: dark) {
+  :root { --page: #141414; --ink: #e6e9ee; --faint: #a3adba; --line: #363c44; --panel: #20242a;
+    --alarm: #ffb4ab; --alarm-panel: #3a1715; --alarm-line: #e46962; }
+  figure.plot img { filter: invert(0.92) hue-rotate(180deg); } }
+body { margin: 0 auto; max-width: 1560px; padding: 24px 32px 64px; background: var(--page);
+  font: 15px/1.5 system-ui, sans-serif; color: var(--ink); overflow-wrap: anywhere; }
 h1 { font-size: 26px; margin: 0 0 4px; }
 h2 { font-size: 19px; margin: 36px 0 10px; padding-bottom: 4px;
   border-bottom: 1px solid var(--line); }
 h3 { font-size: 15px; margin: 18px 0 8px; }
 p { margin: 4px 0; color: var(--faint); }
-p.warning { margin: 10px 0; padding: 8px 12px; color: #8c1d18; background: #fdeceb;
-  border-left: 4px solid #b3261e; }
-.row { display: grid; grid-auto-flow: column; grid-auto-columns: minmax(240px, 1fr); gap: 14px;
-  overflow-x: auto; }
-figure { margin: 0; }
-figure img { display: block; width: 100%; height: auto; border-radius: 3px; }
+p.score { font-size: 19px; color: var(--ink); }
+p.score strong { font-size: 34px; line-height: 1.3; }
+p.score span { margin-left: 18px; white-space: nowrap; }
+p.warning { margin: 10px 0; padding: 8px 12px; color: var(--alarm); background: var(--alarm-panel);
+  border-left: 4px solid var(--alarm-line); }
+pre { margin: 6px 0 10px; padding: 10px 12px; border-radius: 3px; background: var(--panel);
+  font-size: 13px; white-space: pre-wrap; }
+a { color: inherit; }
+.row { display: grid; gap: 14px; margin: 8px 0;
+  grid-template-columns: repeat(auto-fit, minmax(min(100%, var(--least)), 1fr)); }
+.small { --least: 220px; }
+.large { --least: 380px; }
+figure { margin: 0; min-width: 0; }
+figure img { display: block; width: 100%; height: auto; max-height: 85vh; object-fit: contain;
+  object-position: left top; border-radius: 3px; }
 figcaption { font-size: 13px; color: var(--faint); padding: 3px 0 0; }
-.wide { overflow-x: auto; }
-table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
+table { border-collapse: collapse; font-variant-numeric: tabular-nums; overflow-wrap: normal; }
 th, td { text-align: left; padding: 4px 22px 4px 0; border-bottom: 1px solid var(--line);
   vertical-align: top; }
 th { color: var(--faint); font-weight: 600; }
 table.numbers th:not(:first-child), table.numbers td:not(:first-child) { text-align: right; }
-@media print { body { max-width: none; padding: 0; }
-  .row { grid-auto-columns: minmax(0, 1fr); break-inside: avoid; } }
+dl { columns: 300px; column-gap: 32px; margin: 8px 0; }
+dl div { display: flex; gap: 16px; justify-content: space-between; break-inside: avoid;
+  padding: 3px 0; border-bottom: 1px solid var(--line); }
+dt { color: var(--faint); white-space: nowrap; }
+dd { margin: 0; text-align: right; }
+@media screen and (max-width: 720px) {
+  body { padding: 16px 16px 48px; }
+  .small { --least: 150px; }
+  table { overflow-wrap: anywhere; }
+  table.many, table.many tbody, table.many td { display: block; }
+  table.many tr { display: flex; flex-wrap: wrap; gap: 4px 18px; padding: 6px 0;
+    border-bottom: 1px solid var(--line); }
+  table.many th, table.many td:empty { display: none; }
+  table.many td { border: 0; padding: 0; text-align: left !important; }
+  table.many td:first-child { flex: 0 0 100%; font-weight: 600; }
+  table.many td:not(:first-child)::before { content: attr(data-head); display: block;
+    font-size: 12px; color: var(--faint); } }
+@media print { body { max-width: none; padding: 0; } figure { break-inside: avoid; } }
 )";
 
 }  // namespace
@@ -89,23 +120,46 @@ std::string html_warning(const std::string& text) {
   return "<p class=\"warning\">Warning: " + html_escape(text) + "</p>\n";
 }
 
-std::string html_figure(const std::string& address, const std::string& caption) {
+std::string html_figure(const std::string& address, const std::string& caption, FigureKind kind) {
   const std::string text = html_escape(caption);
-  return "<figure><img src=\"" + address + "\" alt=\"" + text + "\"><figcaption>" + text +
+  return std::string(kind == FigureKind::kPlot ? "<figure class=\"plot\">" : "<figure>") +
+         "<img src=\"" + address + "\" alt=\"" + text + "\"><figcaption>" + text +
          "</figcaption></figure>\n";
 }
 
+std::string html_row(const std::string& figures, FigureSize size) {
+  std::string out = "<div class=\"row ";
+  out += size == FigureSize::kSmall ? "small" : "large";
+  return out + "\">\n" + figures + "</div>\n";
+}
+
 std::string html_table(const std::vector<std::vector<std::string>>& rows, bool numbers) {
+  constexpr std::size_t kFew = 3;  // columns that a phone has room for
+  const bool many = !rows.empty() && rows[0].size() > kFew;
   std::string out =
-      std::string("<div class=\"wide\"><table") + (numbers ? " class=\"numbers\"" : "") + ">\n";
+      std::string("<table class=\"") + (numbers ? "numbers" : "") + (many ? " many" : "") + "\">\n";
   for (std::size_t r = 0; r < rows.size(); ++r) {
     const std::string tag = r == 0 ? "th" : "td";
     out += "<tr>";
-    for (const std::string& cell : rows[r])
-      out += "<" + tag + ">" + html_escape(cell) + "</" + tag + ">";
+    for (std::size_t c = 0; c < rows[r].size(); ++c) {
+      const bool named = many && r > 0 && c > 0;
+      out += "<" + tag + (named ? " data-head=\"" + html_escape(rows[0][c]) + "\">" : ">") +
+             html_escape(rows[r][c]) + "</" + tag + ">";
+    }
     out += "</tr>\n";
   }
-  return out + "</table></div>\n";
+  return out + "</table>\n";
+}
+
+std::string html_pairs(const std::vector<std::pair<std::string, std::string>>& pairs) {
+  std::string out = "<dl>\n";
+  for (const auto& [name, value] : pairs)
+    out += "<div><dt>" + html_escape(name) + "</dt><dd>" + html_escape(value) + "</dd></div>\n";
+  return out + "</dl>\n";
+}
+
+std::string html_command(const std::string& command) {
+  return "<pre><code>" + html_escape(command) + "</code></pre>\n";
 }
 
 std::string html_page(const std::string& title, const std::string& body) {

@@ -132,7 +132,7 @@ std::string camera_figure(const std::filesystem::path& folder, const Recording& 
 
 std::string objects_table(const std::vector<ObjectSummary>& objects) {
   std::vector<std::vector<std::string>> rows = {
-      {"object", "", "id", "boxes", "driven (m)", "nearest (m)", "images"}};
+      {"object", "motion", "id", "boxes", "driven (m)", "nearest (m)", "images"}};
   for (std::size_t i = 0; i < std::min(objects.size(), kRowsShown); ++i) {
     const ObjectSummary& o = objects[i];
     rows.push_back({o.type, o.moves ? "moves" : "parked", std::to_string(o.id),
@@ -181,8 +181,7 @@ std::string above_script(const RigImages& images, const std::string& name) {
   }
   for (const MovingObject& object : images.moving.parked()) add(object, 0);
   std::ostringstream out;
-  out << plot_preamble({name, "x of the first pose, forward (m)", "y, left (m)", 1400, 700, 20})
-      << "set key off\n"
+  out << plot_preamble({name, "x of the first pose, forward (m)", "y, left (m)"}) << "set key off\n"
       << equal_axes(shown, 0.01 + 0.05 * shown.sizes().maxCoeff()) << labels.str()
       << "$drive << end\n"
       << drive.str() << "end\n$tracks << end\n"
@@ -204,11 +203,13 @@ std::string objects_section(const std::filesystem::path& folder, const Recording
   });
   std::string figures;
   for (int c = 0; c < images.cameras(); ++c) figures += camera_figure(folder, recording, images, c);
-  return "<h2>Objects</h2>\n" + objects_table(objects) + "<div class=\"row\">\n" + figures +
-         plot_figure(folder / "figures", "objects_above", above_script(images, "objects_above"),
-                     "from above, to scale: the drive, tracks of objects that move (orange), "
-                     "parked ones (blue)") +
-         "</div>\n";
+  return "<h2>Objects</h2>\n" + objects_table(objects) +
+         html_row(
+             figures + plot_figure(folder / "figures", "objects_above",
+                                   above_script(images, "objects_above"),
+                                   "from above, to scale: the drive (dark blue), tracks of objects "
+                                   "that move (orange), parked ones (light blue)"),
+             FigureSize::kLarge);
 }
 
 }  // namespace redrive

@@ -7,6 +7,7 @@
 #include "redrive/base/files.h"
 #include "redrive/image/image_io.h"
 #include "redrive/recording/recording_reader.h"
+#include "redrive/report/plot.h"
 #include "redrive/scene/scene_testing.h"
 
 namespace redrive {
@@ -50,7 +51,7 @@ TEST(ObjectsSection, ShowsTracksInImagesAndFromAbove) {
   EXPECT_THAT(section, HasSubstr("moves"));
   EXPECT_THAT(section, HasSubstr("objects_FRONT.jpg"));
   EXPECT_EQ(read_image(folder.path / "objects_FRONT.jpg").width, 24);
-  EXPECT_EQ(read_image(folder.path / "figures" / "objects_above.png").width, 1400);
+  EXPECT_EQ(read_image(folder.path / "figures" / "objects_above.png").width, kPlotWidth_px);
 }
 
 }  // namespace

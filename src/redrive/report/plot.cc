@@ -27,19 +27,15 @@ constexpr int kLabelledEpochs = 12;     // more labels would overlap
 struct Axis {
   const char* name;  ///< of the files
   const char* label;
-  std::string setup;         ///< gnuplot lines
-  const char* key_position;  ///< away from the curve
+  std::string setup;  ///< gnuplot lines
   double MetricsRow::*value;
 };
 
-std::string history_script(const std::vector<MetricsRow>& rows, const std::string& title,
-                           const Axis& axis) {
+std::string history_script(const std::vector<MetricsRow>& rows, const Axis& axis) {
   std::ostringstream out;
   out.precision(8);
-  out << plot_preamble({axis.name, "step", axis.label, 1200, 560, 14}) << "set title "
-      << gnuplot_string(title) << '\n'
-      << axis.setup << "set grid noxtics\nset key " << axis.key_position << " noautotitle\n"
-      << "set xrange [0:" << (rows.empty() ? 1 : rows.back().step) << "]\n";
+  out << plot_preamble({axis.name, "step", axis.label}) << axis.setup
+      << "set grid noxtics\nset xrange [0:" << (rows.empty() ? 1 : rows.back().step) << "]\n";
   const int epochs = rows.empty() ? 0 : rows.back().epoch + 1;
   for (std::size_t i = 0; i < rows.size(); ++i) {
     if (i > 0 && rows[i].epoch == rows[i - 1].epoch) continue;
@@ -59,8 +55,8 @@ std::string history_script(const std::vector<MetricsRow>& rows, const std::strin
   for (std::size_t i = 0; i < rows.size(); ++i)
     out << rows[i].step << ' ' << values[i] << ' ' << means[i] << '\n';
   out << "end\nplot ";
-  if (radius > 0) out << "$history using 1:2 with lines lw 1 lc rgb '#a9c4e6' title 'as logged', ";
-  out << "$history using 1:3 with lines lw 2.5 lc rgb '#1f4e8c' title '"
+  if (radius > 0) out << "$history using 1:2 with lines lw 2 lc rgb '#a9c4e6' title 'as logged', ";
+  out << "$history using 1:3 with lines lw 3 lc rgb '#1f4e8c' title '"
       << (radius > 0 ? "running mean" : "as logged") << "'\n";
   return out.str();
 }
@@ -94,12 +90,12 @@ std::string plot_colour(std::size_t index) {
 
 std::string plot_preamble(const PlotAxes& axes) {
   std::ostringstream out;
-  out << "set terminal pngcairo size " << axes.width_px << "," << axes.height_px
-      << " font 'DejaVu Sans," << axes.font_pt << "' background '#ffffff' noenhanced\nset output "
+  out << "set terminal pngcairo size " << kPlotWidth_px << "," << axes.height_px
+      << " font 'DejaVu Sans,20' background '#ffffff' noenhanced\nset output "
       << gnuplot_string(axes.name + ".png.part") << "\nset xlabel " << gnuplot_string(axes.x_label)
       << "\nset ylabel " << gnuplot_string(axes.y_label)
       << "\nset grid lc rgb '#dddddd' lt 1\nset border 3 lc rgb '#666666'\nset tics nomirror\n"
-      << "set key outside right top\n";
+      << "set key tmargin left horizontal Left reverse samplen 2\n";
   return out.str();
 }
 
@@ -130,7 +126,7 @@ std::string time_curves_script(const TimeCurves& curves) {
     if (bands)
       out << "$data using 1:" << 3 * k + 3 << ":" << 3 * k + 4 << " with filledcurves" << colour
           << "notitle, ";
-    out << "$data using 1:" << 3 * k + 2 << " with lines lw 2" << colour << "title "
+    out << "$data using 1:" << 3 * k + 2 << " with lines lw 3" << colour << "title "
         << gnuplot_string(curves.titles[k]);
   }
   if (curves.bound > 0 && 2 * most > curves.bound)
@@ -153,28 +149,26 @@ std::vector<double> running_mean(const std::vector<double>& values, int radius) 
   return means;
 }
 
-std::string loss_script(const std::vector<MetricsRow>& rows, const std::string& title) {
+std::string loss_script(const std::vector<MetricsRow>& rows) {
   // Labels at 1, 2 and 5 of each decade, and a margin of a tenth of a decade: a whole run often
-  // stays within one decade.
-  std::ostringstream setup;
-  setup << "set logscale y\nset format y '%g'\nset ytics (";
-  for (int decade = -8; decade <= 1; ++decade)
-    for (const int digit : {1, 2, 5})
-      setup << (decade == -8 && digit == 1 ? "" : ", ") << digit << "e" << decade;
-  setup << ")\n";
+  // stays within one decade. A shorter way would pass less than two of them.
+  constexpr double kLeastRatio = 3;
   double low = std::numeric_limits<double>::infinity(), high = 0;
   for (const MetricsRow& row : rows)
     if (row.loss > 0) low = std::min(low, row.loss), high = std::max(high, row.loss);
-  if (high > 0) setup << "set yrange [" << 0.8 * low << ":" << 1.25 * high << "]\n";
-  return history_script(rows, title,
-                        {"loss", "training loss", setup.str(), "top right at graph 0.99, graph 0.9",
-                         &MetricsRow::loss});
+  std::ostringstream setup;
+  if (high >= kLeastRatio * low) {
+    setup << "set logscale y\nset format y '%g'\nset ytics (";
+    for (int decade = -8; decade <= 1; ++decade)
+      for (const int digit : {1, 2, 5})
+        setup << (decade == -8 && digit == 1 ? "" : ", ") << digit << "e" << decade;
+    setup << ")\nset yrange [" << 0.8 * low << ":" << 1.25 * high << "]\n";
+  }
+  return history_script(rows, {"loss", "training loss", setup.str(), &MetricsRow::loss});
 }
 
-std::string psnr_script(const std::vector<MetricsRow>& rows, const std::string& title) {
-  return history_script(
-      rows, title,
-      {"psnr", "PSNR of training batches (dB)", "", "inside bottom right", &MetricsRow::psnr_db});
+std::string psnr_script(const std::vector<MetricsRow>& rows) {
+  return history_script(rows, {"psnr", "PSNR (dB)", "", &MetricsRow::psnr_db});
 }
 
 void draw_plot(const std::filesystem::path& folder, const std::string& name,
@@ -221,7 +215,7 @@ void draw_plot(const std::filesystem::path& folder, const std::string& name,
 std::string plot_figure(const std::filesystem::path& folder, const std::string& name,
                         const std::string& script, const std::string& caption) {
   draw_plot(folder, name, script);
-  return html_figure(png_data_uri(read_file(folder / (name + ".png"))), caption);
+  return html_figure(png_data_uri(read_file(folder / (name + ".png"))), caption, FigureKind::kPlot);
 }
 
 }  // namespace redrive

@@ -14,12 +14,15 @@
 
 namespace redrive {
 
+/// Width of every plot. Pages show it at a half to a third of that, so its font is large.
+constexpr int kPlotWidth_px = 1000;
+
 struct PlotAxes {
   std::string name;  ///< of the files: <name>.gnuplot, <name>.png
   std::string x_label, y_label;
-  int width_px = 1200, height_px = 420, font_pt = 13;
+  int height_px = 560;
 };
-/// The beginning of a script: terminal, axes with a grid, the key to their right.
+/// The beginning of a script: terminal, axes with a grid, the key above them.
 std::string plot_preamble(const PlotAxes& axes);
 /// Quotes any text as a string of a script.
 std::string gnuplot_string(const std::string& text);
@@ -43,10 +46,10 @@ std::string time_curves_script(const TimeCurves& curves);
 std::vector<double> running_mean(const std::vector<double>& values, int radius);
 
 /// gnuplot scripts of the training history, data inline, which draw loss.png and psnr.png into
-/// their own folder: loss on a logarithmic axis, PSNR on a linear one; each row's value thin, the
-/// running mean thick, the beginning of each epoch marked.
-std::string loss_script(const std::vector<MetricsRow>& rows, const std::string& title);
-std::string psnr_script(const std::vector<MetricsRow>& rows, const std::string& title);
+/// their own folder: loss on a logarithmic axis where it falls far, PSNR on a linear one; each
+/// row's value thin, the running mean thick, the beginning of each epoch marked.
+std::string loss_script(const std::vector<MetricsRow>& rows);
+std::string psnr_script(const std::vector<MetricsRow>& rows);
 
 /// Creates the folder, writes folder/<name>.gnuplot and has gnuplot draw folder/<name>.png.
 /// IoError: gnuplot is not installed, or failed.

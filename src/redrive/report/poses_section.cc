@@ -8,8 +8,6 @@
 namespace redrive {
 namespace {
 
-constexpr int kWidth_px = 1200, kHeight_px = 560, kFont_pt = 14;  // as the training curves
-
 /// Returns the source of the poses as a sentence in HTML.
 std::string source_of(const Run& run) {
   const TrainOptions& options = run.options;
@@ -39,8 +37,8 @@ std::string curves_script(const Scene& scene, const PoseChanges& changes,
 
 std::vector<std::vector<std::string>> rows_of(const PoseChanges& changes) {
   std::vector<std::vector<std::string>> rows{
-      {"", "forward (cm)", "left (cm)", "up (cm)", "translation (cm)", "roll (deg)", "pitch (deg)",
-       "yaw (deg)", "rotation (deg)", "time offset (ms)", ""}};
+      {"camera", "forward (cm)", "left (cm)", "up (cm)", "translation (cm)", "roll (deg)",
+       "pitch (deg)", "yaw (deg)", "rotation (deg)", "time offset (ms)", "bounds"}};
   for (const CameraChange& camera : changes.cameras) {
     std::vector<std::string> row{camera.name};
     const Eigen::Vector3d translation_cm = 100 * camera.pose.translation_m,
@@ -62,25 +60,23 @@ std::vector<std::vector<std::string>> rows_of(const PoseChanges& changes) {
 }  // namespace
 
 std::string frame_translations_script(const Scene& scene, const PoseChanges& changes) {
-  return curves_script(
-      scene, changes, &PoseChange::translation_m, 100,
-      {{"poses_moved", "time (s)", "translation (cm)", kWidth_px, kHeight_px, kFont_pt},
-       {"forward", "left", "up"},
-       {},
-       {},
-       {},
-       100.0 * changes.bounds.translation_m});
+  return curves_script(scene, changes, &PoseChange::translation_m, 100,
+                       {{"poses_moved", "time (s)", "translation (cm)"},
+                        {"forward", "left", "up"},
+                        {},
+                        {},
+                        {},
+                        100.0 * changes.bounds.translation_m});
 }
 
 std::string frame_rotations_script(const Scene& scene, const PoseChanges& changes) {
-  return curves_script(
-      scene, changes, &PoseChange::rotation_rad, kDegreesPerRadian,
-      {{"poses_turned", "time (s)", "rotation (deg)", kWidth_px, kHeight_px, kFont_pt},
-       {"roll", "pitch", "yaw"},
-       {},
-       {},
-       {},
-       kDegreesPerRadian * changes.bounds.rotation_rad});
+  return curves_script(scene, changes, &PoseChange::rotation_rad, kDegreesPerRadian,
+                       {{"poses_turned", "time (s)", "rotation (deg)"},
+                        {"roll", "pitch", "yaw"},
+                        {},
+                        {},
+                        {},
+                        kDegreesPerRadian * changes.bounds.rotation_rad});
 }
 
 std::string poses_section(const Run& run, const std::filesystem::path& figures) {
@@ -99,15 +95,16 @@ std::string poses_section(const Run& run, const std::filesystem::path& figures) 
     out += html_warning("Corrections are at their bounds (" + bounds + "): " + which +
                         ". redrive align corrects larger errors; redrive inspect --report checks "
                         "calibration and time offsets against the images.");
-  out += html_table(rows_of(changes), true) +
-         "<p>In the axes of the body, relative to the initial poses. The part that all cameras "
-         "share is in the frames. Corrections are bounded by " +
-         bounds + ".</p>\n<div class=\"row\">\n" +
-         plot_figure(figures, "poses_moved", frame_translations_script(run.scene, changes),
-                     "translation of each frame") +
-         plot_figure(figures, "poses_turned", frame_rotations_script(run.scene, changes),
-                     "rotation of each frame") +
-         "</div>\n";
+  out +=
+      html_table(rows_of(changes), true) +
+      "<p>In the axes of the body, relative to the initial poses. The part that all cameras "
+      "share is in the frames. Corrections are bounded by " +
+      bounds + ".</p>\n" +
+      html_row(plot_figure(figures, "poses_moved", frame_translations_script(run.scene, changes),
+                           "translation of each frame") +
+                   plot_figure(figures, "poses_turned", frame_rotations_script(run.scene, changes),
+                               "rotation of each frame"),
+               FigureSize::kLarge);
   return out;
 }
 

@@ -22,12 +22,6 @@ constexpr double kLidarAround_s = 0.06;             // about a revolution
 constexpr std::size_t kLidarShown = 6000;           // points: more would hide the image
 constexpr std::size_t kTriedShown = 6;
 
-std::string row_of(const std::vector<std::string>& figures) {
-  std::string out = "<div class=\"row\">\n";
-  for (const std::string& figure : figures) out += figure;
-  return out + "</div>\n";
-}
-
 /// Returns "-8.8 ± 1.2", or "-" for an unobservable time offset.
 std::string offset_text(const std::optional<TimeOffsetEstimate>& clock) {
   if (!clock) return "-";
@@ -39,7 +33,7 @@ std::string offset_by_images(const CameraCheck& check) {
 }
 
 std::string verdicts(const Recording& recording, const Preflight& preflight) {
-  std::vector<std::vector<std::string>> rows = {{"", "verdict", "why", "offset (ms)",
+  std::vector<std::vector<std::string>> rows = {{"checked", "verdict", "why", "offset (ms)",
                                                  "by the LiDAR", "error (px)", "points",
                                                  "motion of points (px)", "edges"}};
   for (const CameraCheck& camera : preflight.cameras) {
@@ -153,21 +147,14 @@ std::string camera_image(const std::filesystem::path& folder, const Recording& r
                             : "no LiDAR"));
 }
 
-/// Axes of a plot that takes a third of the page's width, drawn twice as large for screens of high
-/// resolution.
-PlotAxes axes_of(const std::string& name, const std::string& x_label, const std::string& y_label,
-                 int height_px = 560) {
-  return {name, x_label, y_label, 1000, height_px, 20};
-}
-
 /// Plots the error over time offsets and, on a second axis, the correlation of the images with the
 /// LiDAR's intensities.
 std::string scan_script(const CameraCheck& check, const std::string& name) {
   constexpr const char *kError = "#1f4e8c", *kContrast = "#3a7d44";
   std::ostringstream out, plots;
-  out << plot_preamble(axes_of(name, "time offset (ms), added to the recorded one", "error (px)"))
-      << "set key inside center top\nset autoscale xfix\nset yrange [0:*]\nset offsets 0, 0, graph "
-         "0.25, 0\n";
+  out << plot_preamble({name, "time offset (ms), added to the recorded one", "error (px)"})
+      << "set autoscale xfix\nset yrange [0:*]\nset offsets 0, 0, graph "
+         "0.05, 0\n";
   /// Adds a curve, and a line at its best offset.
   const auto add = [&](const std::string& data, const auto& points, auto value,
                        std::optional<double> best_ms, const std::string& title, const char* axes,
@@ -253,7 +240,7 @@ std::string rig_script(const Recording& recording, int right, int up, const std:
            << label.y() << " left font 'DejaVu Sans,16' front\n";
   }
   std::ostringstream out;
-  out << plot_preamble(axes_of(name, kAxis[right], kAxis[up], 600)) << "set key off\n"
+  out << plot_preamble({name, kAxis[right], kAxis[up], 600}) << "set key off\n"
       << equal_axes(shown, kAround_m) << labels.str() << "set object 1 rectangle from "
       << low[right] << ',' << low[up] << " to " << high[right] << ',' << high[up]
       << " behind fillstyle empty border lc rgb '#b6bec8' lw 3\n$axes << end\n"
@@ -277,7 +264,7 @@ std::string drive_script(const RigImages& images, int right, int up, const std::
     data << at.x() << ' ' << at.y() << '\n';
   }
   std::ostringstream out;
-  out << plot_preamble(axes_of(name, kAxis[right], kAxis[up])) << "set key off\n"
+  out << plot_preamble({name, kAxis[right], kAxis[up]}) << "set key off\n"
       << (up == 1 ? equal_axes(shown, 0.01 + 0.05 * shown.sizes().maxCoeff()) : "")
       << "$way << end\n"
       << data.str() << "end\nplot $way with linespoints lw 3 pt 7 ps 0.4 lc rgb '" << plot_colour(0)
@@ -288,9 +275,9 @@ std::string drive_script(const RigImages& images, int right, int up, const std::
 std::string exposure_script(const RigImages& images, const std::string& name) {
   constexpr int kInKey = 8;  // photographs may have a camera each
   std::ostringstream out, plots;
-  out << plot_preamble(axes_of(name, "time (s)", "brightness (0..1)")) << "set key "
-      << (images.cameras() > kInKey ? "off" : "inside top right")
-      << "\nset autoscale xfix\nset yrange [0:*]\nset offsets 0, 0, graph 0.6, 0\n";
+  out << plot_preamble({name, "time (s)", "brightness (0..1)"})
+      << (images.cameras() > kInKey ? "set key off\n" : "")
+      << "set autoscale xfix\nset yrange [0:*]\nset offsets 0, 0, graph 0.05, 0\n";
   for (int c = 0; c < images.cameras(); ++c) {
     out << "$camera" << c << " << end\n";
     for (int f = 0; f < images.frames(); ++f) {
@@ -323,33 +310,34 @@ void write_preflight_page(const std::filesystem::path& folder, const Recording& 
     const CameraCheck& check = preflight.cameras[c];
     body += "<h2>" + html_escape(check.name) + ": " + verdict_name(check.verdict) + "</h2>\n<p>" +
             html_escape(check.why) + "</p>\n";
-    std::vector<std::string> figures = {camera_image(folder, recording, images, c, lidar)};
+    std::string figures = camera_image(folder, recording, images, c, lidar);
     if (const std::string name = "scan_" + check.name;
         !check.scan.empty() || !check.contrast.empty())
-      figures.push_back(
-          drawn(name, scan_script(check, name),
-                check.contrast.empty()
-                    ? "error over time offsets"
-                    : "over time offsets: error (blue), correlation with the LiDAR (green)"));
-    if (!check.tried.empty()) figures.push_back(hypotheses_table(check));
-    body += row_of(figures);
+      figures += drawn(name, scan_script(check, name),
+                       check.contrast.empty()
+                           ? "error over time offsets"
+                           : "over time offsets: error (blue), correlation with the LiDAR (green)");
+    if (!check.tried.empty()) figures += hypotheses_table(check);
+    body += html_row(figures, FigureSize::kLarge);
   }
   body += objects_section(folder, recording, images);
   if (recording.metric)
     body +=
         "<h2>Extrinsics</h2>\n" +
-        row_of(
-            {drawn(
-                 "rig_above", rig_script(recording, 0, 1, "rig_above"),
-                 "from above; the camera's axes: x (right) red, y (down) green, z (forward) blue"),
-             drawn("rig_side", rig_script(recording, 0, 2, "rig_side"), "from the right side")});
+        html_row(
+            drawn(
+                "rig_above", rig_script(recording, 0, 1, "rig_above"),
+                "from above; the camera's axes: x (right) red, y (down) green, z (forward) blue") +
+                drawn("rig_side", rig_script(recording, 0, 2, "rig_side"), "from the right side"),
+            FigureSize::kLarge);
   body +=
       "<h2>Trajectory</h2>\n" +
-      row_of({drawn("way_above", drive_script(images, 0, 1, "way_above"), "from above, to scale"),
-              drawn("way_side", drive_script(images, 0, 2, "way_side"),
-                    "from the side, heights exaggerated"),
-              drawn("exposure", exposure_script(images, "exposure"),
-                    "exposure: mean brightness of the unmasked pixels over time")});
+      html_row(drawn("way_above", drive_script(images, 0, 1, "way_above"), "from above, to scale") +
+                   drawn("way_side", drive_script(images, 0, 2, "way_side"),
+                         "from the side, heights exaggerated") +
+                   drawn("exposure", exposure_script(images, "exposure"),
+                         "exposure: mean brightness of the unmasked pixels over time"),
+               FigureSize::kLarge);
   write_file(folder / "index.html", html_page("Preflight", body));
 }
 

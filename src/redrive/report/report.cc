@@ -13,6 +13,7 @@
 #include "redrive/base/files.h"
 #include "redrive/base/unfinished.h"
 #include "redrive/eval/moving_scores.h"
+#include "redrive/report/headline.h"
 #include "redrive/report/html.h"
 #include "redrive/report/plot.h"
 #include "redrive/report/poses_section.h"
@@ -23,51 +24,15 @@ namespace {
 
 constexpr std::size_t kCamerasShown = 8;  // with images: photographs may have a camera each
 
-std::string duration(double seconds) {
-  if (seconds < 60) return fixed(seconds, 1) + " s";
-  if (seconds < 3600) return fixed(seconds / 60, 1) + " min";
-  return fixed(seconds / 3600, 2) + " h";
-}
-
-std::string restarts_text(const TrainState& state) {
-  if (state.restarts == 0) return "";
-  return "; " + std::to_string(state.restarts) + (state.restarts == 1 ? " restart" : " restarts") +
-         " from another seed, since training did not converge";
-}
-
-std::string recording_name(const Run& run) {
-  const auto path = run.recording.root.lexically_normal();
-  return (path.has_filename() ? path.filename() : path.parent_path().filename()).string();
-}
-
-std::string heading(const Run& run, const kernels::Backend& backend) {
-  std::string cameras;
-  for (const RigCamera& camera : run.scene.rig)
-    cameras += (cameras.empty() ? "" : ", ") + camera.name;
-  std::string out = "<h1>" + html_escape(recording_name(run)) + "</h1>\n";
-  out += "<p>" + html_escape(cameras) + "; " + std::to_string(run.scene.frames.size()) +
-         " frames; method " + run.state.model->method() + ", " + run.state.model->describe() +
-         "</p>\n";
-  out += "<p>" + std::to_string(run.state.step) + " steps in " + duration(run.state.seconds) +
-         " of training" + restarts_text(run.state) + "; images rendered with " +
-         html_escape(kernels::describe(backend)) + "</p>\n";
-  return out;
-}
-
-using OnFile = std::function<void(const std::filesystem::path&)>;
-
-std::string training(const Run& run, const std::filesystem::path& folder, const OnFile& on_file) {
+std::string training(const Run& run, const std::filesystem::path& folder) {
   std::string out = "<h2>Training</h2>\n";
   const std::vector<MetricsRow> rows = read_metrics(run.paths);
-  if (rows.empty()) return out + "<p>No metrics yet.</p>\n";
-  const std::string title =
-      recording_name(run) + ", " + run.options.method + restarts_text(run.state);
-  out += "<div class=\"row\">\n" +
-         plot_figure(folder, "loss", loss_script(rows, title), "training loss");
-  on_file(folder / "loss.png");
-  out += plot_figure(folder, "psnr", psnr_script(rows, title), "PSNR of the training batches");
-  on_file(folder / "psnr.png");
-  return out + "</div>\n";
+  if (rows.empty())
+    return out + "<p>No curves yet: training writes a row of numbers every 25 steps.</p>\n";
+  return out + html_row(plot_figure(folder, "loss", loss_script(rows), "training loss") +
+                            plot_figure(folder, "psnr", psnr_script(rows),
+                                        "PSNR of the training batches"),
+                        FigureSize::kLarge);
 }
 
 std::vector<std::string> score_row(const std::string& name, const Score& score) {
@@ -129,8 +94,7 @@ std::string lidar_scores(const Evaluation& evaluation, const Evaluation* other,
     rows.push_back(moving_lidar_row(name_of_other, *other->lidar));
   return "<h3>LiDAR of held-out frames</h3>\n" + html_table(rows, true) +
          "<p>Each recorded return is rendered along its own direction at its own time. Range "
-         "error: "
-         "median of |rendered - recorded|.</p>\n";
+         "error: median of |rendered - recorded|.</p>\n";
 }
 
 /// Returns the scores of moving objects, inside and beside their boxes and by object; empty if no
@@ -214,21 +178,23 @@ std::string scores(const Evaluation& evaluation, const Evaluation* other,
          "along the ray.</p>\n";
 }
 
-std::string image_row(const std::filesystem::path& folder, const ImageRow& row,
-                      const OnFile& on_file) {
-  std::string out = "<h3>" + html_escape(row.title) + "</h3>\n<div class=\"row\">\n";
+/// Writes the images and returns them as figures side by side.
+std::string figures_of(const std::filesystem::path& folder, const ImageRow& row, FigureSize size) {
+  std::string figures;
   for (const ReportImage& image : row.images) {
-    const std::filesystem::path file = folder / (image.name + ".png");
-    write_image(file, image.image);
-    on_file(file);
-    out += html_figure(jpeg_data_uri(image.image), image.caption);
+    write_image(folder / (image.name + ".png"), image.image);
+    figures += html_figure(jpeg_data_uri(image.image), image.caption);
   }
-  return out + "</div>\n";
+  return html_row(figures, size);
+}
+
+std::string image_row(const std::filesystem::path& folder, const ImageRow& row) {
+  return "<h3>" + html_escape(row.title) + "</h3>\n" + figures_of(folder, row, FigureSize::kSmall);
 }
 
 /// Returns the section of the novel sets with ground truth; empty if there is none.
 std::string novel_views(const Run& run, kernels::Backend& backend, const Run* compared,
-                        const std::filesystem::path& folder, const OnFile& on_file) {
+                        const std::filesystem::path& folder) {
   const std::vector<NovelGroundTruth> ground_truths = novel_ground_truths(run);
   if (ground_truths.empty()) return "";
   const Coverage coverage(run, backend);
@@ -236,8 +202,7 @@ std::string novel_views(const Run& run, kernels::Backend& backend, const Run* co
       "<h2>Novel views</h2>\n<p>Coverage by the run's own depth: a surface counts as seen where a "
       "training image shows it, neither masked nor occluded.</p>\n";
   for (const NovelGroundTruth& ground_truth : ground_truths)
-    out +=
-        image_row(folder, novel_image_row(run, backend, ground_truth, coverage, compared), on_file);
+    out += image_row(folder, novel_image_row(run, backend, ground_truth, coverage, compared));
   return out;
 }
 
@@ -250,37 +215,21 @@ std::string option_text(const nlohmann::json& value) {
   return text;
 }
 
-std::string options_table(const TrainOptions& options) {
-  constexpr std::size_t kPairs = 3;  // of columns
-  std::vector<std::vector<std::string>> rows(1);
-  for (std::size_t i = 0; i < kPairs; ++i) rows[0].insert(rows[0].end(), {"option", "value"});
+std::string all_options(const TrainOptions& options) {
+  std::vector<std::pair<std::string, std::string>> pairs;
   const nlohmann::json json = options_to_json(options);
-  const std::size_t height = (json.size() + kPairs - 1) / kPairs;
-  rows.resize(1 + height);
-  std::size_t i = 0;
   for (const auto& [key, value] : json.items()) {
-    const std::string text = option_text(value);
-    auto& row = rows[1 + i++ % height];
-    row.insert(row.end(), {key, text.empty() ? "-" : text});
+    const std::string text = value.empty() ? "" : option_text(value);
+    pairs.emplace_back(key, text.empty() ? "-" : text);
   }
-  return "<h2>Options</h2>\n" + html_table(rows, false);
+  return "<h2>Options</h2>\n" + html_pairs(pairs);
 }
-
-}  // namespace
-
-namespace {
 
 /// Writes the figures into the folder and returns the page's body.
 std::string figures_and_page(const Run& run, kernels::Backend& backend,
-                             const FigureOptions& options, const std::filesystem::path& folder) {
-  const OnFile on_file = [&](const std::filesystem::path& file) {
-    if (options.written) options.written(run.paths.figures() / file.filename());
-  };
-  std::string body = heading(run, backend);
-  body += training(run, folder, on_file);  // first: fails at once where gnuplot is missing
-  body += poses_section(run, folder);
-  if (run.state.poses.refines())
-    for (const char* plot : {"poses_moved.png", "poses_turned.png"}) on_file(folder / plot);
+                             const FigureOptions& options, const std::filesystem::path& folder,
+                             Evaluation* evaluation) {
+  const std::string curves = training(run, folder);  // first: fails at once without gnuplot
   const int cameras = static_cast<int>(std::min(run.scene.rig.size(), kCamerasShown));
   std::string images = "<h2>Training views</h2>\n<p>A training image of each camera" +
                        std::string(run.scene.rig.size() > kCamerasShown
@@ -288,27 +237,34 @@ std::string figures_and_page(const Run& run, kernels::Backend& backend,
                                        : "") +
                        ", drawn at random.</p>\n";
   for (int camera = 0; camera < cameras; ++camera)
-    images += image_row(folder, camera_image_row(run, backend, camera, options.compared), on_file);
-  const std::string novel = novel_views(run, backend, options.compared, folder, on_file);
-  const Evaluation own = evaluate(run, backend, options.eval);
-  if (options.compared) {
-    const Evaluation other = evaluate(*options.compared, backend, options.eval);
-    body += scores(own, &other, method_text(*options.compared));
-  } else {
-    body += scores(own, nullptr, "");
-  }
-  return body + images + novel + options_table(run.options);
+    images += image_row(folder, camera_image_row(run, backend, camera, options.compared));
+  images += novel_views(run, backend, options.compared, folder);
+  const ScoredRun own = score_run(run, backend, options.eval);
+  std::optional<ScoredRun> other;
+  if (options.compared) other = score_run(*options.compared, backend, options.eval);
+  const ScoredRun* const compared = other ? &*other : nullptr;
+  const ImageRow row = headline_images(own, compared, backend);
+  const std::string body =
+      headline(own, compared, backend,
+               row.images.empty() ? "" : figures_of(folder, row, FigureSize::kLarge)) +
+      curves +
+      scores(own.evaluation, other ? &other->evaluation : nullptr,
+             other ? method_text(*options.compared) : "") +
+      images + poses_section(run, folder) + all_options(run.options);
+  *evaluation = own.evaluation;
+  return body;
 }
 
 }  // namespace
 
-void write_figures(const Run& run, kernels::Backend& backend, const FigureOptions& options) {
+Evaluation write_figures(const Run& run, kernels::Backend& backend, const FigureOptions& options) {
   std::string body;
+  Evaluation evaluation;
   write_folder(run.paths.figures(), /*replace=*/true, [&](const std::filesystem::path& folder) {
-    body = figures_and_page(run, backend, options, folder);
+    body = figures_and_page(run, backend, options, folder, &evaluation);
   });
   write_file(run.paths.report(), html_page("redrive: " + recording_name(run), body));
-  if (options.written) options.written(run.paths.report());
+  return evaluation;
 }
 
 }  // namespace redrive

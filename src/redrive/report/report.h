@@ -2,9 +2,6 @@
 // Writes the figures of a run as PNG, and one self-contained HTML page.
 #pragma once
 
-#include <filesystem>
-#include <functional>
-
 #include "redrive/eval/evaluate.h"
 #include "redrive/train/run.h"
 
@@ -13,8 +10,6 @@ namespace redrive {
 struct FigureOptions {
   const Run* compared = nullptr;  ///< another run of the same recording; null: none
   EvalOptions eval;               ///< which images are scored
-  std::function<void(const std::filesystem::path&)>
-      written;  ///< called with each file after it was written; may be empty
 };
 
 /// Writes below figures/:
@@ -25,8 +20,11 @@ struct FigureOptions {
 ///   CAM_perturbed_camera_axes.png (along x of the camera), CAM_depth.png;
 /// - per novel set NAME with ground truth: NAME_truth.png, NAME_render.png, NAME_difference.png,
 ///   NAME_coverage.png;
-/// - CAM_beside.png and NAME_beside.png by options.compared;
-/// then report.html with all of them, the options and the scores. IoError where gnuplot is missing.
-void write_figures(const Run& run, kernels::Backend& backend, const FigureOptions& options = {});
+/// - headline_recorded.png and headline_rendered.png: the scored image whose PSNR is the median;
+/// - headline_beside.png, CAM_beside.png and NAME_beside.png by options.compared;
+/// then report.html, which begins with the score, and has all of them, and the options. Returns the
+/// scores. IoError where gnuplot is missing.
+Evaluation write_figures(const Run& run, kernels::Backend& backend,
+                         const FigureOptions& options = {});
 
 }  // namespace redrive

@@ -33,6 +33,20 @@ std::string scored_caption(kernels::Backend& backend, const std::string& what,
   return what + text + depth + ")";
 }
 
+/// Returns a view's recorded image as it is scored: masked, composited over the background.
+Image8 scored_image(const Run& run, const View& view) {
+  Image8 image = load_view(run.scene, view);
+  const Exclusions left_out = read_exclusions(run);
+  apply_mask(view_mask(run.scene, view, left_out.masks[view.camera], left_out.moving), &image);
+  image.alpha.clear();
+  return image;
+}
+
+RenderedImage rendered_view(const Run& run, kernels::Backend& backend, const View& view) {
+  return render_image(backend, *run.state.model, run.scene.rig[view.camera].camera,
+                      run.scene.shutter_poses(view), run.scene.exposure(view));
+}
+
 /// Returns the view of a camera at a frame in another run; null if there is none.
 const View* same_view(const Run& run, const std::string& camera, std::int64_t frame_id) {
   for (const View& view : run.scene.views)
@@ -73,10 +87,7 @@ ImageRow camera_image_row(const Run& run, kernels::Backend& backend, int camera,
   const RigCamera& rig = run.scene.rig[camera];
   const View& view = figure_view(run, camera);
   const Frame& frame = run.scene.frames[view.frame];
-  Image8 original = load_view(run.scene, view);
-  const Exclusions left_out = read_exclusions(run);
-  apply_mask(view_mask(run.scene, view, left_out.masks[camera], left_out.moving), &original);
-  original.alpha.clear();  // composited over the background, as it is scored
+  const Image8 original = scored_image(run, view);
   const RayTable table = make_ray_table(rig.camera);
   const auto render_shifted = [&](ShiftAxes axes, double x_m) {
     std::vector<Rigid3d> keys;  // of the image's own shutter
@@ -97,9 +108,7 @@ ImageRow camera_image_row(const Run& run, kernels::Backend& backend, int camera,
                         scored_caption(backend, "reproduced", reproduced, original),
                         to_image8(reproduced)});
   if (const View* const same = compared ? same_view(*compared, rig.name, frame.id) : nullptr) {
-    const RenderedImage other =
-        render_image(backend, *compared->state.model, compared->scene.rig[same->camera].camera,
-                     compared->scene.shutter_poses(*same), compared->scene.exposure(*same));
+    const RenderedImage other = rendered_view(*compared, backend, *same);
     if (other.width == original.width && other.height == original.height)
       row.images.push_back({rig.name + "_beside",
                             scored_caption(backend, method_text(*compared), other, original),
@@ -117,6 +126,29 @@ ImageRow camera_image_row(const Run& run, kernels::Backend& backend, int camera,
                         "depth, " + length_text(run, run.scene.near_m) + " (blue) to " +
                             length_text(run, run.scene.far_m) + " (red), logarithmic",
                         depth_colours(reproduced, run.scene.near_m, run.scene.far_m)});
+  return row;
+}
+
+ImageRow headline_image_row(const Run& run, kernels::Backend& backend, const View& view,
+                            const Run* compared, const View* same) {
+  const Image8 recorded = scored_image(run, view);
+  const RenderedImage rendered = rendered_view(run, backend, view);
+  ImageRow row;
+  row.title = run.scene.rig[view.camera].name + ", frame " +
+              std::to_string(run.scene.frames[view.frame].id);
+  row.images.push_back({"headline_recorded",
+                        row.title + (view.held_out ? ", held out" : "") + ": as recorded",
+                        recorded});
+  row.images.push_back(
+      {"headline_rendered",
+       scored_caption(backend, compared ? "rendered by this run" : "rendered", rendered, recorded),
+       to_image8(rendered)});
+  if (!compared || !same) return row;
+  const RenderedImage other = rendered_view(*compared, backend, *same);
+  if (other.width == recorded.width && other.height == recorded.height)
+    row.images.push_back({"headline_beside",
+                          scored_caption(backend, method_text(*compared), other, recorded),
+                          to_image8(other)});
   return row;
 }
 

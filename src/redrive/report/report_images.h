@@ -38,6 +38,11 @@ std::string method_text(const Run& run);
 ImageRow camera_image_row(const Run& run, kernels::Backend& backend, int camera,
                           const Run* compared = nullptr);
 
+/// Renders a view at the pose that it has in `run`, and `same` view of the compared run; null:
+/// none.
+ImageRow headline_image_row(const Run& run, kernels::Backend& backend, const View& view,
+                            const Run* compared = nullptr, const View* same = nullptr);
+
 /// Renders the middle view of a novel set, which has at least one: ground truth, rendering (by
 /// `compared`, too, where it has the view), difference and coverage.
 ImageRow novel_image_row(const Run& run, kernels::Backend& backend,

@@ -114,10 +114,10 @@ class PlotFolder : public testing::Test {
 };
 
 TEST_F(PlotFolder, DrawsAPngOfTheHistory) {
-  draw_plot(folder, "loss", loss_script(rows, "a recording's title"));
-  draw_plot(folder, "psnr", psnr_script(rows, "x"));
+  draw_plot(folder, "loss", loss_script(rows));
+  draw_plot(folder, "psnr", psnr_script(rows));
   const Image8 image = read_image(folder / "loss.png");
-  EXPECT_EQ(image.width, 1200);
+  EXPECT_EQ(image.width, kPlotWidth_px);
   EXPECT_EQ(image.height, 560);
   EXPECT_TRUE(std::filesystem::exists(folder / "psnr.png"));
   EXPECT_FALSE(std::filesystem::exists(folder / "loss.png.part"));
@@ -128,7 +128,7 @@ TEST_F(PlotFolder, DrawsTimeCurvesIntoAPage) {
       {"it's", "x", "'y"}, {"a", "b'", "c"}, {0, 1, 2}, {{1, 2, 3}, {4, 5, -6}, {0, 0, 0}}, {}, 6};
   const std::string html =
       plot_figure(folder / "figures", "it's", time_curves_script(curves), "how <far>");
-  EXPECT_EQ(read_image(folder / "figures/it's.png").width, 1200);
+  EXPECT_EQ(read_image(folder / "figures/it's.png").width, kPlotWidth_px);
   EXPECT_NE(html.find("data:image/png;base64,iVBOR"), std::string::npos);
   EXPECT_NE(html.find("how &lt;far&gt;"), std::string::npos);
   curves.t_s = {0};  // a single frame has no curve, which is no error
@@ -138,14 +138,14 @@ TEST_F(PlotFolder, DrawsTimeCurvesIntoAPage) {
 }
 
 TEST_F(PlotFolder, MarksEachEpochWhereItBegins) {
-  const std::string script = loss_script(rows, "x");
+  const std::string script = loss_script(rows);
   EXPECT_NE(script.find("set arrow from 1250, graph 0"), std::string::npos);
   EXPECT_NE(script.find("set label 'epoch 4' at 3750"), std::string::npos);
   EXPECT_EQ(script.find("epoch 5"), std::string::npos);
 }
 
 TEST_F(PlotFolder, AFailingPlotThrowsAndKeepsTheOldImage) {
-  draw_plot(folder, "loss", loss_script(rows, "x"));
+  draw_plot(folder, "loss", loss_script(rows));
   const std::string before = read_file(folder / "loss.png");
   EXPECT_THROW(draw_plot(folder, "loss", "set output 'loss.png.part'\nthis is no gnuplot\n"),
                IoError);
@@ -155,10 +155,10 @@ TEST_F(PlotFolder, AFailingPlotThrowsAndKeepsTheOldImage) {
 
 // gnuplot exits with success although its output is truncated, as on a full disk.
 TEST_F(PlotFolder, ATruncatedPlotThrowsAndKeepsTheOldImage) {
-  draw_plot(folder, "loss", loss_script(rows, "x"));
+  draw_plot(folder, "loss", loss_script(rows));
   const std::string before = read_file(folder / "loss.png");
   const std::string cut =
-      loss_script(rows, "x") + "unset output\nsystem 'truncate -s 2000 loss.png.part'\n";
+      loss_script(rows) + "unset output\nsystem 'truncate -s 2000 loss.png.part'\n";
   EXPECT_THROW(draw_plot(folder, "loss", cut), IoError);
   EXPECT_EQ(read_file(folder / "loss.png"), before);
   EXPECT_FALSE(std::filesystem::exists(folder / "loss.png.part"));
@@ -169,7 +169,7 @@ TEST_F(PlotFolder, NamesTheMissingPackage) {
   setenv("PATH", folder.c_str(), 1);  // a folder without gnuplot
   std::string what;
   try {
-    draw_plot(folder, "loss", loss_script(rows, "x"));
+    draw_plot(folder, "loss", loss_script(rows));
   } catch (const IoError& error) {
     what = error.what();
   }
