@@ -90,7 +90,8 @@ std::string by_frame_script(const Recording& recording, const AlignResult& resul
   }
   std::ostringstream out;
   out.precision(5);
-  out << plot_preamble({name, "time (s)", "RMS (px)"}) << "set logscale y\n$data << end\n";
+  out << plot_preamble({name, "time (s)", "RMS (px)", height_with_cameras(cameras)})
+      << "set logscale y\n$data << end\n";
   for (std::size_t f = 0; f < frames; ++f) {
     out << seconds_of(recording, f);
     for (const auto& sum : sums[f])
@@ -102,9 +103,9 @@ std::string by_frame_script(const Recording& recording, const AlignResult& resul
   for (std::size_t c = 0; c < cameras; ++c) {
     const std::string colour = plot_colour(c);
     out << (c ? ", " : "") << "$data using 1:" << 2 * c + 2 << " with lines lw 2 dt 3 lc rgb '"
-        << colour << "' title " << gnuplot_string(result.cameras[c].name + " before")
+        << colour << "' notitle"
         << ", $data using 1:" << 2 * c + 3 << " with lines lw 3 lc rgb '" << colour << "' title "
-        << gnuplot_string(result.cameras[c].name + " after");
+        << gnuplot_string(result.cameras[c].name);
   }
   out << "\n";
   return out.str();
@@ -125,10 +126,10 @@ std::string scatter_script(const AlignResult& result, int camera, const std::str
   for (std::size_t i = 0; i < of_camera.size(); i += step)
     out << of_camera[i]->initial_px.x() << ' ' << of_camera[i]->initial_px.y() << ' '
         << of_camera[i]->aligned_px.x() << ' ' << of_camera[i]->aligned_px.y() << '\n';
-  out << "end\nplot $data using 1:2 with points pt 7 ps 0.25 lc rgb '#d9a06f' title 'before', "
-         "$data using 3:4 with "
-         "points pt 7 ps 0.25 lc rgb "
-         "'#1f4e8c' title 'after'\n";
+  out << "end\nplot $data using 1:2 with points pt 7 ps 0.25 lc rgb '#d9a06f' notitle, "
+         "$data using 3:4 with points pt 7 ps 0.25 lc rgb '#1f4e8c' notitle, "
+         "NaN with points pt 7 ps 1.2 lc rgb '#d9a06f' title 'before', "
+         "NaN with points pt 7 ps 1.2 lc rgb '#1f4e8c' title 'after'\n";
   return out.str();
 }
 
@@ -136,11 +137,11 @@ std::string scatter_script(const AlignResult& result, int camera, const std::str
 std::vector<std::vector<std::string>> camera_rows(const AlignResult& result) {
   std::vector<std::vector<std::string>> rows{
       {"camera", "observations used", "before px", "after px", "edges before", "edges after",
-       "LiDAR ties", "off by cm", "time offset ms", "+- ms"}};
+       "LiDAR ties", "off by cm", "time offset ms", "\u00b1 ms"}};
   const bool rolling = std::ranges::any_of(
       result.camera_corrections,
       [](const CameraCorrection& k) { return k.readout_s != 0 || k.readout_sigma_s; });
-  if (rolling) rows[0].insert(rows[0].end(), {"readout ms", "+- ms"});
+  if (rolling) rows[0].insert(rows[0].end(), {"readout ms", "\u00b1 ms"});
   const auto edges = [](const std::vector<std::optional<EdgeScore>>& scores, std::size_t c) {
     return c < scores.size() && scores[c] ? fixed(scores[c]->score(), 3) : "-";
   };
@@ -169,7 +170,7 @@ std::string contrast_script(const AlignResult& result, const std::string& name) 
   std::ostringstream out;
   out.precision(5);
   out << plot_preamble({name, "time offset, added to the calibration's (ms)",
-                        "correlation, relative to its maximum"})
+                        "correlation, relative to its maximum", height_with_cameras(fits.size())})
       << "$data << end\n";
   const std::size_t steps = fits.empty() ? 0 : fits[0].correlation.size();
   for (std::size_t k = 0; k < steps; ++k) {
@@ -208,7 +209,7 @@ std::vector<std::vector<std::string>> extrinsics_rows(const AlignResult& result)
 
 std::vector<std::vector<std::string>> contrast_rows(const AlignResult& result) {
   std::vector<std::vector<std::string>> rows{
-      {"camera", "cells compared", "highest correlation", "at, ms", "+- ms"}};
+      {"camera", "cells compared", "highest correlation", "at, ms", "\u00b1 ms"}};
   for (std::size_t c = 0; c < result.bundle.contrast.size(); ++c) {
     const ContrastFit& fit = result.bundle.contrast[c];
     rows.push_back({result.cameras[c].name, std::to_string(fit.cells),
@@ -288,7 +289,8 @@ void write_align_page(const std::filesystem::path& folder, const Recording& reco
           FigureSize::kLarge);
   if (!bundle.residuals.empty()) {
     std::string figures =
-        drawn("errors_by_frame", by_frame_script(recording, result, "errors_by_frame"), "by frame");
+        drawn("errors_by_frame", by_frame_script(recording, result, "errors_by_frame"),
+              "by frame; dotted: before, solid: after");
     for (std::size_t c = 0; c < result.cameras.size(); ++c) {
       if (bundle.cameras[c].used == 0) continue;
       const std::string name = "errors_" + result.cameras[c].name;

@@ -32,9 +32,9 @@ std::string images_text(const Evaluation& evaluation) {
 
 std::string score_line(const Evaluation& evaluation) {
   const Score& score = evaluation.overall;
-  return "<p class=\"score\"><strong>" + fixed(score.psnr_db, 2) + " dB</strong> PSNR<span>SSIM " +
-         fixed(score.ssim, 3) + "</span><span>FLIP " + fixed(score.flip, 3) +
-         "</span></p>\n<p>Means over " + images_text(evaluation) +
+  return "<p class=\"score\"><span>PSNR <strong>" + fixed(score.psnr_db, 2) +
+         " dB</strong></span><span>SSIM " + fixed(score.ssim, 3) + "</span><span>FLIP " +
+         fixed(score.flip, 3) + "</span></p>\n<p>Means over " + images_text(evaluation) +
          (evaluation.held_out ? ", which training did not see" : ", which training saw") +
          ". Equal images have SSIM 1 and FLIP 0; each 6 dB of PSNR are half the error.</p>\n";
 }

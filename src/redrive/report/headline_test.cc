@@ -48,7 +48,7 @@ TEST_F(Headline, BeginsWithTheScoreThenImagesThenTheCommand) {
       "redrive train " + folder_.path.string() + " --method nerf --holdout-every 3 --out /runs/a\n";
   for (const std::string& part :
        {html_escape(folder_.path.filename().string()),
-        std::string("<strong>23.03 dB</strong> PSNR"), std::string("SSIM 0.718"),
+        std::string("PSNR <strong>23.03 dB</strong>"), std::string("SSIM 0.718"),
         std::string("FLIP 0.167"), std::string("4 held-out images"), std::string("<images>"),
         html_command(made.substr(0, made.size() - 1)),
         std::string("2 cameras: FISHEYE, FRONT; 6 frames"), std::string("1200 steps in 1.5 min")}) {
@@ -64,8 +64,9 @@ TEST_F(Headline, SaysWhatIsMissingWithTheCommandThatMakesIt) {
   run_.state.step = 0;
   EXPECT_THAT(html(), AllOf(HasSubstr("4 training images, which training saw"),
                             HasSubstr("No frame was held out"),
-                            HasSubstr("--holdout-every 3 --out /runs/a-held-out<"),
-                            HasSubstr("<code>redrive resume /runs/a</code>")));
+                            HasSubstr("<span>3</span> <span>--out</span> "
+                                      "<span>/runs/a-held-out</span>"),
+                            HasSubstr(html_command("redrive resume /runs/a"))));
 }
 
 TEST_F(Headline, NamesTheComparedRun) {

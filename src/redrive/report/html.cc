@@ -26,19 +26,21 @@ h2 { font-size: 19px; margin: 36px 0 10px; padding-bottom: 4px;
   border-bottom: 1px solid var(--line); }
 h3 { font-size: 15px; margin: 18px 0 8px; }
 p { margin: 4px 0; color: var(--faint); }
-p.score { font-size: 19px; color: var(--ink); }
+p.score { display: flex; flex-wrap: wrap; gap: 0 20px; align-items: baseline; font-size: 19px;
+  color: var(--ink); }
 p.score strong { font-size: 34px; line-height: 1.3; }
-p.score span { margin-left: 18px; white-space: nowrap; }
 p.warning { margin: 10px 0; padding: 8px 12px; color: var(--alarm); background: var(--alarm-panel);
   border-left: 4px solid var(--alarm-line); }
 pre { margin: 6px 0 10px; padding: 10px 12px; border-radius: 3px; background: var(--panel);
   font-size: 13px; white-space: pre-wrap; }
+pre span { display: inline-block; max-width: 100%; }
 a { color: inherit; }
 .row { display: grid; gap: 14px; margin: 8px 0;
   grid-template-columns: repeat(auto-fit, minmax(min(100%, var(--least)), 1fr)); }
 .small { --least: 220px; }
 .large { --least: 380px; }
 figure { margin: 0; min-width: 0; }
+figure.plot { max-width: 720px; }
 figure img { display: block; width: 100%; height: auto; max-height: 85vh; object-fit: contain;
   object-position: left top; border-radius: 3px; }
 figcaption { font-size: 13px; color: var(--faint); padding: 3px 0 0; }
@@ -59,7 +61,7 @@ dd { margin: 0; text-align: right; }
   table.many, table.many tbody, table.many td { display: block; }
   table.many tr { display: flex; flex-wrap: wrap; gap: 4px 18px; padding: 6px 0;
     border-bottom: 1px solid var(--line); }
-  table.many th, table.many td:empty { display: none; }
+  table.many tr:first-child, table.many td:empty { display: none; }
   table.many td { border: 0; padding: 0; text-align: left !important; }
   table.many td:first-child { flex: 0 0 100%; font-weight: 600; }
   table.many td:not(:first-child)::before { content: attr(data-head); display: block;
@@ -159,7 +161,14 @@ std::string html_pairs(const std::vector<std::pair<std::string, std::string>>& p
 }
 
 std::string html_command(const std::string& command) {
-  return "<pre><code>" + html_escape(command) + "</code></pre>\n";
+  // Each word is a block of its own: lines would also break behind the dashes of options.
+  std::string words = "<span>" + html_escape(command) + "</span>";
+  for (std::size_t at = 0; (at = words.find(' ', at)) != std::string::npos;) {
+    constexpr std::string_view kBetween = "</span> <span>";
+    words.replace(at, 1, kBetween);
+    at += kBetween.size();
+  }
+  return "<pre><code>" + words + "</code></pre>\n";
 }
 
 std::string html_page(const std::string& title, const std::string& body) {

@@ -88,6 +88,11 @@ std::string plot_colour(std::size_t index) {
   return kColours[index % std::size(kColours)];
 }
 
+int height_with_cameras(std::size_t cameras) {
+  constexpr int kRow_px = 34;  // of a key at the font's size
+  return 520 + kRow_px * static_cast<int>(cameras);
+}
+
 std::string plot_preamble(const PlotAxes& axes) {
   std::ostringstream out;
   out << "set terminal pngcairo size " << kPlotWidth_px << "," << axes.height_px
@@ -95,7 +100,7 @@ std::string plot_preamble(const PlotAxes& axes) {
       << gnuplot_string(axes.name + ".png.part") << "\nset xlabel " << gnuplot_string(axes.x_label)
       << "\nset ylabel " << gnuplot_string(axes.y_label)
       << "\nset grid lc rgb '#dddddd' lt 1\nset border 3 lc rgb '#666666'\nset tics nomirror\n"
-      << "set key tmargin left horizontal Left reverse samplen 2\n";
+      << "set key tmargin left horizontal Left reverse samplen 2 width 1\n";
   return out.str();
 }
 

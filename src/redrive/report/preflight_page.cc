@@ -43,11 +43,13 @@ std::string verdicts(const Recording& recording, const Preflight& preflight) {
                     std::to_string(camera.points), any ? fixed(camera.flow_px, 1) : "-",
                     camera.edges ? fixed(camera.edges->score(), 3) : "-"});
   }
-  rows.push_back({"clock", verdict_name(preflight.clock.verdict), preflight.clock.why, "-", "-",
-                  "-", "-", "-", "-"});
+  const auto of_all_cameras = [&](const std::string& name, Verdict verdict,
+                                  const std::string& why) {
+    rows.push_back({name, verdict_name(verdict), why, "", "", "", "", "", ""});
+  };
+  of_all_cameras("clock", preflight.clock.verdict, preflight.clock.why);
   for (const SharedCheck& check : preflight.shared)
-    rows.push_back(
-        {check.name, verdict_name(check.verdict), check.why, "-", "-", "-", "-", "-", "-"});
+    of_all_cameras(check.name, check.verdict, check.why);
   std::string out = "<h1>" + html_escape(recording.root.lexically_normal().filename().string()) +
                     "</h1>\n<h2>" + html_escape(preflight.headline()) + "</h2>\n";
   return out + html_table(rows, false) +
@@ -209,13 +211,17 @@ std::string rig_script(const Recording& recording, int right, int up, const std:
   constexpr const char* kAxis[] = {"x forward (m)", "y left (m)", "z up (m)"};
   constexpr const char* kColour[] = {"#c2281a", "#2e933c",
                                      "#1f6fb4"};  // axes are red, green, blue by convention
-  constexpr double kLength_m = 0.6, kAround_m = 0.4, kLabel_m = 1.6, kLine_m = 0.24;
+  constexpr double kLength_m = 0.6, kAround_m = 0.4, kLetter_m = 0.1, kLine_m = 0.24;
   const Eigen::Vector3d low(-1, -0.95, 0.2), high(3.8, 0.95, 1.5);  // about a car
   const auto flat = [&](const Eigen::Vector3d& p) { return Eigen::Vector2d(p[right], p[up]); };
   Eigen::AlignedBox2d shown(flat(low));
   shown.extend(flat(high));
   std::ostringstream data, labels;
   std::vector<Eigen::Vector2d> labelled;
+  std::size_t letters = 0;
+  for (const RecordedCamera& camera : recording.cameras)
+    letters = std::max(letters, camera.calibration.name.size());
+  const double length_m = kLetter_m * static_cast<double>(letters);
   for (const RecordedCamera& camera : recording.cameras) {
     const Rigid3d& body_from_camera = camera.calibration.body_from_sensor;
     const Eigen::Vector2d at = flat(body_from_camera.translation());
@@ -230,12 +236,12 @@ std::string rig_script(const Recording& recording, int right, int up, const std:
     if (up != 1) continue;  // from the side labels would overlap
     Eigen::Vector2d label = flat(body_from_camera * Eigen::Vector3d(0, 0, 1.1 * kLength_m));
     const auto over_another = [&](const Eigen::Vector2d& other) {
-      return std::abs(label.x() - other.x()) < kLabel_m &&
+      return std::abs(label.x() - other.x()) < length_m &&
              std::abs(label.y() - other.y()) < 0.9 * kLine_m;
     };
     while (std::ranges::any_of(labelled, over_another)) label.y() -= kLine_m;
     labelled.push_back(label);
-    shown.extend(Eigen::Vector2d(label + Eigen::Vector2d(kLabel_m, 0)));
+    shown.extend(Eigen::Vector2d(label + Eigen::Vector2d(length_m, 0)));
     labels << "set label " << gnuplot_string(camera.calibration.name) << " at " << label.x() << ','
            << label.y() << " left font 'DejaVu Sans,16' front\n";
   }
@@ -274,9 +280,11 @@ std::string drive_script(const RigImages& images, int right, int up, const std::
 
 std::string exposure_script(const RigImages& images, const std::string& name) {
   constexpr int kInKey = 8;  // photographs may have a camera each
+  const bool in_key = images.cameras() <= kInKey;
   std::ostringstream out, plots;
-  out << plot_preamble({name, "time (s)", "brightness (0..1)"})
-      << (images.cameras() > kInKey ? "set key off\n" : "")
+  out << plot_preamble({name, "time (s)", "brightness (0..1)",
+                        height_with_cameras(in_key ? images.cameras() : 0)})
+      << (in_key ? "" : "set key off\n")
       << "set autoscale xfix\nset yrange [0:*]\nset offsets 0, 0, graph 0.05, 0\n";
   for (int c = 0; c < images.cameras(); ++c) {
     out << "$camera" << c << " << end\n";
