@@ -6,6 +6,7 @@
 
 #include "redrive/recording/wording.h"
 #include "redrive/report/html.h"
+#include "redrive/train/blocks.h"
 #include "redrive/train/train_command.h"
 
 namespace redrive {
@@ -45,6 +46,20 @@ std::filesystem::path folder_of(const Run& run) {
   return root.has_filename() ? root : root.parent_path();
 }
 
+/// Returns the run that this one is a block of; empty if it is none.
+std::filesystem::path whole_of(const Run& run) {
+  const std::filesystem::path whole =
+      std::filesystem::absolute(folder_of(run)).parent_path().parent_path();
+  return is_divided_run(whole) ? whole : std::filesystem::path();
+}
+
+/// Returns a folder beside the run, or beside the run that it is a block of.
+std::filesystem::path folder_beside(const Run& run, const std::string& suffix) {
+  const std::filesystem::path folder = folder_of(run), whole = whole_of(run);
+  return whole.empty() ? folder.string() + suffix
+                       : whole.string() + "-" + folder.filename().string() + suffix;
+}
+
 /// Returns what the run lacks, with the command that makes it; empty where nothing is missing.
 std::string missing(const ScoredRun& scored) {
   const Run& run = *scored.run;
@@ -56,14 +71,23 @@ std::string missing(const ScoredRun& scored) {
   TrainOptions options = run.options;
   options.holdout_every =
       std::clamp(static_cast<int>(run.scene.frames.size()) / 2, 2, kHoldoutEvery);
-  std::filesystem::path beside = folder_of(run);
-  beside += "-held-out";
   return out +
          html_warning(
              "No frame was held out, so the score says nothing about images that "
              "training did not see. This trains a run that keeps one frame of " +
              std::to_string(options.holdout_every) + " for that:") +
-         html_command(train_command(run, options, beside));
+         html_command(train_command(run, options, folder_beside(run, "-held-out")));
+}
+
+std::string command(const Run& run) {
+  const std::filesystem::path whole = whole_of(run);
+  if (whole.empty())
+    return "<h3>The command of this run</h3>\n" +
+           html_command(train_command(run, run.options, folder_of(run)));
+  return "<h3>A command for this part of the drive</h3>\n<p>This run is a block of " +
+         html_escape(whole.string()) +
+         ", which train --blocks made. This trains its frames alone:</p>\n" +
+         html_command(train_command(run, run.options, folder_beside(run, "")));
 }
 
 std::string facts(const Run& run, const kernels::Backend& backend) {
@@ -133,9 +157,7 @@ std::string headline(const ScoredRun& own, const ScoredRun* compared,
            score_text(compared->evaluation) + ".</p>\n";
   if (!images.empty())
     out += images + "<p>Of the scored images, this one's PSNR is the median.</p>\n";
-  return out + missing(own) + "<h3>The command of this run</h3>\n" +
-         html_command(train_command(*own.run, own.run->options, folder_of(*own.run))) +
-         facts(*own.run, backend);
+  return out + missing(own) + command(*own.run) + facts(*own.run, backend);
 }
 
 }  // namespace redrive

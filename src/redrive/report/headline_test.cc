@@ -4,9 +4,11 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "redrive/base/files.h"
 #include "redrive/kernels/backend.h"
 #include "redrive/report/html.h"
 #include "redrive/scene/scene_testing.h"
+#include "redrive/train/blocks.h"
 
 namespace redrive {
 namespace {
@@ -67,6 +69,15 @@ TEST_F(Headline, SaysWhatIsMissingWithTheCommandThatMakesIt) {
                             HasSubstr("<span>3</span> <span>--out</span> "
                                       "<span>/runs/a-held-out</span>"),
                             HasSubstr(html_command("redrive resume /runs/a"))));
+}
+
+TEST_F(Headline, ABlockHasACommandForItsPartOfTheDrive) {
+  const std::filesystem::path whole = folder_.path / "drive";
+  run_.paths.root = whole / "blocks" / "003";
+  std::filesystem::create_directories(run_.paths.root);
+  write_file(blocks_file(whole), "");
+  EXPECT_THAT(html(), AllOf(HasSubstr("a block of " + whole.string() + ", "),
+                            HasSubstr("<span>" + whole.string() + "-003</span></code>")));
 }
 
 TEST_F(Headline, NamesTheComparedRun) {

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cerrno>
+#include <cmath>
 #include <cstring>
 #include <limits>
 #include <sstream>
@@ -21,7 +22,7 @@ namespace redrive {
 namespace {
 
 constexpr std::size_t kMeanParts = 60;  // the running mean spans 1/60 of the run to either side
-constexpr int kLabelledEpochs = 12;     // more labels would overlap
+constexpr int kLabelledEpochs = 6;      // more labels would overlap
 
 /// The differences between the two plots.
 struct Axis {
@@ -35,7 +36,8 @@ std::string history_script(const std::vector<MetricsRow>& rows, const Axis& axis
   std::ostringstream out;
   out.precision(8);
   out << plot_preamble({axis.name, "step", axis.label}) << axis.setup
-      << "set grid noxtics\nset xrange [0:" << (rows.empty() ? 1 : rows.back().step) << "]\n";
+      << "set grid noxtics\nset offsets 0, 0, graph 0.12, 0\nset xrange [0:"
+      << (rows.empty() ? 1 : rows.back().step) << "]\n";
   const int epochs = rows.empty() ? 0 : rows.back().epoch + 1;
   for (std::size_t i = 0; i < rows.size(); ++i) {
     if (i > 0 && rows[i].epoch == rows[i - 1].epoch) continue;
@@ -167,7 +169,8 @@ std::string loss_script(const std::vector<MetricsRow>& rows) {
     for (int decade = -8; decade <= 1; ++decade)
       for (const int digit : {1, 2, 5})
         setup << (decade == -8 && digit == 1 ? "" : ", ") << digit << "e" << decade;
-    setup << ")\nset yrange [" << 0.8 * low << ":" << 1.25 * high << "]\n";
+    const double margin = std::max(1.25, std::pow(high / low, 0.15));  // labels of epochs
+    setup << ")\nset yrange [" << 0.8 * low << ":" << margin * high << "]\n";
   }
   return history_script(rows, {"loss", "training loss", setup.str(), &MetricsRow::loss});
 }

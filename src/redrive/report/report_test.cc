@@ -35,6 +35,12 @@ TEST(Html, FormatsNumbers) {
 
 TEST(Html, EscapesText) {
   EXPECT_EQ(html_escape("<a href=\"x\">'&'"), "&lt;a href=&quot;x&quot;&gt;&#39;&amp;&#39;");
+  const std::string table =
+      html_table({{"<a>", "<b>", "<c>", "<d>"}, {"1", "2", "3", "<e>"}}, false);
+  EXPECT_NE(table.find("<td data-head=\"&lt;d&gt;\">&lt;e&gt;</td>"), std::string::npos) << table;
+  EXPECT_EQ(html_command("a '<b>'"),
+            "<pre><code><span>a</span> <span>&#39;&lt;b&gt;&#39;</span>"
+            "</code></pre>\n");
   EXPECT_EQ(html_table({{"<b>"}}, false).find("<b>"), std::string::npos);
   EXPECT_EQ(html_warning("<script>").find("<script>"), std::string::npos);
   EXPECT_EQ(html_figure("data:,", "\"><script>").find("<script>"), std::string::npos);
@@ -135,6 +141,13 @@ TEST_F(PlotFolder, DrawsTimeCurvesIntoAPage) {
   curves.values.assign(1, Eigen::Vector3d::Zero());
   curves.sigmas = curves.values;
   draw_plot(folder, "it's", time_curves_script(curves));
+}
+
+TEST_F(PlotFolder, HasAtLeastTwoTicksHoweverLittleTheLossFalls) {
+  EXPECT_NE(loss_script(rows).find("set logscale y"), std::string::npos);
+  for (MetricsRow& row : rows) row.loss = 0.11 + 0.0001 * static_cast<double>(row.epoch);
+  EXPECT_EQ(loss_script(rows).find("set logscale y"), std::string::npos)
+      << "1, 2 and 5 of a decade are all outside";
 }
 
 TEST_F(PlotFolder, MarksEachEpochWhereItBegins) {
