@@ -108,9 +108,10 @@ const pictures = {
     const check = inFolder("check");
     redrive("inspect", path.join(samples, "street"), "--report", check);
     const page = await openPage(browser);
-    await page.setViewport({width: 1040, height: 720});
+    const size = {width: 1280, height: 1080};
+    await page.setViewport(size);
     await page.goto(pathToFileURL(path.join(check, "index.html")).href);
-    await write(page, "preflight.jpg", {x: 0, y: 0, width: 1040, height: 720});
+    await write(page, "preflight.jpg", {x: 0, y: 0, ...size});
     await page.close();
   },
 

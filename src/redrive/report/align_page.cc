@@ -11,6 +11,7 @@
 
 #include "redrive/align/bundle/unobservable_extrinsics.h"
 #include "redrive/base/files.h"
+#include "redrive/base/progress.h"
 #include "redrive/math/angles.h"
 #include "redrive/report/html.h"
 #include "redrive/report/plot.h"
@@ -228,6 +229,7 @@ void write_align_page(const std::filesystem::path& folder, const Recording& reco
                          const std::string& caption) {
     return plot_figure(folder / "figures", name, script, caption);
   };
+  const Progress progress("drawing the page");
   const BundleResult& bundle = result.bundle;
   std::string body = "<h1>Aligned poses</h1>\n<p>" + html_escape(recording.root.string()) + ": " +
                      number(

@@ -45,7 +45,7 @@ figure img { display: block; width: 100%; height: auto; max-height: 85vh; object
   object-position: left top; border-radius: 3px; }
 figcaption { font-size: 13px; color: var(--faint); padding: 3px 0 0; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; overflow-wrap: normal; }
-th, td { text-align: left; padding: 4px 22px 4px 0; border-bottom: 1px solid var(--line);
+th, td { text-align: left; padding: 4px 18px 4px 0; border-bottom: 1px solid var(--line);
   vertical-align: top; }
 th { color: var(--faint); font-weight: 600; }
 table.numbers th:not(:first-child), table.numbers td:not(:first-child) { text-align: right; }

@@ -8,6 +8,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "redrive/base/files.h"
+#include "redrive/base/progress.h"
 #include "redrive/report/html.h"
 #include "redrive/report/objects_section.h"
 #include "redrive/report/plot.h"
@@ -313,6 +314,7 @@ void write_preflight_page(const std::filesystem::path& folder, const Recording& 
                          const std::string& caption) {
     return plot_figure(folder / "figures", name, script, caption);
   };
+  const Progress progress("drawing the page");
   std::string body = verdicts(recording, preflight);
   for (int c = 0; c < images.cameras(); ++c) {
     const CameraCheck& check = preflight.cameras[c];

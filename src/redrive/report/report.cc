@@ -11,6 +11,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
+#include "redrive/base/progress.h"
 #include "redrive/base/unfinished.h"
 #include "redrive/eval/moving_scores.h"
 #include "redrive/report/headline.h"
@@ -192,6 +193,21 @@ std::string image_row(const std::filesystem::path& folder, const ImageRow& row) 
   return "<h3>" + html_escape(row.title) + "</h3>\n" + figures_of(folder, row, FigureSize::kSmall);
 }
 
+/// Returns the section of a training image of each camera.
+std::string training_views(const Run& run, kernels::Backend& backend, const Run* compared,
+                           const std::filesystem::path& folder) {
+  const int cameras = static_cast<int>(std::min(run.scene.rig.size(), kCamerasShown));
+  std::string out = "<h2>Training views</h2>\n<p>A training image of each camera" +
+                    std::string(run.scene.rig.size() > kCamerasShown
+                                    ? " (the first " + std::to_string(kCamerasShown) + ")"
+                                    : "") +
+                    ", drawn at random.</p>\n";
+  Progress progress("drawing training views", cameras);
+  for (int camera = 0; camera < cameras; ++camera, progress.count())
+    out += image_row(folder, camera_image_row(run, backend, camera, compared));
+  return out;
+}
+
 /// Returns the section of the novel sets with ground truth; empty if there is none.
 std::string novel_views(const Run& run, kernels::Backend& backend, const Run* compared,
                         const std::filesystem::path& folder) {
@@ -201,8 +217,11 @@ std::string novel_views(const Run& run, kernels::Backend& backend, const Run* co
   std::string out =
       "<h2>Novel views</h2>\n<p>Coverage by the run's own depth: a surface counts as seen where a "
       "training image shows it, neither masked nor occluded.</p>\n";
-  for (const NovelGroundTruth& ground_truth : ground_truths)
+  Progress progress("drawing novel views", std::ssize(ground_truths));
+  for (const NovelGroundTruth& ground_truth : ground_truths) {
     out += image_row(folder, novel_image_row(run, backend, ground_truth, coverage, compared));
+    progress.count();
+  }
   return out;
 }
 
@@ -230,15 +249,8 @@ std::string figures_and_page(const Run& run, kernels::Backend& backend,
                              const FigureOptions& options, const std::filesystem::path& folder,
                              Evaluation* evaluation) {
   const std::string curves = training(run, folder);  // first: fails at once without gnuplot
-  const int cameras = static_cast<int>(std::min(run.scene.rig.size(), kCamerasShown));
-  std::string images = "<h2>Training views</h2>\n<p>A training image of each camera" +
-                       std::string(run.scene.rig.size() > kCamerasShown
-                                       ? " (the first " + std::to_string(kCamerasShown) + ")"
-                                       : "") +
-                       ", drawn at random.</p>\n";
-  for (int camera = 0; camera < cameras; ++camera)
-    images += image_row(folder, camera_image_row(run, backend, camera, options.compared));
-  images += novel_views(run, backend, options.compared, folder);
+  const std::string images = training_views(run, backend, options.compared, folder) +
+                             novel_views(run, backend, options.compared, folder);
   const ScoredRun own = score_run(run, backend, options.eval);
   std::optional<ScoredRun> other;
   if (options.compared) other = score_run(*options.compared, backend, options.eval);
