@@ -263,7 +263,7 @@ TEST_F(LidarReturnsTest, SaysWhyMostReturnsAreLost) {
   near.x = 20, near.y = 3, near.z = 500;  // kilometres that are taken for metres
   EXPECT_NE(finding({near, near, good}).find("2 within the vehicle"), std::string::npos);
   LasRecord far = good;
-  far.x *= 100, far.y *= 100;  // centimetres
+  far.x *= 20, far.y *= 20;  // centimetres, say
   EXPECT_NE(finding({far, far, good}).find("are their lengths metres?"), std::string::npos);
   recording_.body_from_lidar.reset();
   EXPECT_EQ(finding({late}), "");

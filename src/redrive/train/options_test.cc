@@ -97,8 +97,8 @@ TEST(TrainOptions, AcceptsTheEndsOfTheRange) {
 TEST(TrainOptions, EveryOptionHasAHelpWithItsDefault) {
   for (const TrainField& candidate : train_fields())
     EXPECT_FALSE(candidate.help.empty()) << candidate.name;
-  EXPECT_THAT(field("near").help, HasSubstr("default: 0.5"));
-  EXPECT_THAT(field("learning-rate").help, HasSubstr("default: 0.02"));
+  EXPECT_THAT(help_text(field("near")), HasSubstr("default: 0.5"));
+  EXPECT_THAT(help_text(field("learning-rate")), HasSubstr("default: 0.02"));
 }
 
 TEST(TrainOptions, FramesBecomeARangeOfTheScene) {
@@ -266,8 +266,8 @@ TEST(Set, ReportsTheRuleOrTheKnownNames) {
   EXPECT_THAT(set_error_message("grid.max_resolution=8"), HasSubstr("base_resolution"));
   EXPECT_THAT(set_error_message("pose_refinement.decay=-1"), HasSubstr("must be 0..1000"));
   EXPECT_THAT(set_error_message("matter=1"),
-              AllOf(HasSubstr("--set matter=1: unknown; --method grid has grid.n_levels"),
-                    HasSubstr("range_weight"), HasSubstr("pose_refinement.first_rate_m"),
+              AllOf(HasSubstr("--set matter=1: unknown; known are grid.n_levels"),
+                    HasSubstr("(--method grid)"), HasSubstr("range_weight"), HasSubstr("pose_refinement.first_rate_m"),
                     Not(HasSubstr("appearance.cameras"))));
   EXPECT_THAT(set_error_message("range_weight=1", "nerf"), HasSubstr("belongs to --method grid"));
   for (const char* text : {"", "range_weight", "=1"})
