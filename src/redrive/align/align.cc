@@ -16,6 +16,7 @@
 #include "redrive/align/close_loops.h"
 #include "redrive/align/windows.h"
 #include "redrive/base/error.h"
+#include "redrive/base/progress.h"
 #include "redrive/math/angles.h"
 #include "redrive/math/so3.h"
 #include "redrive/recording/pose_jumps.h"
@@ -417,6 +418,7 @@ AlignResult align(const Recording& recorded, const AlignOptions& options, Thread
   const bool is_long =
       options.window > 0 && recording.frames.size() > static_cast<std::size_t>(options.window);
   const auto start = std::chrono::steady_clock::now();
+  const Progress progress("aligning");
   AlignResult result =
       is_long ? align_in_windows(recording, options, pool) : align_whole(recording, options, pool);
   close_loops(recording, options, pool, &result);

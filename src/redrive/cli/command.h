@@ -16,7 +16,9 @@ struct Command {
   const char* name;
   const char* summary;
   Action (*configure)(CLI::App& command);
-  const char* examples;  ///< lines of the help
+  const char* examples;        ///< lines of the help
+  const char* work = nullptr;  ///< shown as progress where no part is; null: the command
+                               ///< shows its own
 };
 
 Action configure_inspect(CLI::App& command);

@@ -8,6 +8,7 @@
 #include <cstdio>
 #include <iostream>
 #include <map>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -31,13 +32,15 @@ constexpr redrive::Command kCommands[] = {
      redrive::configure_inspect,
      "  redrive inspect DRIVE\n"
      "  redrive inspect DRIVE --report CHECK     # calibration, poses, times\n"
-     "  redrive inspect DRIVE --objects --frames 100:200"},
+     "  redrive inspect DRIVE --objects --frames 100:200",
+     "inspecting"},
     {"align",
      "refine poses, extrinsics and time offsets by bundle adjustment of images, LiDAR and "
      "egomotion",
      redrive::configure_align,
      "  redrive align DRIVE --out ALIGNED\n"
-     "  redrive train DRIVE --poses ALIGNED --out RUN"},
+     "  redrive train DRIVE --poses ALIGNED --out RUN",
+     "aligning"},
     {"train", "train a radiance field on a recording", redrive::configure_train,
      "  redrive train DRIVE --out RUN            # splat, 2 minutes\n"
      "  redrive train DRIVE --poses ALIGNED --holdout-every 8 --out RUN\n"
@@ -48,26 +51,31 @@ constexpr redrive::Command kCommands[] = {
      "  redrive resume RUN --max-seconds 600     # of training in all"},
     {"plan", "estimate what training a recording will cost and give", redrive::configure_plan,
      "  redrive plan DRIVE --downscale 2\n"
-     "  redrive plan DRIVE --blocks auto --machines 8 --cores 64"},
+     "  redrive plan DRIVE --blocks auto --machines 8 --cores 64",
+     "planning"},
     {"eval", "score a run: PSNR, SSIM, FLIP, and depth error where there is ground truth",
      redrive::configure_eval,
      "  redrive eval RUN\n"
-     "  redrive eval RUN --all --json"},
+     "  redrive eval RUN --all --json",
+     "scoring"},
     {"render", "render images of novel views", redrive::configure_render,
      "  redrive render RUN --camera CAM --frame 1028 --out same.png\n"
      "  redrive render RUN --camera CAM --frame 1028 --translate 0,0.5,0 \\\n"
      "      --out left.png\n"
      "  redrive render RUN --path sideways:1 --out left.mp4\n"
-     "  redrive render RUN --lidar 64 --frame 1028 --out scan.las"},
+     "  redrive render RUN --lidar 64 --frame 1028 --out scan.las",
+     "rendering"},
     {"view", "look around in a run or a recording with a browser", redrive::configure_view,
      "  redrive view RUN --open"},
     {"export", "write a run's model in a file format of other programs", redrive::configure_export,
      "  redrive export RUN --to mesh street.glb\n"
      "  redrive export RUN --to splat-ply street.ply\n"
-     "  redrive export DRIVE --poses ALIGNED --to colmap DIR"},
+     "  redrive export DRIVE --poses ALIGNED --to colmap DIR",
+     "exporting"},
     {"figures", "write a run's figures as PNG and one report.html", redrive::configure_figures,
      "  redrive figures RUN\n"
-     "  redrive figures RUN --compare OTHER"},
+     "  redrive figures RUN --compare OTHER",
+     "drawing figures"},
     {"bench", "time kernels and whole training steps on this machine", redrive::configure_bench,
      "  redrive bench --filter splat"},
     {"doctor", "show what this machine offers and which backend is chosen",
@@ -122,10 +130,10 @@ int run(int argc, char** argv) {
   redrive::use_own_help(app);
   app.footer(kExamples);
   app.set_version_flag("--version", "redrive " REDRIVE_VERSION);
-  std::map<const CLI::App*, redrive::Action> actions;
+  std::map<const CLI::App*, std::pair<const redrive::Command*, redrive::Action>> actions;
   for (const redrive::Command& command : kCommands) {
     CLI::App* sub = app.add_subcommand(command.name, command.summary);
-    actions[sub] = command.configure(*sub);
+    actions[sub] = {&command, command.configure(*sub)};
     redrive::name_options(*sub);
     sub->footer(std::string("Examples\n") + command.examples);
   }
@@ -142,7 +150,10 @@ int run(int argc, char** argv) {
     const auto processes = redrive::join_process_group();  // they all end here
     return processes->rank() == 0 ? redrive::print_failure() : redrive::kExitUsage;
   }
-  return actions.at(app.get_subcommands().front())();
+  const auto& [command, action] = actions.at(app.get_subcommands().front());
+  std::optional<redrive::Progress> progress;
+  if (command->work) progress.emplace(command->work);
+  return action();
 }
 
 }  // namespace

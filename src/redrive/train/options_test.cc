@@ -265,10 +265,11 @@ TEST(Set, ReportsTheRuleOrTheKnownNames) {
   EXPECT_THAT(set_error_message("range_weight=much"), HasSubstr("must be a number"));
   EXPECT_THAT(set_error_message("grid.max_resolution=8"), HasSubstr("base_resolution"));
   EXPECT_THAT(set_error_message("pose_refinement.decay=-1"), HasSubstr("must be 0..1000"));
-  EXPECT_THAT(set_error_message("matter=1"),
-              AllOf(HasSubstr("--set matter=1: unknown; known are grid.n_levels"),
-                    HasSubstr("(--method grid)"), HasSubstr("range_weight"), HasSubstr("pose_refinement.first_rate_m"),
-                    Not(HasSubstr("appearance.cameras"))));
+  EXPECT_THAT(
+      set_error_message("matter=1"),
+      AllOf(HasSubstr("--set matter=1: unknown; known are grid.n_levels"),
+            HasSubstr("(--method grid)"), HasSubstr("range_weight"),
+            HasSubstr("pose_refinement.first_rate_m"), Not(HasSubstr("appearance.cameras"))));
   EXPECT_THAT(set_error_message("range_weight=1", "nerf"), HasSubstr("belongs to --method grid"));
   for (const char* text : {"", "range_weight", "=1"})
     EXPECT_THAT(set_error_message(text), HasSubstr("must be NAME=VALUE"));

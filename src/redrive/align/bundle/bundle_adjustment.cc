@@ -13,6 +13,7 @@
 #include "redrive/align/bundle/shape_covariance.h"
 #include "redrive/align/bundle/unobservable_extrinsics.h"
 #include "redrive/align/bundle/unobservable_time_offsets.h"
+#include "redrive/base/progress.h"
 #include "redrive/math/angles.h"
 #include "redrive/recording/register_trajectories.h"
 
@@ -334,6 +335,8 @@ BundleResult adjust_bundle(RigModel* model, const std::vector<Track>& tracks,
   HeldNumbers held =
       options.fixed_cameras ? all_numbers(*model) : HeldNumbers{options.held_offsets, {}};
   for (int round = 0; round < rounds && !result.converged; ++round) {
+    const Progress progress("round " + std::to_string(round + 1) + " of at most " +
+                            std::to_string(rounds));
     const RigModel before = *model;
     AgreeingTracks agreeing = find_agreeing(tracks, sigma_px, pool, model, &restarts);
     std::vector<TriangulatedTrack>& triangulated = agreeing.triangulated;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/align/rig/rig_images.h"
+#include "redrive/base/progress.h"
 
 #include <opencv2/imgproc.hpp>
 
@@ -67,8 +68,13 @@ RigImages load_rig_images(const Recording& recording, const std::filesystem::pat
                           int margin_px, ThreadPool& pool) {
   Scene scene = make_scene(recording, {});
   std::vector<Image8> images(scene.views.size());
-  pool.run(static_cast<int>(images.size()),
-           [&](int i) { images[i] = load_view(scene, scene.views[i]); });
+  {
+    Progress progress("decoding images", std::ssize(images));
+    pool.run(static_cast<int>(images.size()), [&](int i) {
+      images[i] = load_view(scene, scene.views[i]);
+      progress.count();
+    });
+  }
   const std::vector<Mask> masks = static_masks(scene, images, mask_folder, pool, recording.metric);
 
   RigImages rig{scene, {}, {}, {}, {}, {}, read_moving_objects(recording, scene)};

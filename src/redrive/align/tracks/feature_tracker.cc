@@ -43,10 +43,11 @@ class FeatureTracker {
   FeatureTracker(const RigImages& images, int camera, const TrackOptions& options)
       : images_(images), camera_(camera), options_(options), model_(images.camera(camera)) {}
 
-  std::vector<Track> run() {
+  std::vector<Track> run(Progress* progress) {
     for (int frame = 0; frame < images_.frames(); ++frame) {
       const cv::Mat& grey = images_.grey[camera_][frame];
       if (grey.empty()) continue;
+      progress->count();
       PreparedImage next{frame, smooth_image(grey), {}, images_.moving_at(camera_, frame)};
       cv::buildOpticalFlowPyramid(grey, next.pyramid, {kPatchSize, kPatchSize}, kPyramidLevels);
       if (now_.frame >= 0 && !active_.empty()) advance(next);
@@ -277,9 +278,9 @@ class FeatureTracker {
 
 }  // namespace
 
-std::vector<Track> track_features(const RigImages& images, int camera,
-                                  const TrackOptions& options) {
-  return FeatureTracker(images, camera, options).run();
+std::vector<Track> track_features(const RigImages& images, int camera, const TrackOptions& options,
+                                  Progress* progress) {
+  return FeatureTracker(images, camera, options).run(progress);
 }
 
 }  // namespace redrive

@@ -6,10 +6,13 @@
 
 #include "redrive/align/rig/rig_images.h"
 #include "redrive/align/tracks/tracks.h"
+#include "redrive/base/progress.h"
 
 namespace redrive {
 
 /// Tracks of two and more observations of one camera, not yet checked by drop_epipolar_outliers.
-std::vector<Track> track_features(const RigImages& images, int camera, const TrackOptions& options);
+/// `progress`: counts images.
+std::vector<Track> track_features(const RigImages& images, int camera, const TrackOptions& options,
+                                  Progress* progress);
 
 }  // namespace redrive

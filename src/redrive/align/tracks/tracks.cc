@@ -8,6 +8,7 @@
 #include "redrive/align/tracks/feature_tracker.h"
 #include "redrive/align/tracks/patch.h"
 #include "redrive/base/opencv_threads.h"
+#include "redrive/base/progress.h"
 
 namespace redrive {
 namespace {
@@ -19,8 +20,8 @@ constexpr double kSame_px =
 
 /// Tracks of the full images and new ones of the smaller images, in pixels of the smaller ones.
 std::vector<Track> track_at_both_sizes(const RigImages& full, const RigImages& small, int camera,
-                                       const TrackOptions& options) {
-  std::vector<Track> tracks = track_features(full, camera, options);
+                                       const TrackOptions& options, Progress* progress) {
+  std::vector<Track> tracks = track_features(full, camera, options, progress);
   const int factor = small.factor[camera];
   if (factor == 1) return tracks;
   std::vector<cv::Mat> taken;
@@ -33,7 +34,7 @@ std::vector<Track> track_at_both_sizes(const RigImages& full, const RigImages& s
       cv::circle(taken[seen.frame], {cvRound(seen.pixel.x()), cvRound(seen.pixel.y())},
                  static_cast<int>(kSame_px), cv::Scalar(255), cv::FILLED);
     }
-  for (Track& track : track_features(small, camera, options))
+  for (Track& track : track_features(small, camera, options, progress))
     if (std::ranges::none_of(track.seen, [&](const Observation& seen) {
           return taken[seen.frame].at<std::uint8_t>(cvRound(seen.pixel.y()),
                                                     cvRound(seen.pixel.x())) != 0;
@@ -42,12 +43,24 @@ std::vector<Track> track_at_both_sizes(const RigImages& full, const RigImages& s
   return tracks;
 }
 
+std::ptrdiff_t images_of(const RigImages& images, int camera) {
+  return std::ranges::count_if(images.grey[camera],
+                               [](const cv::Mat& grey) { return !grey.empty(); });
+}
+
+/// Images of both sizes.
+std::int64_t images_to_track(const RigImages& small) {
+  std::int64_t n = 0;
+  for (int c = 0; c < small.cameras(); ++c)
+    n += images_of(small, c) * (small.factor[c] == 1 ? 1 : 2);
+  return n;
+}
+
 bool has_few(const RigImages& images, int camera, const TrackOptions& options,
              const std::vector<Track>& tracks) {
   std::size_t points = 0;
   for (const Track& track : tracks) points += track.seen.size();
-  const auto with_image =
-      std::ranges::count_if(images.grey[camera], [](const cv::Mat& grey) { return !grey.empty(); });
+  const auto with_image = images_of(images, camera);
   return points < static_cast<std::size_t>(options.few * with_image);
 }
 
@@ -63,12 +76,13 @@ std::vector<Track> find_tracks(const RigImages& full, ThreadPool& pool,
   const RigImages images = downscaled_to_width(full, kWidest, kPatchHalf, pool);
   std::vector<std::vector<Track>> of_camera(images.cameras());
   std::vector<TrackOptions> camera_options(images.cameras(), options);
+  Progress progress("finding feature tracks", images_to_track(images));
   pool.run(images.cameras(), [&](int c) {
-    of_camera[c] = track_at_both_sizes(full, images, c, camera_options[c]);
+    of_camera[c] = track_at_both_sizes(full, images, c, camera_options[c], &progress);
     if (has_few(images, c, options,
                 of_camera[c])) {  // weak features are better than none; sigma_px weights them
       camera_options[c].max_sigma_px = options.relaxed_max_sigma_px;
-      of_camera[c] = track_at_both_sizes(full, images, c, camera_options[c]);
+      of_camera[c] = track_at_both_sizes(full, images, c, camera_options[c], &progress);
     }
     drop_epipolar_outliers(images, options, &of_camera[c]);
   });
