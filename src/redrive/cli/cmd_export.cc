@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "redrive/base/cpu_features.h"
+#include "redrive/base/did_you_mean.h"
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
 #include "redrive/base/memory_limit.h"
@@ -351,6 +352,15 @@ std::string formats_help() {
   return text;
 }
 
+/// Names of the formats of every run, then those of methods' models.
+std::vector<std::string> format_names() {
+  std::vector<std::string> names;
+  for (const Format& format : kFormats) names.emplace_back(format.name);
+  for (const Method& method : methods())
+    for (const ExportFormat& format : method.make()->export_formats()) names.push_back(format.name);
+  return names;
+}
+
 int run_export(const ExportCommandOptions& options) {
   for (const Format& format : kFormats) {
     if (options.format != format.name) continue;
@@ -358,6 +368,10 @@ int run_export(const ExportCommandOptions& options) {
       throw UsageError("--actor", std::to_string(*options.actor), "is for splat-ply and splat-spz");
     return format.run(options);
   }
+  if (const std::vector<std::string> names = format_names();
+      std::ranges::find(names, options.format) == names.end())
+    throw UsageError("--to", options.format,
+                     unknown_name(options.format, names) + "; mesh writes .ply, .obj and .glb");
   return export_model(options);
 }
 
@@ -368,7 +382,9 @@ Action configure_export(CLI::App& command) {
   command.add_option("RUN", options->from, "run folder, as train makes it, or a recording")
       ->required();
   command.add_option("OUT,--out", options->out, "file or folder to write")->required();
-  command.add_option("--to", options->format, formats_help())->required();
+  command.add_option("--to", options->format, formats_help())
+      ->required()
+      ->check(offering(format_names()));
   command
       .add_option("--sh-degree", options->encode.sh_degree,
                   "of Gaussians, the degree of the colours' spherical harmonics, 0 or 1: in "

@@ -29,7 +29,8 @@ constexpr const char* kPlannedOptions[] = {
     "cameras", "frames",        "downscale", "holdout-every", "masks",      "method",
     "preset",  "max-gaussians", "max-steps", "max-seconds",   "lidar-rays", "set",
     "memory",  "backend",       "isa",       "threads",       "truth-poses"};
-constexpr std::int64_t kCalibrationImages = 256;
+constexpr double kCalibrationPixels = 4e6;  // of images that are measured: some seconds of work
+constexpr std::int64_t kLeastCalibrationImages = 6;
 
 struct PlanArguments {
   std::string recording;
@@ -95,18 +96,30 @@ PlannedBlock planned(const Block& block, const Run& run, int threads) {
   return out;
 }
 
-/// Measures on as many frames of a block as have some 250 images, spread over it.
+/// Returns how many images to measure on.
+std::int64_t calibration_images(const Scene& scene) {
+  double pixels = 0;
+  for (const View& view : scene.views) {
+    const Camera& camera = scene.rig[view.camera].camera;
+    pixels += static_cast<double>(camera.width) * camera.height;
+  }
+  return std::max(kLeastCalibrationImages,
+                  static_cast<std::int64_t>(kCalibrationPixels /
+                                            (pixels / static_cast<double>(scene.views.size()))));
+}
+
+/// Measures on the frames in the middle of a block that have calibration_images.
 TrainingRates measured(const TrainOptions& whole, const Recording& recording, const Block& block,
                        kernels::Backend& backend) {
   TrainOptions options = block_options(whole, block);
   const Run all = run_of(options, recording);
-  const auto images = static_cast<std::int64_t>(all.scene.views.size());
-  const std::int64_t thinning = std::min<std::int64_t>(
-      (images + kCalibrationImages - 1) / kCalibrationImages, std::ssize(all.scene.frames));
-  FrameRange range = parse_frame_range(options.frames);
-  range.step *= static_cast<int>(thinning);
-  options.frames = std::to_string(all.scene.frames.front().id) + ":" +
-                   std::to_string(all.scene.frames.back().id) + ":" + std::to_string(range.step);
+  const std::int64_t images = std::ssize(all.scene.views), frames = std::ssize(all.scene.frames),
+                     n = std::min(frames,
+                                  (calibration_images(all.scene) * frames + images - 1) / images);
+  const std::int64_t first = all.scene.frames[std::size_t((frames - n) / 2)].id,
+                     last = all.scene.frames[std::size_t((frames - n) / 2 + n - 1)].id;
+  options.frames = std::to_string(first) + ":" + std::to_string(last) + ":" +
+                   std::to_string(parse_frame_range(options.frames).step);
   options.holdout_every = 0;
   CalibrationSteps calibration;
   if (options.method == "splat" && !options.hyperparameters.contains("densify_every"))
@@ -114,11 +127,9 @@ TrainingRates measured(const TrainOptions& whole, const Recording& recording, co
   else
     calibration.change_every_of_run = calibration.change_every;
   Run run = run_of(options, recording);
-  // As much LiDAR an image as in the block, which has that of frames that --frames leaves out.
-  std::vector<FrameFile> lidar;
-  for (std::size_t i = 0; i < run.recording.lidar_files.size(); i += std::size_t(thinning))
-    lidar.push_back(run.recording.lidar_files[i]);
-  run.recording.lidar_files = std::move(lidar);
+  std::erase_if(run.recording.lidar_files, [&](const FrameFile& file) {
+    return file.frame_id < first || file.frame_id > last;
+  });
   // What follows from the number of images, such as the most Gaussians, is that of the block.
   run.state = make_initial_state(options, all.scene);
   return measure_rates(&run, backend, calibration);
@@ -142,13 +153,48 @@ std::string bytes_text(double bytes) {
   return text;
 }
 
+/// A measured run of --method splat: its score at so many steps an image (docs/benchmarks.md).
+struct MeasuredRun {
+  bool metric;
+  const char* what;
+  double steps, images, psnr_db;  ///< of held-out frames
+};
+constexpr MeasuredRun kMeasuredRuns[] = {
+    {true, "a made street, true poses", 1527, 168, 30.7},
+    {true, "a made street, true poses", 8896, 168, 31.7},
+    {true, "a night drive at half size", 2051, 172, 29.2},
+    {true, "a street of KITTI at full size", 4000, 21, 22.8},
+    {false, "photographs of a toy (fox)", 3000, 43, 30.6},
+    {false, "photographs of a door", 3000, 10, 31.5},
+    {false, "renderings of an object", 3740, 100, 36.5},
+};
+
+/// Prints steps and preparation of the longest block, and scores of measured runs of its kind.
+void print_steps(bool metric, const TrainingPlan& plan, const std::string& method) {
+  const PlannedBlock& block =
+      *std::ranges::max_element(plan.blocks, {}, [](const PlannedBlock& b) { return b.seconds(); });
+  const double each = block.steps / static_cast<double>(std::max<std::int64_t>(block.images, 1));
+  std::printf("training   %s of preparation, then %.0f steps in %s: %.1f an image%s\n",
+              time_text(block.prepare_s).c_str(), block.steps, time_text(block.train_s).c_str(),
+              each, plan.blocks.size() > 1 ? ", in the longest block" : "");
+  if (method != kDefaultMethod) return;
+  std::printf("quality    not predicted; held-out PSNR of measured runs:\n");
+  for (const MeasuredRun& run : kMeasuredRuns)
+    if (run.metric == metric)
+      std::printf("           %.1f dB, %s, %.0f steps an image\n", run.psnr_db, run.what,
+                  run.steps / run.images);
+}
+
 void print(const Scene& scene, const TrainingPlan& plan, const TrainingRates& rates,
-           const Machines& machines) {
+           const Machines& machines, const std::string& method) {
   std::int64_t images = 0;
   for (const View& view : scene.views) images += !view.held_out;
-  std::printf("drive      %zu frames over %.0f m, %zu cameras, %lld images for training\n",
-              scene.frames.size(), way_driven(scene.frames).back(), scene.rig.size(),
-              static_cast<long long>(images));
+  if (scene.metric)
+    std::printf("drive      %zu frames over %.0f m, %zu cameras, %lld images for training\n",
+                scene.frames.size(), way_driven(scene.frames).back(), scene.rig.size(),
+                static_cast<long long>(images));
+  else
+    std::printf("photos     %lld images for training\n", static_cast<long long>(images));
   double length_m = 0, longest_s = 0;
   std::int64_t most = 0;
   std::size_t streamed = 0;
@@ -158,9 +204,11 @@ void print(const Scene& scene, const TrainingPlan& plan, const TrainingRates& ra
     most = std::max(most, block.images);
     streamed += block.streams;
   }
-  std::printf("blocks     %zu of at most %.0f m, %lld images and %s; %zu decode images as needed\n",
-              plan.blocks.size(), length_m, static_cast<long long>(most),
-              time_text(longest_s).c_str(), streamed);
+  if (plan.blocks.size() > 1)
+    std::printf(
+        "blocks     %zu of at most %.0f m, %lld images and %s; %zu decode images as needed\n",
+        plan.blocks.size(), length_m, static_cast<long long>(most), time_text(longest_s).c_str(),
+        streamed);
   std::printf(
       "rates      one core here: %.1f ms to decode an image, %.1f ms to prepare and %.1f ms to "
       "begin with it, %.1f ms a step; its speed changed by %.0f %% meanwhile, corrected\n",
@@ -172,6 +220,7 @@ void print(const Scene& scene, const TrainingPlan& plan, const TrainingRates& ra
   std::printf("time       %s; %.1f core hours; efficiency %.0f %%, limited by %s\n",
               time_text(plan.seconds).c_str(), plan.core_seconds / 3600, 100 * plan.efficiency,
               plan.limit.c_str());
+  print_steps(scene.metric, plan, method);
   std::printf("memory     %s a machine\n", gib_text(plan.memory_bytes).c_str());
   std::printf("disk       %s written, %s read\n",
               bytes_text(static_cast<double>(plan.writes_bytes)).c_str(),
@@ -213,7 +262,7 @@ int run_plan(const PlanArguments& arguments) {
   while (plan.cores_per_rank > threads) plan = planned_with(threads = plan.cores_per_rank);
   if (!arguments.json) {
     print_notes(recording, scene);
-    print(scene, plan, rates, machines);
+    print(scene, plan, rates, machines, options.method);
     return kExitOk;
   }
   nlohmann::json json = to_json(plan);

@@ -67,10 +67,7 @@ ShiftAxes shift_axes(const RenderOptions& options, const Run& run) {
 }
 
 void no_such_frame(const std::string& frame, const Run& run) {
-  throw UsageError("--frame", frame,
-                   "the recording has no such frame with a pose; it has ids from " +
-                       std::to_string(run.recording.frames.front().id) + " to " +
-                       std::to_string(run.recording.frames.back().id));
+  throw UsageError("--frame", frame, unknown_frame(parse_frame("--frame", frame), run.recording));
 }
 
 namespace {
@@ -95,9 +92,7 @@ void check_image_output(const char* option, const fs::path& file, bool force,
 const RigCamera& find_camera(const Scene& scene, const std::string& name) {
   const int index = scene.camera_index(name);
   if (index >= 0) return scene.rig[index];
-  std::string known;
-  for (const RigCamera& camera : scene.rig) known += (known.empty() ? "" : ", ") + camera.name;
-  throw UsageError("--camera", name, "the run has no such camera; it has: " + known);
+  throw UsageError("--camera", name, unknown_camera(name, scene.rig));
 }
 
 namespace {
@@ -319,8 +314,9 @@ Action configure_render(CLI::App& command) {
       command
           .add_option(
               "--lidar", options->lidar,
-              "renders a LiDAR's revolution instead of an image: N:MIN:MAX (N beams from MIN "
-              "to MAX degrees of elevation), elevations E1,E2,.., or recorded (the rays of "
+              "renders a LiDAR's revolution instead of an image: N beams as usual sensors have "
+              "them, N:MIN:MAX (from MIN to MAX degrees of elevation), elevations E1,E2,.., or "
+              "recorded (the rays of "
               "the recording's own revolution). --mount places it elsewhere than the "
               "recording's, with axes x forward, y left, z up")
           ->excludes(poses)

@@ -152,6 +152,15 @@ class KittiFolder {
 
 }  // namespace
 
+/// UsageError if no ray has a return: the file would be empty.
+void require_points(const ScanCounts& counts, const RenderOptions& options) {
+  if (counts.points == 0)
+    throw UsageError("--lidar", options.lidar,
+                     "has no return: of " + std::to_string(counts.rays) + " rays " +
+                         std::to_string(counts.transparent) + " have a low opacity and " +
+                         std::to_string(counts.out_of_range) + " end out of --range");
+}
+
 int render_lidar(const RenderOptions& options) {
   const ScanFormat* const format = scan_format(options);
   if (format && options.frame.empty())
@@ -193,7 +202,9 @@ int render_lidar(const RenderOptions& options) {
     const auto firings = firings_of(frame->id, frame->t_ns);
     if (!firings)
       throw UsageError("--frame", options.frame, "the run has no LiDAR revolution of this frame");
-    write_file(out, format->make(scan_of(*firings).points));
+    const LidarScan scan = scan_of(*firings);
+    require_points(counts, options);
+    write_file(out, format->make(scan.points));
   } else {
     const std::atomic<bool>& stop = stop_on_signal();
     Progress progress("rendering revolutions", std::ssize(run.scene.frames));
@@ -209,6 +220,7 @@ int render_lidar(const RenderOptions& options) {
         progress.count();
       }
       if (scans == 0) throw UsageError("--lidar", options.lidar, "the run has no LiDAR revolution");
+      require_points(counts, options);
       files.finish();
     });
     std::printf("%d revolutions\n", scans);

@@ -45,7 +45,7 @@ class FieldMeshTest : public ::testing::Test {
           const Eigen::Vector3d ray(direction[0], direction[1], direction[2]);
           return static_cast<float>(kWallAt_m / ray.dot(forward));
         });
-    return field_mesh(run_, backend, {voxel_m, most_bytes, {}});
+    return field_mesh(run_, backend, {voxel_m, most_bytes});
   }
   /// The area of the mesh.
   static double area_m2(const TriangleMesh& mesh) {

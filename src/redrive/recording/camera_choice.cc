@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <set>
 
+#include "redrive/base/did_you_mean.h"
 #include "redrive/base/error.h"
 #include "redrive/image/image_head.h"
 #include "redrive/image/image_io.h"
@@ -35,10 +36,9 @@ bool is_grey(const RecordedCamera& camera, bool by_pixels) {
 
 const RecordedCamera& named_camera(const Recording& recording, const std::string& name) {
   if (const RecordedCamera* const camera = recording.find_camera(name)) return *camera;
-  std::string names;
-  for (const RecordedCamera& camera : recording.cameras)
-    names += (names.empty() ? "" : ", ") + camera.calibration.name;
-  throw UsageError("--cameras", name, "no such camera with images; there are " + names);
+  std::vector<std::string> names;
+  for (const RecordedCamera& camera : recording.cameras) names.push_back(camera.calibration.name);
+  throw UsageError("--cameras", name, unknown_name(name, names));
 }
 
 void keep_cameras(const std::vector<std::string>& names, Recording* recording) {

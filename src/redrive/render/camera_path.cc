@@ -110,14 +110,16 @@ CameraPath drive_path(const Recording& recording, const Scene& scene, const RigC
 
 PathKey path_key(const PathKeyframe& keyframe, const Recording& recording, const Scene& scene,
                  const std::filesystem::path& file, std::size_t index) {
-  const auto fail = [&](const char* key, const std::string& value, const char* rule) {
+  const auto fail = [&](const char* key, const std::string& value, const std::string& rule) {
     throw InputError(file, "keyframes[" + std::to_string(index) + "]." + key, value, rule);
   };
   const int camera = scene.camera_index(keyframe.camera);
-  if (camera < 0) fail("camera", keyframe.camera, "the run has no such camera");
+  if (camera < 0) fail("camera", keyframe.camera, unknown_camera(keyframe.camera, scene.rig));
   const RigCamera& of_rig = scene.rig[camera];
   const auto body = world_from_body(recording, scene, keyframe.frame_id, of_rig);
-  if (!body) fail("frame_id", std::to_string(keyframe.frame_id), "the recording has no such frame");
+  if (!body)
+    fail("frame_id", std::to_string(keyframe.frame_id),
+         unknown_frame(keyframe.frame_id, recording));
   const Rigid3d body_from_sensor =
       turned_sensor(of_rig.body_from_sensor, kRadiansPerDegree * keyframe.yaw_deg,
                     kRadiansPerDegree * keyframe.pitch_deg);

@@ -31,6 +31,25 @@ std::optional<std::vector<double>> numbers_in(std::string_view text, char separa
   }
 }
 
+/// Returns lowest and highest elevation of usual sensors with so many beams, degrees, from their
+/// data sheets: Velodyne VLP-16, HDL-32E, HDL-64E and Alpha Prime (VLS-128).
+std::pair<double, double> usual_elevations(int beams) {
+  if (beams <= 16) return {-15, 15};
+  if (beams <= 32) return {-30.67, 10.67};
+  if (beams <= 64) return {-24.8, 2};
+  return {-25, 15};
+}
+
+/// Returns `count` elevations from low to high; nothing for less than two.
+std::optional<std::vector<double>> spaced(double count, double low, double high) {
+  if (count != std::floor(count) || count < 2 || count > kMaxBeams || !(low < high))
+    return std::nullopt;
+  std::vector<double> elevations;
+  for (int i = 0; i < static_cast<int>(count); ++i)
+    elevations.push_back(low + (high - low) * i / (count - 1));
+  return elevations;
+}
+
 /// Returns the file of the revolution of a frame whose middle is nearest to the frame; null if
 /// there is none.
 const FrameFile* nearest_revolution(const Recording& recording, std::int64_t frame_id) {
@@ -54,17 +73,18 @@ const FrameFile* nearest_revolution(const Recording& recording, std::int64_t fra
 }  // namespace
 
 std::optional<std::vector<double>> parse_beams(std::string_view text) {
-  const bool range = text.find(':') != std::string_view::npos;
+  const bool range = text.find(':') != std::string_view::npos,
+             is_count = text.find_first_not_of("0123456789") == std::string_view::npos;
   auto numbers = numbers_in(text, range ? ':' : ',');
   if (!numbers) return std::nullopt;
+  if (is_count) {
+    const auto [low, high] = usual_elevations(static_cast<int>(std::min(numbers->front(), 1e6)));
+    return spaced(numbers->front(), low, high);
+  }
   if (range) {
     if (numbers->size() != 3) return std::nullopt;
-    const double count = (*numbers)[0], low = (*numbers)[1], high = (*numbers)[2];
-    if (count != std::floor(count) || count < 2 || count > kMaxBeams || !(low < high))
-      return std::nullopt;
-    numbers->clear();
-    for (int i = 0; i < static_cast<int>(count); ++i)
-      numbers->push_back(low + (high - low) * i / (count - 1));
+    numbers = spaced((*numbers)[0], (*numbers)[1], (*numbers)[2]);
+    if (!numbers) return std::nullopt;
   }
   if (numbers->size() > kMaxBeams) return std::nullopt;
   for (const double elevation_deg : *numbers)

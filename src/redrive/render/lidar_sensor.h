@@ -32,13 +32,14 @@ struct SpinningLidar {
   LidarFirings revolution(std::int64_t t_ns) const;
 };
 
-/// Parses the elevations of beams: "N:MIN:MAX", evenly spaced, or "E1,E2,..", degrees. Nothing
-/// unless there are 1 to 256 (of N:MIN:MAX 2 at least, MIN < MAX) within -90..90.
+/// Parses the elevations of beams: "N", as usual sensors of so many have them, "N:MIN:MAX", evenly
+/// spaced, or "E1,E2,..", degrees. A single elevation has a point or a sign: "5.0". Nothing unless
+/// there are 1 to 256 (of N and N:MIN:MAX 2 at least, MIN < MAX) within -90..90.
 std::optional<std::vector<double>> parse_beams(std::string_view text);
 /// Rule of that text, for error messages.
 inline constexpr const char* kBeamsRule =
-    "must be recorded, N:MIN:MAX (N beams from MIN to MAX degrees) or elevations E1,E2,.. in "
-    "degrees; at most 256 within -90..90, e.g. 64:-24.8:2";
+    "must be recorded, N beams, N:MIN:MAX (N beams from MIN to MAX degrees) or elevations E1,E2,.. "
+    "in degrees; at most 256 within -90..90, e.g. 64 or 64:-24.8:2";
 
 /// Returns the firings of the recorded revolution of a frame: those of which a return is recorded,
 /// without returns on the vehicle itself; of several revolutions the one whose middle is nearest to

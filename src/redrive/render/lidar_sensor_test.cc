@@ -13,12 +13,21 @@ using ::testing::ElementsAre;
 TEST(Beams, AreAListOrEvenlySpaced) {
   EXPECT_THAT(*parse_beams("3:-24:2"), ElementsAre(-24, -11, 2));
   EXPECT_THAT(*parse_beams("-1.5,0,7"), ElementsAre(-1.5, 0, 7));
-  EXPECT_THAT(*parse_beams("5"), ElementsAre(5));
+  EXPECT_THAT(*parse_beams("5.0"), ElementsAre(5));
+  EXPECT_THAT(*parse_beams("-5"), ElementsAre(-5));
   EXPECT_EQ(parse_beams("256:-90:90")->size(), 256u);
   for (const char* text :
-       {"", "a", "1,", ",1", "3:-24", "3:-24:2:1", "1:-24:2", "2.5:-24:2", "257:-24:2", "3:2:-24",
-        "3:2:2", "3:-91:2", "1,91", "nan", "1,inf", "1 2", "recorded"})
+       {"",      "a",       "1,",          ",1",      "3:-24",     "3:-24:2:1", "1",
+        "0",     "257",     "99999999999", "1:-24:2", "2.5:-24:2", "257:-24:2", "3:2:-24",
+        "3:2:2", "3:-91:2", "1,91",        "nan",     "1,inf",     "1 2",       "recorded"})
     EXPECT_FALSE(parse_beams(text)) << text;
+}
+
+TEST(Beams, AreAsUsualSensorsHaveThemWhereOnlyTheirNumberIsGiven) {
+  EXPECT_EQ(parse_beams("64"), parse_beams("64:-24.8:2"));
+  EXPECT_EQ(parse_beams("16"), parse_beams("16:-15:15"));
+  EXPECT_EQ(parse_beams("32"), parse_beams("32:-30.67:10.67"));
+  EXPECT_EQ(parse_beams("128"), parse_beams("128:-25:15"));
 }
 
 // Eight steps, clockwise from behind by the left: the frame's time is when the sensor looks ahead.

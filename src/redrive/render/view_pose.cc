@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <string>
 
+#include "redrive/base/did_you_mean.h"
 #include "redrive/base/error.h"
 #include "redrive/math/wgs84.h"
 #include "redrive/recording/trajectory.h"
@@ -141,16 +142,27 @@ std::vector<RigCamera> poses_rig(const ViewRequests& poses, const Scene& scene, 
   return rig;
 }
 
+std::string unknown_camera(const std::string& name, const std::vector<RigCamera>& rig) {
+  std::vector<std::string> names;
+  for (const RigCamera& camera : rig) names.push_back(camera.name);
+  return unknown_name(name, names);
+}
+
+std::string unknown_frame(std::int64_t id, const Recording& recording) {
+  const std::vector<FramePose>& frames = recording.frames;
+  const auto nearest = std::ranges::min_element(
+      frames, {}, [&](const FramePose& frame) { return std::abs(frame.id - id); });
+  return "the recording has no such frame with a pose; it has ids from " +
+         std::to_string(frames.front().id) + " to " + std::to_string(frames.back().id) +
+         "; did you mean " + std::to_string(nearest->id) + "?";
+}
+
 const RigCamera& requested_camera(const ViewRequests& poses, std::size_t index,
                                   const std::vector<RigCamera>& rig) {
   const std::string& name = poses.views[index].camera;
-  std::string known;
-  for (const RigCamera& camera : rig) {
-    if (camera.name == name) return camera;
-    known += (known.empty() ? "" : ", ") + camera.name;
-  }
-  throw InputError(poses.path, view_field(index, "camera"), name,
-                   "no such camera; there are: " + known);
+  const auto found = std::ranges::find(rig, name, &RigCamera::name);
+  if (found != rig.end()) return *found;
+  throw InputError(poses.path, view_field(index, "camera"), name, unknown_camera(name, rig));
 }
 
 Rigid3d requested_world_from_body(const ViewRequests& poses, std::size_t index,
@@ -162,9 +174,8 @@ Rigid3d requested_world_from_body(const ViewRequests& poses, std::size_t index,
   REDRIVE_CHECK(view.shift_body_m.has_value());
   const auto pose = world_from_body(recording, scene, view.frame_id, camera);
   if (!pose)
-    throw InputError(
-        poses.path, view_field(index, "frame_id"), std::to_string(view.frame_id),
-        "shift_body_m moves a frame of the recording, and it has no such frame with a pose");
+    throw InputError(poses.path, view_field(index, "frame_id"), std::to_string(view.frame_id),
+                     "shift_body_m moves a frame; " + unknown_frame(view.frame_id, recording));
   return *pose * Eigen::Translation3d(*view.shift_body_m);
 }
 

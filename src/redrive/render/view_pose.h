@@ -69,6 +69,11 @@ std::optional<RigCamera> mounted_camera(const Mount& mount, const Lens& lens, co
 /// fisheyes) and downscaled as the run's; the run's where the file has none.
 std::vector<RigCamera> poses_rig(const ViewRequests& poses, const Scene& scene, bool like_run);
 
+/// Returns "unknown; known are A, B; did you mean A?" for a name of no camera of the rig.
+std::string unknown_camera(const std::string& name, const std::vector<RigCamera>& rig);
+/// Returns "the recording has ids from 0 to 9 ...; did you mean 9?" for an id of no frame.
+std::string unknown_frame(std::int64_t id, const Recording& recording);
+
 /// Returns the camera of view `index` among `rig`. Throws InputError with the known names if there
 /// is no such camera.
 const RigCamera& requested_camera(const ViewRequests& poses, std::size_t index,

@@ -84,7 +84,6 @@ class PacedClock {
 TrainingRates measure_rates(Run* run, kernels::Backend& backend,
                             const CalibrationSteps& calibration) {
   constexpr int kDecoded = 8;
-  const int steps = calibration.steps;
   TrainingRates rates;
   ThreadPool pool(backend.threads());
   Model& model = *run->state.model;
@@ -119,14 +118,21 @@ TrainingRates measure_rates(Run* run, kernels::Backend& backend,
     std::ranges::fill(state.cell_errors.span(), kInitialError);
   }
   StepBuffers buffers;
-  const auto step = [&](int i) {
+  const auto train_at = [&](double progress, int steps) {
     StepRequest request = next_step(state);
-    request.progress = static_cast<double>(i) / steps;
+    request.progress = progress;
     if (surfaces) request.surfaces = &*surfaces;
     const double rate = model.learning_rate({state.step, steps, request.progress});
     train_step(backend, set, request, rate, &state, &buffers);
   };
-  step(0);  // allocates
+  train_at(0, 1);  // allocates
+  const CoreTimer last_timer;
+  train_at(1, 1);  // at full size, of the longest
+  constexpr double kSteps_s = 4;
+  const int steps = std::min(calibration.steps,
+                             std::max(CalibrationSteps::kLeast,
+                                      static_cast<int>(kSteps_s / last_timer.core_seconds(cores))));
+  const auto step = [&](int i) { train_at(static_cast<double>(i) / steps, steps); };
   // Steps that end with a change of the number of parameters are measured one by one.
   std::vector<std::size_t> parts, changes;
   int others = 0;
@@ -193,10 +199,9 @@ TrainingPlan plan_training(std::vector<PlannedBlock> blocks, const TrainingRates
 
   std::vector<double> tasks, reads_per_s;
   double longest = 0, sum = 0;
-  bool any_streams = false, decoding_limits = false;
+  bool decoding_limits = false;
   for (PlannedBlock& block : blocks) {
     block.streams = block.memory_bytes > memory;
-    any_streams |= block.streams;
     const auto images = static_cast<double>(block.images);
     const double again = block.streams ? images * rates.decode_s * (kStreamedPasses - 1) : 0,
                  start_s = (images * rates.start_s + again) / cores;
@@ -260,6 +265,7 @@ nlohmann::json to_json(const TrainingPlan& plan) {
                       {"streams", block.streams},
                       {"prepare_s", block.prepare_s},
                       {"train_s", block.train_s},
+                      {"steps", block.steps},
                       {"reads_bytes", block.reads_bytes},
                       {"checkpoint_bytes", block.checkpoint_bytes}});
   return {{"ranks_per_machine", plan.ranks_per_machine},
