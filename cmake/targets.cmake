@@ -77,14 +77,16 @@ endif()
 
 # Unit tests sit beside the source:
 #   redrive_test(camera SOURCES mei_test.cc DEPENDS redrive::camera
-#     [SANITIZE address|thread|none...] [TOGETHER])
+#     [SANITIZE address|thread|none...] [THREAD_TESTS FILTER] [TOGETHER])
 # makes the program test_camera. A build with a sanitizer has only the tests that name it. SANITIZE
 # is `address` if it is not given: it is for what parses or indexes, `thread` for what runs on
 # several threads, and `none` for optimisations and trainings as a whole, whose parts have tests of
-# their own. The paths of the shipped samples and of the optional private recordings are compiled
-# in; a test that needs the latter skips visibly where they are not.
+# their own. THREAD_TESTS is a filter of GoogleTest: which of them run with ThreadSanitizer, where
+# others have one thread or the same threads again. The paths of the shipped samples and of the
+# optional private recordings are compiled in; a test that needs the latter skips visibly where they
+# are not.
 function(redrive_test name)
-  cmake_parse_arguments(ARG "TOGETHER" "" "SOURCES;DEPENDS;SANITIZE" ${ARGN})
+  cmake_parse_arguments(ARG "TOGETHER" "THREAD_TESTS" "SOURCES;DEPENDS;SANITIZE" ${ARGN})
   if(ARG_UNPARSED_ARGUMENTS)
     message(FATAL_ERROR "redrive_test(${name}): unknown arguments ${ARG_UNPARSED_ARGUMENTS}")
   endif()
@@ -107,5 +109,9 @@ function(redrive_test name)
     REDRIVE_SAMPLES="${CMAKE_SOURCE_DIR}/samples" REDRIVE_SHARED="${CMAKE_SOURCE_DIR}/../shared"
     REDRIVE_SOURCE="${CMAKE_SOURCE_DIR}" REDRIVE_BINARY="${CMAKE_BINARY_DIR}/redrive")
   add_dependencies(tests test_${name})
-  gtest_discover_tests(test_${name} DISCOVERY_TIMEOUT 60 PROPERTIES TIMEOUT 600)
+  if(NOT sanitizer STREQUAL "thread")
+    set(ARG_THREAD_TESTS "")
+  endif()
+  gtest_discover_tests(test_${name} TEST_FILTER "${ARG_THREAD_TESTS}" DISCOVERY_TIMEOUT 60
+    PROPERTIES TIMEOUT 600)
 endfunction()
