@@ -207,16 +207,17 @@ std::string usage_of(const CLI::App& command) {
   std::string usage = command.get_name();
   if (const CLI::App* parent = command.get_parent()) usage = parent->get_name() + " " + usage;
   if (!subcommands_of(command).empty()) return usage + " COMMAND [options]";
+  std::string required;
   bool optional = false;
   for (const CLI::Option* option : command.get_options()) {
     if (option->get_positional())
       usage += " " + option->get_name(true);
     else if (option->get_required())
-      usage += " " + option_heading(*option);
+      required += " " + option_heading(*option);
     else
       optional = true;
   }
-  return usage + (optional ? " [options]" : "");
+  return usage + required + (optional ? " [options]" : "");
 }
 
 CLI::Validator one_of(const std::string& option, const std::vector<std::string>& names) {

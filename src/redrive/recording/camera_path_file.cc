@@ -12,7 +12,7 @@
 namespace redrive {
 namespace {
 
-constexpr double kMaxPosition_m = 1e6;
+constexpr double kMaxPosition_m = 1e7;  // photographs may have ECEF coordinates
 
 int side(const JsonField& field) {
   return static_cast<int>(number_within(field, 2, 16384, "expected pixels, 2 to 16384"));
@@ -33,7 +33,7 @@ PathCamera path_camera_from_json(const JsonField& entry) {
   pose.linear() = Eigen::Quaterniond(matrix.topLeftCorner<3, 3>()).normalized().toRotationMatrix();
   pose.translation() = matrix.topRightCorner<3, 1>();
   if (pose.translation().lpNorm<Eigen::Infinity>() > kMaxPosition_m)
-    field.fail("expected metres in the run's world, at most 1e6 along each axis");
+    field.fail("expected metres in the run's world, at most 1e7 along each axis");
   return {photographs::with_opengl_axes(pose),
           number_within(entry.at("fov"), 1, 179, "expected the vertical angle, 1 to 179 degrees")};
 }

@@ -87,7 +87,7 @@ TEST(CameraPathFile, ErrorsNameFileFieldAndValue) {
   expect_error(theirs, "/camera_path", nlohmann::json::array(), "camera_path = []");
   expect_error(theirs, "/camera_path/1/fov", 180, "camera_path[1].fov = 180");
   expect_error(theirs, "/camera_path/0/camera_to_world/0", 1, "camera_path[0].camera_to_world");
-  expect_error(theirs, "/camera_path/0/camera_to_world/3", 1e7, "camera_path[0].camera_to_world");
+  expect_error(theirs, "/camera_path/0/camera_to_world/3", 1e8, "camera_path[0].camera_to_world");
   expect_error(ours, "/keyframes/1/time_s", 0.5, "keyframes[1].time_s = 0.5");
   expect_error(ours, "/keyframes/1/shift_body_m", {0, 2e4, 0}, "keyframes[1].shift_body_m[1]");
   expect_error(ours, "/keyframes/1/yaw_deg", 400, "keyframes[1].yaw_deg = 400");

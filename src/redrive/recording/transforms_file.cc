@@ -182,7 +182,7 @@ std::optional<BoundingCube> bounds_from_json(const JsonField& root) {
     } else {
       offset.setConstant(field.number());
     }
-    if (!(offset.norm() <= kMaxScale)) field.fail("expected at most 1e6");
+    if (!(offset.norm() <= photographs::kMaxDistance)) field.fail("expected at most 1e7");
   }
   return instant_ngp_cube(aabb_scale, scale, offset);
 }

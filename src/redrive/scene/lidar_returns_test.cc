@@ -255,15 +255,16 @@ TEST_F(LidarReturnsTest, SaysWhyMostReturnsAreLost) {
     const std::optional<Finding> lost = lost_returns_of_sample(recording_, pool);
     return lost ? lost->what : "";
   };
-  const LasRecord good = seen({20, 3, 1}, now_ns),
-                  late = seen({20, 3, 1}, now_ns + 3'600'000'000'000);
+  const LasRecord good = seen({20, 3, 1}, now_ns);
+  LasRecord late = good;
+  late.gps_time_bits = std::bit_cast<std::uint64_t>(static_cast<double>(now_ns) + 3.6e12);
   EXPECT_EQ(finding({good, good, late}), "");
   EXPECT_EQ(finding({good, late, late}).substr(0, 31), "2 of 3 returns are not used: 2 ");
   LasRecord near = good;
   near.x = 20, near.y = 3, near.z = 500;  // kilometres that are taken for metres
   EXPECT_NE(finding({near, near, good}).find("2 within the vehicle"), std::string::npos);
   LasRecord far = good;
-  far.x *= 20, far.y *= 20;  // centimetres, say
+  far.x *= 100, far.y *= 100;  // centimetres
   EXPECT_NE(finding({far, far, good}).find("are their lengths metres?"), std::string::npos);
   recording_.body_from_lidar.reset();
   EXPECT_EQ(finding({late}), "");
