@@ -32,7 +32,7 @@ TEST_F(EndToEnd, BashCompletesCommandsAndTheirOptions) {
         .out;
   };
   EXPECT_EQ(completed("ali"), "align\n");
-  EXPECT_EQ(completed("train --max-s"), "--max-steps --max-seconds\n");
+  EXPECT_EQ(completed("train --max-s"), "--max-seconds --max-steps\n");
   EXPECT_EQ(completed("doctor --max-s"), "\n");
   EXPECT_EQ(completed("train some/fold"), "\n");  // readline completes files
   EXPECT_EQ(completed("train --method s"), "splat\n");

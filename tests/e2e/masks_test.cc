@@ -71,10 +71,12 @@ TEST_F(EndToEndMasks, RefusesAMaskOfAnotherSize) {
 
   ASSERT_EQ(train({}).exit_code, kExitOk);
   fs::copy_file(of_front_, kept_);
-  for (const char* command : {"resume", "eval"}) {
-    const ProgramResult ended = redrive({command, (folder_ / "run").string()});
-    EXPECT_EQ(ended.exit_code, kExitBadInput) << command;
-    EXPECT_THAT(ended.err, message) << command;
+  const std::string run = (folder_ / "run").string();
+  for (const std::vector<std::string>& words :
+       {std::vector<std::string>{"resume", run, "--max-steps", "1000"}, {"eval", run}}) {
+    const ProgramResult ended = redrive(words);
+    EXPECT_EQ(ended.exit_code, kExitBadInput) << words[0];
+    EXPECT_THAT(ended.err, message) << words[0];
   }
 }
 

@@ -304,16 +304,26 @@ std::string usage_message(const CLI::App& app, const CLI::ParseError& error) {
   const CLI::App& command = chosen.empty() ? app : *chosen.front();
   const std::string usage = usage_of(command), what = error.what();
   const std::string option = what.substr(0, what.find(':'));
+  const auto too_many = [&](const std::string& word) -> std::string {
+    return UsageError(command.get_name(), word, "is one argument too many: " + usage).what();
+  };
   if (dynamic_cast<const CLI::ExtrasError*>(&error)) {
     const std::vector<std::string> extra = command.remaining();
-    return UsageError(command.get_name(), extra.empty() ? "" : extra.front(),
-                      "is one argument too many: " + usage)
-        .what();
+    return too_many(extra.empty() ? "" : extra.front());
   }
-  if (dynamic_cast<const CLI::RequiredError*>(&error)) return what + ": " + usage;
+  if (dynamic_cast<const CLI::RequiredError*>(&error)) {
+    const auto missing = command.get_options([](const CLI::Option* option) {
+      return option->get_positional() && option->get_required() && option->count() == 0;
+    });
+    return (missing.empty() ? what : missing.front()->get_name(true) + " is required") + ": " +
+           usage;
+  }
   if (dynamic_cast<const CLI::ArgumentMismatch*>(&error)) {
     if (what.find("missing") != std::string::npos || what.find("At least") != std::string::npos)
       return option + ": needs a value: " + usage;
+    const CLI::Option* const given = command.get_option_no_throw(option);
+    if (given && given->get_positional() && given->count() > 1)
+      return too_many(given->results().back());
     if (what.find("At Most") != std::string::npos) return option + ": is given more than once";
   }
   if (dynamic_cast<const CLI::ConversionError*>(&error)) {

@@ -119,7 +119,6 @@ std::vector<std::string> words_of(int argc, char** argv) {
     words.erase(words.begin());
     words.emplace_back("--help");
   }
-  if (words.empty()) words.emplace_back("--help");
   return words;
 }
 
@@ -140,6 +139,10 @@ int run(int argc, char** argv) {
   redrive::add_generate_option(app, REDRIVE_VERSION);
   redrive::name_options(app);
   std::vector<std::string> words = words_of(argc, argv);
+  if (words.empty()) {
+    if (redrive::launched_rank() == 0) std::fputs(app.help().c_str(), stdout);
+    return redrive::kExitUsage;
+  }
   try {
     redrive::check_words(app, words);
     std::ranges::reverse(words);  // as the parser takes them
