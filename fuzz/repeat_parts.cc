@@ -18,15 +18,17 @@ struct Part {
   std::size_t begin, end;
 };
 
-/// Returns a part that lies between two equal separators, with the last one, or any part.
+/// Returns a separator, what lies between two equal ones with the last of them, or any part.
 Part random_part(const std::uint8_t* data, std::size_t size, std::minstd_rand* random) {
   const std::size_t at = (*random)() % size;
   const auto separator = static_cast<std::uint8_t>("\n,[{ <"[(*random)() % 6]);
   const std::uint8_t* const next = std::find(data + at, data + size, separator);
   if (next == data + size) return {at, std::min(size, at + 1 + (*random)() % 64)};
+  const auto end = static_cast<std::size_t>(next - data) + 1;
+  if ((*random)() % 2 == 0) return {end - 1, end};
   std::size_t begin = at;
   while (begin > 0 && data[begin - 1] != separator) --begin;
-  return {begin, static_cast<std::size_t>(next - data) + 1};
+  return {begin, end};
 }
 
 }  // namespace
@@ -39,7 +41,8 @@ extern "C" std::size_t LLVMFuzzerCustomMutator(std::uint8_t* data, std::size_t s
   const std::size_t most = (max_size - size) / (end - begin);
   if (most == 0) return LLVMFuzzerMutate(data, size, max_size);
   const std::vector<std::uint8_t> part(data + begin, data + end);
-  const std::size_t times = 1 + random() % most, added = times * part.size();
+  const std::size_t times = random() % 2 == 0 ? most : 1 + random() % most;
+  const std::size_t added = times * part.size();
   std::memmove(data + end + added, data + end, size - end);
   for (std::size_t i = 0; i < times; ++i) std::ranges::copy(part, data + end + i * part.size());
   return size + added;
