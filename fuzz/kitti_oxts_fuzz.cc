@@ -14,8 +14,10 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
       __builtin_trap();
   };
   try {
-    for (const redrive::Rigid3d& pose : redrive::kitti::parse_oxts_lines(text, "0.txt"))
-      check(pose);
+    std::vector<redrive::DamagedRecord> records;
+    const redrive::DamagedList damaged{"poses", &records};
+    for (const auto& pose : redrive::kitti::parse_oxts_lines(text, "0.txt", &damaged))
+      if (pose) check(*pose);
     check(redrive::kitti::parse_oxts(text, "0.txt"));
   } catch (const redrive::InputError&) {
   }

@@ -99,6 +99,12 @@ std::vector<BadDrive> bad_drives() {
       {"egomotion no JSON",
        [](const fs::path& d) { overwrite(tiny_egomotion(d), "not json"); },
        {"egomotion2.json"}},
+  };
+}
+
+/// Drives of which one record is damaged.
+std::vector<BadDrive> damaged_drives() {
+  return {
       {"pose too small",
        [](const fs::path& d) {
          pose(d, {1, 2, 3});
@@ -138,6 +144,20 @@ std::vector<BadDrive> bad_drives() {
                        fs::copy_options::overwrite_existing);
        },
        {std::string(kTinyFront) + "_0000101.jpg", "40", "48"}},
+      {"JPEG scratched",
+       [](const fs::path& d) {
+         const fs::path file = tiny_image(d, kTinyRear, 102);
+         std::string bytes = read_file(file);
+         const std::size_t middle = bytes.size() * 3 / 4;
+         bytes.replace(middle, 8, "\xff\xc1\xff\xc1\xff\xc1\xff\xc1", 8);
+         overwrite(file, bytes);
+       },
+       {"_0000102.jpg"}},
+      {"time before the last",
+       [](const fs::path& d) {
+         edit_json(tiny_egomotion(d), [](json& e) { e["101"]["time_host"] = 3; });
+       },
+       {"egomotion2.json", "101.time"}},
   };
 }
 
@@ -152,7 +172,49 @@ TEST_F(EndToEnd, RefusesInvalidDrives) {
     for (const std::string& part : bad.message) EXPECT_THAT(ended.err, HasSubstr(part)) << bad.name;
     EXPECT_FALSE(fs::exists(folder_ / "run")) << bad.name;
     EXPECT_EQ(contents(folder_), before) << bad.name;
+    EXPECT_EQ(redrive({"inspect", drive_.string()}).exit_code, kExitBadInput) << bad.name;
   }
+}
+
+TEST_F(EndToEnd, OneDamagedRecordCostsItself) {
+  for (const BadDrive& damaged : damaged_drives()) {
+    fs::remove_all(drive_);
+    fs::remove_all(folder_ / "run");
+    write_tiny_recording(drive_);
+    damaged.spoil(drive_);
+    const ProgramResult inspected = redrive({"inspect", drive_.string()}),
+                        trained = redrive(train_arguments(folder_ / "run", {"--max-steps", "2"}));
+    for (const ProgramResult& ended : {inspected, trained}) {
+      EXPECT_EQ(ended.exit_code, kExitOk) << damaged.name << "\n" << ended.out << ended.err;
+      EXPECT_THAT(ended.out, HasSubstr("1 of ")) << damaged.name;
+      for (const std::string& part : damaged.message)
+        EXPECT_THAT(ended.out, HasSubstr(part)) << damaged.name;
+    }
+    EXPECT_EQ(redrive({"resume", (folder_ / "run").string(), "--max-steps", "4"}).exit_code,
+              kExitOk)
+        << damaged.name;
+    EXPECT_EQ(redrive({"eval", (folder_ / "run").string(), "--all"}).exit_code, kExitOk)
+        << damaged.name;
+    // Where none may be damaged inspect passes nothing that train refuses.
+    EXPECT_EQ(redrive({"inspect", drive_.string(), "--max-damaged", "0"}).exit_code, kExitBadInput)
+        << damaged.name;
+    EXPECT_EQ(
+        redrive(train_arguments(folder_ / "strict", {"--max-steps", "2", "--max-damaged", "0"}))
+            .exit_code,
+        kExitBadInput)
+        << damaged.name;
+  }
+}
+
+TEST_F(EndToEnd, FramesThatAreNotChosenAreNotChecked) {
+  for (const int id : {100, 101}) overwrite(tiny_image(drive_, kTinyRear, id), "");
+  const std::vector<std::string> rest = {"--frames", "102:103", "--max-damaged", "0"};
+  EXPECT_EQ(redrive({"inspect", drive_.string()}).exit_code, kExitBadInput);
+  EXPECT_EQ(redrive({"inspect", drive_.string(), rest[0], rest[1]}).exit_code, kExitOk);
+  std::vector<std::string> options = {"--max-steps", "2"};
+  EXPECT_EQ(redrive(train_arguments(folder_ / "run", options)).exit_code, kExitBadInput);
+  options.insert(options.end(), rest.begin(), rest.end());
+  EXPECT_EQ(redrive(train_arguments(folder_ / "run", options)).exit_code, kExitOk);
 }
 
 TEST_F(EndToEnd, DropsAndListsFramesWithoutPose) {

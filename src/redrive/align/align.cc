@@ -456,6 +456,9 @@ AlignResult align_whole(const Recording& recording, const AlignOptions& options,
     if (!again.bundle.held_offsets.empty()) result = align_by(again);
     result.initial_edges = depth_edge_scores(make_rig_model(recording), *contrast, pool);
   }
+  if (images)
+    for (const Finding& damaged : images->damaged)
+      result.remarks.push_back(damaged.subject + ": " + damaged.what);
   if (kept_tracks) *kept_tracks = std::move(tracks);
   result.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   return result;

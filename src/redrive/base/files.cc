@@ -60,6 +60,28 @@ class InputFile {
 
 constexpr int kMaxLevels = 64;
 
+/// Puts quotes around NaN, Infinity and -Infinity, which JSON does not have and Python writes, so
+/// that they are wrong where a number belongs and nowhere else. Empty if there is none.
+std::string with_quoted_numbers(std::string_view text) {
+  std::string quoted;
+  std::size_t copied = 0;
+  if (text.find("NaN") == text.npos && text.find("Infinity") == text.npos) return quoted;
+  bool in_string = false;
+  for (std::size_t i = 0; i < text.size(); ++i) {
+    if (text[i] == '"') in_string = !in_string;
+    if (in_string && text[i] == '\\') ++i;
+    if (in_string) continue;
+    for (const std::string_view word : {"NaN", "Infinity", "-Infinity"})
+      if (text.substr(i).starts_with(word)) {
+        quoted.append(text.substr(copied, i - copied)).append(1, '"').append(word).append(1, '"');
+        copied = i + word.size();
+        i = copied - 1;
+        break;
+      }
+  }
+  return quoted.empty() ? quoted : quoted.append(text.substr(copied));
+}
+
 /// Returns the most brackets that are open at a time. Up to the first fault of the text that is
 /// right; the parser says where that is.
 int json_levels(std::string_view text) {
@@ -155,7 +177,8 @@ nlohmann::json parse_json(std::string_view text, const std::filesystem::path& pa
   if (json_levels(text) > kMaxLevels)
     throw InputError(path, "", "", "not usable JSON: nested deeper than 64 levels");
   try {
-    return nlohmann::json::parse(text);
+    const std::string quoted = with_quoted_numbers(text);
+    return nlohmann::json::parse(quoted.empty() ? text : quoted);
   } catch (const nlohmann::json::exception& error) {
     // "[json.exception.parse_error.101] parse error at line 1, column 5: ..." without the library's
     // own name.

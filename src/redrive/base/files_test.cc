@@ -158,6 +158,9 @@ TEST_F(Files, JsonErrorsNameFileAndPosition) {
   EXPECT_THROW(parse_json("", "a.json"), InputError);
   EXPECT_THROW(parse_json(std::string(200'000, '['), "a.json"), InputError);
   EXPECT_EQ(parse_json("[1, 2]", "a.json").size(), 2u);
+  // As Python writes them: text, which is no number where one is expected.
+  EXPECT_EQ(parse_json(R"({"NaN": [NaN, -Infinity, "a \" NaN"], "b": Infinity})", "a.json").dump(),
+            R"({"NaN":["NaN","-Infinity","a \" NaN"],"b":"Infinity"})");
 }
 
 TEST(ParseJson, NestingIsLimited) {

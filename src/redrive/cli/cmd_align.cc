@@ -14,6 +14,7 @@
 #include "redrive/cli/help.h"
 #include "redrive/cli/notes.h"
 #include "redrive/recording/camera_choice.h"
+#include "redrive/recording/damaged_records.h"
 #include "redrive/recording/readout_options.h"
 #include "redrive/scene/lidar_returns.h"
 #include "redrive/train/run.h"
@@ -24,6 +25,7 @@ namespace {
 struct AlignArguments {
   std::string recording, frames, out;
   int threads = 0;
+  double max_damaged = kMostDamagedPercent;
   AlignOptions options;
   std::vector<std::string> rolling_shutter, cameras;
   bool no_lidar = false, no_images = false, outside_files = false;
@@ -40,6 +42,7 @@ int run_align(AlignArguments arguments) {
       open_recording(arguments.recording, PoseSource::kRecorded, arguments.outside_files);
   keep_frames(parse_frame_range(arguments.frames), &recording);
   keep_cameras(arguments.cameras, &recording);
+  require_few_damaged({.most_percent = arguments.max_damaged}, &recording);
   arguments.options.bundle.readouts = apply_readout_options(arguments.rolling_shutter, &recording);
   ThreadPool pool(arguments.threads > 0 ? arguments.threads : hardware_threads());
   if (arguments.options.lidar)
@@ -63,6 +66,7 @@ Action configure_align(CLI::App& command) {
   add_frames_option(command, &arguments->frames);
   add_cameras_option(command, &arguments->cameras);
   add_outside_files_option(command, &arguments->outside_files);
+  add_max_damaged_option(command, &arguments->max_damaged);
   command
       .add_option("--out", arguments->out,
                   "folder for poses, calibration and report.html; must not exist (default: prints "

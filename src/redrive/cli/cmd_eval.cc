@@ -63,6 +63,8 @@ void print_evaluation(const Evaluation& evaluation) {
               "px masked");
   for (const auto& [name, score] : evaluation.cameras) print_row(name, score);
   print_row("all", evaluation.overall);
+  for (const Finding& damaged : evaluation.damaged)
+    std::printf("note: %s: %s\n", damaged.subject.c_str(), damaged.what.c_str());
   print_scored_share(evaluation.cameras, evaluation.overall);
   for (const auto& [name, part] : evaluation.parts)
     if (part.overall.images > 0) print_row("  block " + name, part.overall);

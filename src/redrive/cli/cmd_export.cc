@@ -67,7 +67,7 @@ Source open_source(const ExportCommandOptions& options) {
   constexpr int kDownscale = 2;  // of the images that points take colours from
   if (!is_run_folder(options.from))
     return {false, open_without_model(options.from, kDownscale, options.frames, options.poses,
-                                      options.outside_files)};
+                                      options.outside_files, DamageCheck::kAll)};
   refuse_part_of_run(options);
   return {true, open_to_render(options.from)};
 }

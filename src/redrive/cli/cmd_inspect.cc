@@ -21,6 +21,8 @@
 #include "redrive/cli/inspection.h"
 #include "redrive/image/image_io.h"
 #include "redrive/recording/camera_choice.h"
+#include "redrive/recording/damaged_records.h"
+#include "redrive/recording/recording_reader.h"
 #include "redrive/recording/wording.h"
 #include "redrive/report/preflight_page.h"
 #include "redrive/scene/find_moving.h"
@@ -108,12 +110,26 @@ void check_lidar(Inspection* result) {
     result->findings.push_back({"lidar of frame " + std::to_string(middle), check.why});
 }
 
-Inspection inspect(const std::string& root, const std::string& frames,
-                   const std::vector<std::string>& cameras, bool outside_files) {
+struct InspectOptions {
+  std::string recording, frames, masks, report;
+  std::vector<std::string> cameras;
+  double max_damaged = kMostDamagedPercent;
+  bool json = false, objects = false, outside_files = false;
+};
+
+Inspection inspect(const InspectOptions& options) {
+  constexpr std::size_t kWhole = 8;  // of each sensor
   Inspection result;
-  result.recording = open_recording(root, PoseSource::kRecorded, outside_files);
-  keep_frames(parse_frame_range(frames), &result.recording);
-  keep_cameras(cameras, &result.recording);
+  result.recording =
+      open_recording(options.recording, PoseSource::kRecorded, options.outside_files);
+  keep_frames(parse_frame_range(options.frames), &result.recording);
+  keep_cameras(options.cameras, &result.recording);
+  result.problems =
+      leave_out_damaged({.most_percent = options.max_damaged,
+                         .whole = options.report.empty() ? kWhole : DamageCheck::kAll},
+                        &result.recording);
+  if (result.recording.cameras.empty())
+    throw InputError(options.recording, result.problems[0].subject, "", result.problems[0].what);
   result.findings = result.recording.findings;
   if (result.recording.metric) {
     result.drive = summarize_drive(result.recording.frames);
@@ -121,6 +137,12 @@ Inspection inspect(const std::string& root, const std::string& frames,
                            result.drive->findings.end());
   }
   const std::vector<std::string> grey = grey_cameras(result.recording);
+  try {
+    if (result.recording.lidar_files.empty() && !result.recording.points_file.empty())
+      result.recording.reader->read_points(result.recording);
+  } catch (const InputError& error) {
+    result.problems.push_back({"points", error.what()});
+  }
   try {
     ThreadPool pool(hardware_threads());
     if (const auto lost = lost_returns_of_sample(result.recording, pool))
@@ -166,7 +188,8 @@ void write_masks(const std::filesystem::path& folder, Inspection* result) {
     options.cameras = {calibration.name};
     options.downscale = std::max(1, calibration.width / 640);
     const Scene scene = make_scene(result->recording, options);
-    const std::vector<Image8> images = load_views(scene, pool);
+    DamagedViews damaged;
+    const std::vector<Image8> images = load_views(scene, pool, &damaged);
     const Mask mask = find_static_mask(scene, 0, images, result->recording.metric);
     report.percent_masked =
         100.0 * static_cast<double>(mask.left_out()) / static_cast<double>(mask.used.size());
@@ -200,6 +223,11 @@ void write_report(const std::filesystem::path& folder, Inspection* result) {
                                          kPreflightMaxWidth, kPatchHalf, pool);
   const LidarReturns lidar =
       load_lidar_returns(result->recording, images.scene, images.moving, pool);
+  if (lidar.damaged) result->findings.push_back(*lidar.damaged);
+  if (lidar.unusable > 0)
+    result->findings.push_back(
+        {"lidar", counted(lidar.unusable, "return") +
+                      " left out: no numbers, at the sensor, or values that cannot be"});
   std::vector<LidarSample> samples;
   if (result->recording.metric && result->recording.body_from_lidar)
     samples = lidar_samples(result->recording, images.scene, lidar);
@@ -229,23 +257,17 @@ std::vector<ObjectSummary> list_objects(const Recording& recording) {
   return summarize_objects(scene, annotated.with(search_moving(recording, scene, annotated, pool)));
 }
 
-struct InspectOptions {
-  std::string recording, frames, masks, report;
-  std::vector<std::string> cameras;
-  bool json = false, objects = false, outside_files = false;
-};
-
 int run_inspect(const InspectOptions& options) {
-  const auto& [root, frames, masks, report, cameras, json, objects, outside_files] = options;
+  const std::string &masks = options.masks, &report = options.report;
   if (!masks.empty()) require_empty_folder("--masks", masks);
   if (!report.empty()) require_empty_folder("--report", report);
-  Inspection result = inspect(root, frames, cameras, outside_files);
-  if (objects && result.problems.empty()) result.objects = list_objects(result.recording);
+  Inspection result = inspect(options);
+  if (options.objects && result.problems.empty()) result.objects = list_objects(result.recording);
   if (!masks.empty() && result.problems.empty())
     write_folder(masks, /*replace=*/false,
                  [&](const std::filesystem::path& made) { write_masks(made, &result); });
   if (!report.empty() && result.problems.empty()) write_report(report, &result);
-  if (json) {
+  if (options.json) {
     // JSON must be UTF-8; file names need not be.
     std::printf("%s\n", inspection_to_json(result)
                             .dump(2, ' ', false, nlohmann::json::error_handler_t::replace)
@@ -265,6 +287,7 @@ Action configure_inspect(CLI::App& command) {
   add_frames_option(command, &options->frames);
   add_cameras_option(command, &options->cameras);
   add_outside_files_option(command, &options->outside_files);
+  add_max_damaged_option(command, &options->max_damaged);
   command.add_flag("--json", options->json, "JSON on standard output instead of the table");
   command.add_flag("--objects", options->objects,
                    "lists annotated objects, and ones that move by the LiDAR: type, moving or "

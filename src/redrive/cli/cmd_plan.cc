@@ -26,9 +26,9 @@ namespace {
 
 /// Options of train that change what it costs.
 constexpr const char* kPlannedOptions[] = {
-    "cameras", "frames",        "downscale", "holdout-every", "masks",      "method",
-    "preset",  "max-gaussians", "max-steps", "max-seconds",   "lidar-rays", "set",
-    "memory",  "backend",       "isa",       "threads",       "truth-poses"};
+    "cameras", "frames",        "downscale", "holdout-every", "masks",       "method",
+    "preset",  "max-gaussians", "max-steps", "max-seconds",   "lidar-rays",  "set",
+    "memory",  "backend",       "isa",       "threads",       "truth-poses", "max-damaged"};
 constexpr double kCalibrationPixels = 4e6;  // of images that are measured: some seconds of work
 constexpr std::int64_t kLeastCalibrationImages = 6;
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// --frames, --cameras and --outside-files of commands that take a recording.
+// --frames, --cameras, --outside-files and --max-damaged of commands that take a recording.
 #pragma once
 
 #include <string>
@@ -7,6 +7,7 @@
 
 #include <CLI/App.hpp>
 
+#include "redrive/cli/help.h"
 #include "redrive/recording/frame_range.h"
 
 namespace redrive {
@@ -28,6 +29,16 @@ inline void add_outside_files_option(CLI::App& command, bool* outside_files) {
   command.add_flag(
       "--outside-files", *outside_files,
       "also reads images, masks and points that transforms.json names outside of its folder");
+}
+
+inline void add_max_damaged_option(CLI::App& command, double* percent) {
+  command
+      .add_option("--max-damaged", *percent,
+                  "percentage of a sensor's images, scans, poses or times that may be damaged or "
+                  "impossible and are left out; one always may, unless it is 0")
+      ->type_name("PERCENT")
+      ->check(within("--max-damaged", 0, 100))
+      ->capture_default_str();
 }
 
 }  // namespace redrive

@@ -97,9 +97,14 @@ void print_summary(const Run& run, const TrainingData& training, const kernels::
                 run.recording.points_file.c_str(), lidar.hidden);
   else if (lidar.n > 0)
     std::printf(
-        "%zu LiDAR returns; dropped: %zu repeated, %zu beyond the trajectory, %zu on the vehicle, "
-        "%zu on moving objects\n",
-        lidar.n, lidar.repeated, lidar.beyond_trajectory, lidar.on_ego, lidar.on_moving);
+        "%zu LiDAR returns; dropped: %zu unusable, %zu repeated, %zu beyond the trajectory, %zu on "
+        "the vehicle, %zu on moving objects\n",
+        lidar.n, lidar.unusable, lidar.repeated, lidar.beyond_trajectory, lidar.on_ego,
+        lidar.on_moving);
+  for (const Finding& damaged : training.damaged)
+    std::printf("note: %s: %s\n", damaged.subject.c_str(), damaged.what.c_str());
+  if (const auto& damaged = training.lidar.damaged)
+    std::printf("note: %s: %s\n", damaged->subject.c_str(), damaged->what.c_str());
   if (run.recording.points_file.empty() || !run.recording.lidar_files.empty())
     if (const std::optional<Finding> lost = lost_returns(training.lidar))
       std::printf("note: %s: %s\n", lost->subject.c_str(), lost->what.c_str());

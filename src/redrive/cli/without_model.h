@@ -6,6 +6,7 @@
 #include <string>
 
 #include "redrive/base/error.h"
+#include "redrive/recording/damaged_records.h"
 #include "redrive/recording/frame_range.h"
 #include "redrive/recording/pose_files.h"
 #include "redrive/scene/load_views.h"
@@ -19,14 +20,16 @@ inline bool is_run_folder(const std::string& folder) {
 }
 
 /// Returns a recording, or its `frames` (recording/frame_range.h), with the pose files of the
-/// folder `poses` if it is not empty, as a run without a model, over white where its images are
-/// transparent. Throws InputError as open_recording and apply_pose_files.
+/// folder `poses` if it is not empty, and without damaged records (DamageCheck::whole), as a run
+/// without a model, over white where its images are transparent. Throws InputError as
+/// open_recording and apply_pose_files.
 inline Run open_without_model(const std::string& folder, int downscale = 1,
                               const std::string& frames = "", const std::string& poses = "",
-                              bool outside_files = false) {
+                              bool outside_files = false, std::size_t whole = 0) {
   Run run;
   run.recording = open_recording(folder, PoseSource::kRecorded, outside_files);
   keep_frames(parse_frame_range(frames), &run.recording);
+  require_few_damaged({.whole = whole}, &run.recording);
   if (!poses.empty())
     apply_pose_files(read_pose_files(run.recording, poses), poses, &run.recording);
   SceneOptions options;

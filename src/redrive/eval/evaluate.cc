@@ -50,6 +50,21 @@ std::vector<std::vector<std::size_t>> views_to_score(const Scene& scene, bool he
   return by_camera;
 }
 
+/// Takes views whose images cannot be decoded out of the lists.
+std::vector<Finding> leave_out_damaged_views(const Run& run, int threads,
+                                             std::vector<std::vector<std::size_t>>* by_camera) {
+  ThreadPool pool(threads);
+  DamagedViews damaged;
+  const ViewLoader load(run.scene, pool, &damaged);
+  const auto& views = run.scene.views;
+  for (std::vector<std::size_t>& chosen : *by_camera) {
+    pool.run(static_cast<int>(chosen.size()),
+             [&](int i) { load(views[chosen[static_cast<std::size_t>(i)]]); });
+    std::erase_if(chosen, [&](std::size_t v) { return damaged.contains(views[v]); });
+  }
+  return damaged.judge(run.recording, run.scene);
+}
+
 nlohmann::json changes_to_json(const PoseChanges& changes) {
   const auto three = [](const Eigen::Vector3d& v) { return nlohmann::json{v.x(), v.y(), v.z()}; };
   nlohmann::json cameras = nlohmann::json::object();
@@ -121,7 +136,8 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
   if (run.state.poses.refines())
     evaluation.pose_changes =
         pose_changes(run.scene, run.state.poses.corrections, pose_refinement(run.options).bounds);
-  const auto by_camera = views_to_score(scene, evaluation.held_out, options);
+  auto by_camera = views_to_score(scene, evaluation.held_out, options);
+  evaluation.damaged = leave_out_damaged_views(run, backend.threads(), &by_camera);
   if (evaluation.held_out && run.state.poses.refines()) {
     std::vector<std::size_t> all;
     for (const auto& chosen : by_camera) all.insert(all.end(), chosen.begin(), chosen.end());

@@ -78,7 +78,8 @@ struct PartEvaluation {
 };
 
 struct Evaluation {
-  bool held_out = true;  ///< false: no frame was held out, training frames were scored
+  bool held_out = true;          ///< false: no frame was held out, training frames were scored
+  std::vector<Finding> damaged;  ///< about images that cannot be decoded, which are not scored
   Score overall;
   std::map<std::string, Score> cameras;
   std::optional<MovingEvaluation> moving;  ///< empty where no image shows a moving object

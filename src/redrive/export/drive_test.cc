@@ -25,7 +25,7 @@ constexpr int kColumns = 512;
 /// overtakes, a parked one and a person.
 class MadeReader : public RecordingReader {
  public:
-  std::vector<LidarPoint> read_lidar(const FrameFile& file) const override {
+  std::vector<LidarPoint> read_lidar(const FrameFile& file, std::size_t* = nullptr) const override {
     std::vector<LidarPoint> points;
     for (int c = 0; c < kColumns; ++c) {
       const double fraction = (c + 0.5) / kColumns, azimuth = M_PI * (1 - 2 * fraction);

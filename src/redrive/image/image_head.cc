@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <fstream>
 #include <string_view>
 
 #include "redrive/base/files.h"
@@ -12,7 +13,7 @@ namespace {
 
 using std::string_view;
 
-constexpr std::size_t kHeadBytes = 1 << 18;
+constexpr std::size_t kUsualHeadBytes = 1 << 12, kHeadBytes = 1 << 18;  // EXIF may be large
 
 /// An unsigned number of `size` bytes; nothing beyond the end.
 std::optional<unsigned> number_at(string_view bytes, std::size_t at, int size, bool big_endian) {
@@ -106,7 +107,21 @@ std::optional<ImageHead> parse_image_head(string_view bytes) {
 std::optional<ImageHead> read_image_head(const std::filesystem::path& path) {
   std::error_code error;
   if (!std::filesystem::is_regular_file(path, error)) return std::nullopt;
+  if (const auto head = parse_image_head(read_head(path, kUsualHeadBytes))) return head;
   return parse_image_head(read_head(path, kHeadBytes));
+}
+
+bool has_image_end(const std::filesystem::path& path) {
+  constexpr string_view kPng("\x89PNG\r\n\x1a\n"), kPngEnd("IEND\xAE\x42\x60\x82"),
+      kJpeg("\xFF\xD8"), kJpegEnd("\xFF\xD9");
+  std::ifstream file(path, std::ios::binary);
+  char head[kPng.size()], tail[kPngEnd.size()];
+  if (!file.read(head, sizeof head) ||
+      !file.seekg(-static_cast<std::streamoff>(sizeof tail), std::ios::end) ||
+      !file.read(tail, sizeof tail))
+    return false;
+  const string_view first(head, sizeof head), last(tail, sizeof tail);
+  return first == kPng ? last == kPngEnd : first.starts_with(kJpeg) && last.ends_with(kJpegEnd);
 }
 
 }  // namespace redrive

@@ -21,7 +21,10 @@ struct ImageHead {
 /// Returns what the first bytes of a PNG or JPEG say; nothing for other files and damaged ones.
 std::optional<ImageHead> parse_image_head(std::string_view bytes);
 
-/// As parse_image_head, of a file, of which the first 256 KB are read.
+/// As parse_image_head, of the first 4 KB of a file, and of 256 KB where these are not enough.
 std::optional<ImageHead> read_image_head(const std::filesystem::path& path);
+
+/// Whether a PNG or JPEG ends with its end marker, so it was not cut; false for other files.
+bool has_image_end(const std::filesystem::path& path);
 
 }  // namespace redrive

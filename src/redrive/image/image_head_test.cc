@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include "redrive/base/temporary_folder_testing.h"
 #include "redrive/image/image.h"
 #include "redrive/image/jpeg.h"
 #include "redrive/image/png.h"
@@ -71,6 +72,19 @@ TEST(ImageHead, FocalLengthOfExif) {
     EXPECT_EQ(*head->film_focal_mm, 26);
     EXPECT_NEAR(*head->focal_px(), 26 * 50 / 43.267, 0.01);
   }
+}
+
+TEST(ImageHead, ACutFileHasNoEnd) {
+  const TemporaryFolder folder;
+  for (const std::string& bytes : {encode_png(colours(40, 30)), encode_jpeg(colours(40, 30), 90)}) {
+    folder.write("whole", bytes);
+    folder.write("cut", bytes.substr(0, bytes.size() - 1));
+    EXPECT_TRUE(has_image_end(folder.path / "whole"));
+    EXPECT_FALSE(has_image_end(folder.path / "cut"));
+  }
+  folder.write("empty", "");
+  EXPECT_FALSE(has_image_end(folder.path / "empty"));
+  EXPECT_FALSE(has_image_end(folder.path / "missing"));
 }
 
 }  // namespace

@@ -24,10 +24,11 @@ const fs::path kCalibrationFile = "sensor/calibration/calibration.json",
 class Reader : public RecordingReader {
  public:
   explicit Reader(std::vector<FramePose> frames) : frames_(std::move(frames)) {}
-  std::vector<LidarPoint> read_lidar(const FrameFile& file) const override {
+  std::vector<LidarPoint> read_lidar(const FrameFile& file,
+                                     std::size_t* left_out = nullptr) const override {
     const auto frame = std::ranges::lower_bound(frames_, file.frame_id, {}, &FramePose::id);
     const bool known = frame != frames_.end() && frame->id == file.frame_id;
-    return read_las(file.path, known ? frame->t_ns : 0);
+    return read_las(file.path, known ? frame->t_ns : 0, left_out);
   }
   std::uint64_t lidar_point_count(const FrameFile& file) const override {
     return las_point_count(file.path);
@@ -98,7 +99,8 @@ Recording open(const fs::path& root, PoseSource source) {
     recording.frames = recording.ground_truth_frames;
   } else {
     const fs::path poses_file = egomotion_file(root);
-    recording.frames = parse_egomotion(read_file(poses_file), poses_file);
+    const DamagedList damaged{"poses", &recording.damaged};
+    recording.frames = parse_egomotion(read_file(poses_file), poses_file, &damaged);
   }
 
   recording.reader = make_reader(recording.frames);
@@ -131,6 +133,7 @@ Recording open(const fs::path& root, PoseSource source) {
     std::string why;
     for (const Finding& finding : recording.findings)
       why += "; " + finding.subject + ": " + finding.what;
+    if (!recording.damaged.empty()) why += "; " + recording.damaged.front().why;
     throw InputError(image_root, "", "",
                      "empty recording: no image of a calibrated camera with a pose" + why);
   }

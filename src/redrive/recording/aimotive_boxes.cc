@@ -8,6 +8,7 @@
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
 #include "redrive/base/json_field.h"
+#include "redrive/recording/rigid_json.h"
 
 namespace redrive::aimotive {
 namespace {
@@ -15,7 +16,6 @@ namespace {
 constexpr double kMinSize_m = 0.01, kMaxSize_m = 100;  // road trains are 50 m long
 constexpr double kMaxDistance_m = 1e4;
 constexpr double kMaxSpeed_m_per_s = 300;  // two cars in opposite directions
-constexpr double kUnitNorm = 1e-3;
 const std::string kOrientation = "BoundingBox3D Orientation Quat";
 
 /// Reads "<name> X", "<name> Y" and "<name> Z".
@@ -38,9 +38,10 @@ Eigen::Quaterniond rotation_from_json(const JsonField& object) {
   const Eigen::Vector3d xyz = vector_from_json(object, kOrientation, -2, 2);
   const JsonField w = object.at(kOrientation + " W");
   const Eigen::Quaterniond rotation(w.number(), xyz.x(), xyz.y(), xyz.z());
-  if (!(std::abs(rotation.norm() - 1) <= kUnitNorm))
+  if (!is_rotation(rotation))
     throw InputError(object.file(), object.field() + "." + kOrientation,
-                     "norm " + std::to_string(rotation.norm()), "must be 1 to 0.001: a rotation");
+                     "norm " + std::to_string(rotation.norm()),
+                     "must be a rotation, of any length but 0");
   return rotation.normalized();
 }
 

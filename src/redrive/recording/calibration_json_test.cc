@@ -133,7 +133,7 @@ TEST(Calibration, RejectsInvalidJson) {
     return input_error([&] { parse_calibration(text, "c.json", nullptr); });
   };
   EXPECT_THAT(message(""), HasSubstr("c.json"));
-  EXPECT_THAT(message("{\"F_CAM\": {\"focal_length_px\": [NaN, 1]}}"),
+  EXPECT_THAT(message("{\"F_CAM\": {\"focal_length_px\": [NaN, 1],}}"),
               AllOf(HasSubstr("c.json"), HasSubstr("line 1")));
   EXPECT_THAT(message("{\"F_CAM\": {\"focal_length_px\": [1e999, 1]}}"), HasSubstr("c.json"));
   EXPECT_THAT(message("[1, 2]"), HasSubstr("c.json"));

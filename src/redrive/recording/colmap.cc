@@ -284,6 +284,10 @@ Recording open(const fs::path& root, PoseSource source) {
       missing.push_back(image.name);
       continue;
     }
+    if (!image.damage.empty()) {
+      recording.damaged.push_back({"poses", -1, image.damage});
+      continue;
+    }
     if (path != folder / image.name) {
       names.insert(path.lexically_relative(folder).string());
       found_elsewhere.push_back(path.string());
@@ -315,6 +319,8 @@ Recording open(const fs::path& root, PoseSource source) {
   masks.report_unused(&findings);
   for (auto& [id, camera] : by_id)
     if (!camera.images.empty()) recording.cameras.push_back(std::move(camera));
+  if (recording.cameras.empty() && missing.empty() && !recording.damaged.empty())
+    throw InputError(images_file, "", "", "no pose can be used: " + recording.damaged.front().why);
   if (recording.cameras.empty())
     photographs::refuse_without_images(folder, missing.empty() ? "" : missing.front());
   photographs::fit_to_images(&recording);

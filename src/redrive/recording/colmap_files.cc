@@ -12,6 +12,7 @@
 #include "redrive/recording/colmap_rigs.h"
 #include "redrive/recording/little_endian.h"
 #include "redrive/recording/photographs.h"
+#include "redrive/recording/rigid_json.h"
 #include "redrive/recording/text_lines.h"
 
 namespace redrive::colmap {
@@ -49,8 +50,7 @@ Eigen::Quaterniond quaternion_of(const std::array<double, 7>& numbers) {
 Rigid3d pose_from(const std::array<double, 7>& numbers, const std::string& record,
                   const fs::path& file) {
   const Eigen::Quaterniond q = quaternion_of(numbers);
-  constexpr double kLeastLength = 1e-6, kMostLength = 1e6;
-  if (!(q.norm() >= kLeastLength && q.norm() <= kMostLength))
+  if (!is_rotation(q))
     throw InputError(file, record + " quaternion", "length " + std::to_string(q.norm()),
                      "must be a rotation, of a length between 1e-6 and 1e6");
   Rigid3d pose(q.normalized().toRotationMatrix());
@@ -61,10 +61,17 @@ Rigid3d pose_from(const std::array<double, 7>& numbers, const std::string& recor
   return pose;
 }
 
-void set_pose(const std::array<double, 7>& numbers, const std::string& record, const fs::path& file,
+/// `read_numbers`: the seven of the pose.
+template <class Read>
+void set_pose(const Read& read_numbers, const std::string& record, const fs::path& file,
               ImageRecord* image) {
-  image->camera_from_world = pose_from(numbers, record, file);
-  image->quaternion_length = quaternion_of(numbers).norm();
+  try {
+    const std::array<double, 7> numbers = read_numbers();
+    image->camera_from_world = pose_from(numbers, record, file);
+    image->quaternion_length = quaternion_of(numbers).norm();
+  } catch (const InputError& error) {
+    image->damage = error.what();
+  }
 }
 
 std::string checked_name(std::string_view name, const std::string& record, const fs::path& file) {
@@ -150,6 +157,11 @@ class ByteReader {
     return text;
   }
   void skip(std::uint64_t bytes) { at_ += bytes; }
+  /// Skips bytes that have to be there.
+  void take_bytes(std::size_t bytes, const std::string& field) {
+    need(bytes, field);
+    at_ += bytes;
+  }
   void expect_end() const {
     if (at_ != bytes_.size())
       throw InputError(file_, "", std::to_string(bytes_.size() - at_),
@@ -242,7 +254,7 @@ std::vector<ImageRecord> parse_images_text(std::string_view text, const fs::path
     image.id = line.integer(0, "IMAGE_ID", 0, kMaxId);
     ids.add(image.id);
     const std::string record = record_name("image", image.id);
-    set_pose(numbers_from(line, 1, record), record, file, &image);
+    set_pose([&] { return numbers_from(line, 1, record); }, record, file, &image);
     image.camera_id = line.integer(8, record + " CAMERA_ID", 0, kMaxId);
     image.name = checked_name(line.rest(9), record, file);
     const TextLine features = next();
@@ -262,7 +274,9 @@ std::vector<ImageRecord> parse_images_binary(std::string_view bytes, const fs::p
     image.id = in.take<std::uint32_t>("image id");
     ids.add(image.id);
     const std::string record = record_name("image", image.id);
-    set_pose(numbers_from(&in, record), record, file, &image);
+    ByteReader pose = in;
+    in.take_bytes(7 * sizeof(double), record + " pose");
+    set_pose([&] { return numbers_from(&pose, record); }, record, file, &image);
     image.camera_id = in.take<std::uint32_t>(record + " camera id");
     image.name = checked_name(in.take_text(record + " name"), record, file);
     constexpr std::size_t kFeatureBytes = 24;

@@ -25,6 +25,7 @@ struct ImageRecord {
   std::int64_t camera_id = 0;
   std::string name;              ///< relative to the folder of the images, normal
   double quaternion_length = 1;  ///< in the file; camera_from_world is normalised
+  std::string damage;            ///< why the pose cannot be; empty: it can
 };
 
 /// An entry of points3D.txt or points3D.bin.
@@ -36,8 +37,9 @@ struct PointRecord {
 
 // Each throws InputError, which names record, field and value: a file that ends early or does not
 // end, numbers that are not finite, ids that come twice, camera models that redrive does not have
-// (their names are listed), quaternions of a length near 0, positions beyond 1e7, names of
-// images that are empty or lead out of the folder. In text, a name may have blanks.
+// (their names are listed), names of images that are empty or lead out of the folder. In text, a
+// name may have blanks. Poses with numbers that are not finite, quaternions of a length near 0 and
+// positions beyond 1e7 are no errors (ImageRecord::damage).
 std::vector<CameraRecord> parse_cameras_text(std::string_view text,
                                              const std::filesystem::path& file);
 std::vector<CameraRecord> parse_cameras_binary(std::string_view bytes,

@@ -59,25 +59,32 @@ std::optional<Rigid3d> global_from_body_from_json(const JsonField& entry) {
   return pose;
 }
 
-std::vector<FramePose> parse_egomotion(std::string_view text, const std::filesystem::path& file) {
+std::vector<FramePose> parse_egomotion(std::string_view text, const std::filesystem::path& file,
+                                       const DamagedList* damaged) {
   const nlohmann::json document = parse_json(text, file);
   const JsonField root(document, file);
   std::vector<FramePose> frames;
   const char* time = nullptr;
   for (const std::string& key : root.keys()) {
     const JsonField entry = root.at(key);
-    if (!time) time = time_field(entry);
     FramePose frame;
     frame.id = frame_id_from_key(entry, key);
-    const std::optional<Rigid3d> pose = global_from_body_from_json(entry);
-    if (!pose) entry.fail("has neither RT_ECEF_body nor ECEF_RT_body");
-    frame.global_from_body = *pose;
-    frame.t_ns = t_ns_from_json(entry.at(time));
-    frames.push_back(frame);
+    if (parse_record(damaged, frame.id, [&] {
+          if (!time) time = time_field(entry);
+          const std::optional<Rigid3d> pose = global_from_body_from_json(entry);
+          if (!pose) entry.fail("has neither RT_ECEF_body nor ECEF_RT_body");
+          frame.global_from_body = *pose;
+          frame.t_ns = t_ns_from_json(entry.at(time));
+        }))
+      frames.push_back(frame);
   }
-  if (frames.empty()) throw InputError(file, "", "", "holds no pose");
+  if (frames.empty())
+    throw InputError(file, "", "",
+                     "holds no pose" + (damaged && !damaged->records->empty()
+                                            ? "; " + damaged->records->front().why
+                                            : std::string()));
   std::sort(frames.begin(), frames.end(), [](const auto& a, const auto& b) { return a.id < b.id; });
-  check_trajectory(frames, file, {"time", "RT_ECEF_body"});
+  leave_out_impossible(file, {"time", "RT_ECEF_body"}, damaged, &frames);
   return frames;
 }
 

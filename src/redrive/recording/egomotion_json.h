@@ -9,12 +9,15 @@
 #include <vector>
 
 #include "redrive/base/json_field.h"
+#include "redrive/recording/damaged_text.h"
 #include "redrive/recording/recording.h"
 
 namespace redrive {
 
-/// Poses by id. InputError: ids with leading zeros, times that do not increase, more than 150 m/s.
-std::vector<FramePose> parse_egomotion(std::string_view text, const std::filesystem::path& file);
+/// Poses by id. InputError: ids with leading zeros, no pose at all. Poses and times that cannot be,
+/// times that do not increase and more than 150 m/s go to `damaged`; without it they are errors.
+std::vector<FramePose> parse_egomotion(std::string_view text, const std::filesystem::path& file,
+                                       const DamagedList* damaged = nullptr);
 
 nlohmann::json egomotion_to_json(const std::vector<FramePose>& frames);
 

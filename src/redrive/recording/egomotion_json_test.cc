@@ -117,5 +117,53 @@ TEST(Egomotion, RejectsImplausibleSpeeds) {
               AllOf(HasSubstr("2.RT_ECEF_body"), HasSubstr("16.00 m"), HasSubstr("frame 1")));
 }
 
+/// Ten frames from 0 on, 2 m and 0.1 s apart.
+json ten_frames() {
+  json document;
+  for (int id = 0; id < 10; ++id) document[std::to_string(id)] = pose_at(2 * id, 50 + 0.1 * id);
+  return document;
+}
+
+std::vector<DamagedRecord> damaged_of(const json& document, std::vector<FramePose>* frames) {
+  std::vector<DamagedRecord> damaged;
+  const DamagedList list{"poses", &damaged};
+  std::string text = document.dump();
+  if (const std::size_t at = text.find("\"NaN\""); at != text.npos) text.replace(at, 5, "NaN");
+  *frames = parse_egomotion(text, "e.json", &list);
+  return damaged;
+}
+
+TEST(Egomotion, APoseOrATimeThatCannotBeCostsItself) {
+  const auto with = [](const char* pointer, const json& value) {
+    json document = ten_frames();
+    document[json::json_pointer(pointer)] = value;
+    return document;
+  };
+  for (const json& document :
+       {with("/4/RT_ECEF_body/0/3", "NaN"), with("/4/RT_ECEF_body/0/0", 1.2),
+        with("/4/RT_ECEF_body/0/3", 0), with("/4/time_host", -1), with("/4/time_host", 51),
+        with("/4/time_host", 50.25), with("/4/RT_ECEF_body/0/3", 4e6 + 500)}) {
+    std::vector<FramePose> frames;
+    const std::vector<DamagedRecord> damaged = damaged_of(document, &frames);
+    ASSERT_EQ(damaged.size(), 1u) << document;
+    EXPECT_EQ(damaged[0].frame_id, 4) << document;
+    EXPECT_FALSE(damaged[0].breaks);
+    EXPECT_THAT(damaged[0].why, AllOf(HasSubstr("e.json: "), HasSubstr("4"))) << document;
+    EXPECT_EQ(frames.size(), 9u);
+  }
+}
+
+TEST(Egomotion, APlaceFromWhichOnAllIsElsewhereIsNamed) {
+  json document;
+  for (int id = 0; id < 40; ++id)
+    document[std::to_string(id)] = pose_at(2 * id + (id < 20 ? 0 : 1e5), 50 + 0.1 * id);
+  std::vector<FramePose> frames;
+  const std::vector<DamagedRecord> damaged = damaged_of(document, &frames);
+  ASSERT_EQ(damaged.size(), 1u);
+  EXPECT_TRUE(damaged[0].breaks);
+  EXPECT_EQ(damaged[0].frame_id, 20);
+  EXPECT_EQ(frames.size(), 40u);
+}
+
 }  // namespace
 }  // namespace redrive

@@ -128,6 +128,7 @@ void require_cameras(const Recording& recording) {
   std::string why;
   for (const Finding& finding : recording.findings)
     why += "; " + finding.subject + ": " + finding.what;
+  if (!recording.damaged.empty()) why += "; " + recording.damaged.front().why;
   throw InputError(recording.root, "", "",
                    "empty recording: no image of a frame with a pose" + why);
 }

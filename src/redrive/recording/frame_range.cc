@@ -82,6 +82,10 @@ void keep_frames(const FrameRange& range, Recording* recording) {
     throw UsageError("--frames", text_of(range), "no camera has an image in the chosen frames");
   for (std::vector<FrameFile>* files : {&recording->lidar_files, &recording->box_files})
     std::erase_if(*files, [&](const FrameFile& file) { return outside(file.frame_id); });
+  std::erase_if(recording->damaged, [&](const DamagedRecord& record) {
+    const std::int64_t id = record.frame_id;  // a damaged pose has no frame
+    return id >= 0 && (id < range.first || (range.last >= 0 && id > range.last));
+  });
 }
 
 }  // namespace redrive

@@ -5,6 +5,9 @@
 
 #include <filesystem>
 #include <optional>
+#include <vector>
+
+#include "redrive/recording/recording.h"
 
 namespace redrive {
 
@@ -13,12 +16,11 @@ struct ImageSize {
   bool operator==(const ImageSize&) const = default;
 };
 
-/// Returns the size of a PNG or a JPEG from its header; nothing for any other file, and for a JPEG
-/// that ends before its size. InputError for sizes outside 1 to 65536.
+/// Returns the size of a PNG or a JPEG from its header; nothing for any other file, for one that is
+/// damaged there, and for more than 65536 pixels a side.
 std::optional<ImageSize> image_size(const std::filesystem::path& path);
 
-/// InputError unless the image, if its size is known, has the size in `calibration`, a file.
-void check_image_size(const std::filesystem::path& image, ImageSize expected,
-                      const std::filesystem::path& calibration);
+/// The size that most of a few of the images have, spread over them; nothing where none is known.
+std::optional<ImageSize> usual_image_size(const std::vector<ImageFile>& images);
 
 }  // namespace redrive

@@ -49,11 +49,11 @@ auto parse_file(const fs::path& file, Parse parse) {
 /// Poses of the body at the times of the GPS and IMU. `is_shown`: of frames that have an image.
 std::vector<FramePose> read_oxts_poses(const fs::path& root,
                                        const std::function<bool(std::int64_t)>& is_shown,
-                                       std::vector<Finding>* findings) {
+                                       const DamagedList& damaged, std::vector<Finding>* findings) {
   const std::vector<FrameFile> files =
       list_frame_files(root / "oxts/data", "", {".txt"}, "oxts/data", findings);
   if (files.empty()) throw InputError(root / "oxts/data", "", "", "holds no pose");
-  const Timestamps times(root / "oxts/timestamps.txt");
+  const Timestamps times(root / "oxts/timestamps.txt", &damaged);
   std::vector<FramePose> poses;
   std::vector<std::int64_t> without_time;
   for (const FrameFile& file : files) {
@@ -62,13 +62,16 @@ std::vector<FramePose> read_oxts_poses(const fs::path& root,
       without_time.push_back(file.frame_id);
       continue;
     }
-    poses.push_back(
-        {file.frame_id, *t_ns, parse_oxts(read_file(file.path), file.path) * imu_from_body()});
+    parse_record(&damaged, file.frame_id, [&] {
+      poses.push_back(
+          {file.frame_id, *t_ns, parse_oxts(read_file(file.path), file.path) * imu_from_body()});
+    });
   }
   if (!without_time.empty())
     findings->push_back({"oxts", "no time, and so no pose, for frame " + first_few(without_time)});
   if (poses.empty()) throw InputError(times.file, "", "", "has a time of no pose");
-  check_trajectory(poses, root / "oxts/data", {"time", "latitude, longitude, altitude"});
+  leave_out_impossible(root / "oxts/data", {"time", "latitude, longitude, altitude"}, &damaged,
+                       &poses);
   return poses;
 }
 
@@ -78,7 +81,13 @@ struct CameraFolder {
   Timestamps times;
 };
 
-std::vector<CameraFolder> list_cameras(const fs::path& root, std::vector<Finding>* findings) {
+/// What becomes of damaged times of a sensor.
+DamagedList damaged_times(const std::string& sensor, Recording* recording) {
+  return {"times of " + sensor, &recording->damaged};
+}
+
+std::vector<CameraFolder> list_cameras(const fs::path& root, Recording* recording) {
+  std::vector<Finding>* const findings = &recording->findings;
   std::vector<CameraFolder> folders;
   for (const char* name : kImageFolders) {
     if (!is_folder(root / name)) continue;
@@ -87,7 +96,9 @@ std::vector<CameraFolder> list_cameras(const fs::path& root, std::vector<Finding
     if (images.empty()) {
       findings->push_back({name, "no image in its folder data; left out"});
     } else {
-      folders.push_back({name, std::move(images), Timestamps(root / name / "timestamps.txt")});
+      const DamagedList damaged = damaged_times(name, recording);
+      folders.push_back(
+          {name, std::move(images), Timestamps(root / name / "timestamps.txt", &damaged)});
     }
   }
   return folders;
@@ -96,6 +107,7 @@ std::vector<CameraFolder> list_cameras(const fs::path& root, std::vector<Finding
 /// Frames of the first camera's times, at which poses are interpolated.
 std::vector<FramePose> frames_at_images(const std::vector<FramePose>& poses,
                                         const CameraFolder& camera, const fs::path& oxts,
+                                        const DamagedList& damaged,
                                         std::vector<Finding>* findings) {
   std::vector<FramePose> frames;
   std::vector<std::int64_t> without_time;
@@ -106,8 +118,8 @@ std::vector<FramePose> frames_at_images(const std::vector<FramePose>& poses,
       without_time.push_back(pose.id);
       continue;
     }
-    camera.times.require_same(pose.id, *t_ns, pose.t_ns, oxts.string());
-    frames.push_back({pose.id, *t_ns, pose_at(poses, *t_ns)});
+    if (camera.times.is_same(pose.id, *t_ns, pose.t_ns, oxts.string(), &damaged))
+      frames.push_back({pose.id, *t_ns, pose_at(poses, *t_ns)});
   }
   if (!without_time.empty())
     findings->push_back(
@@ -117,12 +129,14 @@ std::vector<FramePose> frames_at_images(const std::vector<FramePose>& poses,
 
 /// Lists the revolutions and their times.
 std::vector<FrameFile> list_scans(const fs::path& root, const std::vector<FramePose>& frames,
-                                  Reader* reader, std::vector<Finding>* findings) {
+                                  Reader* reader, const DamagedList& damaged,
+                                  std::vector<Finding>* findings) {
   const fs::path folder = root / "velodyne_points";
   std::vector<FrameFile> files =
       list_frame_files(folder / "data", "", {".bin"}, "velodyne_points/data", findings);
   if (files.empty()) return files;
-  const Timestamps start(folder / "timestamps_start.txt"), end(folder / "timestamps_end.txt");
+  const Timestamps start(folder / "timestamps_start.txt", &damaged),
+      end(folder / "timestamps_end.txt", &damaged);
   std::vector<std::int64_t> without_time;
   std::erase_if(files, [&](const FrameFile& file) {
     const auto frame = std::ranges::lower_bound(frames, file.frame_id, {}, &FramePose::id);
@@ -133,11 +147,15 @@ std::vector<FrameFile> list_scans(const fs::path& root, const std::vector<FrameP
       without_time.push_back(file.frame_id);
       return true;
     }
-    if (*end_ns <= *start_ns || *end_ns - *start_ns > kMaxRevolution_ns)
-      end.fail(file.frame_id, 1e-9 * static_cast<double>(*end_ns - *start_ns),
-               "after the start of the revolution, which takes up to 0.5 s");
-    if (has_frame)
-      start.require_same(file.frame_id, (*start_ns + *end_ns) / 2, frame->t_ns, "the image");
+    if (!parse_record(&damaged, file.frame_id, [&] {
+          if (*end_ns <= *start_ns || *end_ns - *start_ns > kMaxRevolution_ns)
+            end.fail(file.frame_id, 1e-9 * static_cast<double>(*end_ns - *start_ns),
+                     "after the start of the revolution, which takes up to 0.5 s");
+        }))
+      return true;
+    if (has_frame && !start.is_same(file.frame_id, (*start_ns + *end_ns) / 2, frame->t_ns,
+                                    "the image", &damaged))
+      return true;
     reader->scans[file.frame_id] = {*start_ns, *end_ns};
     return false;
   });
@@ -198,16 +216,18 @@ Recording open(const fs::path& root, PoseSource source) {
   const auto reader = std::make_shared<Reader>();
   reader->body_from_velodyne = velodyne_from_body.inverse(Eigen::Isometry);
 
-  const std::vector<CameraFolder> cameras = list_cameras(root, &findings);
+  const DamagedList damaged{"poses", &recording.damaged};
+  const std::vector<CameraFolder> cameras = list_cameras(root, &recording);
   const std::vector<FramePose> poses = read_oxts_poses(
       root,
       [&](std::int64_t id) {
         return std::ranges::any_of(
             cameras, [&](const CameraFolder& camera) { return has_file_of(camera.images, id); });
       },
-      &findings);
+      damaged, &findings);
   if (!cameras.empty())
-    recording.frames = frames_at_images(poses, cameras[0], root / "oxts/timestamps.txt", &findings);
+    recording.frames = frames_at_images(poses, cameras[0], root / "oxts/timestamps.txt",
+                                        damaged_times(cameras[0].name, &recording), &findings);
   for (const CameraFolder& camera : cameras) {
     const auto found = cam_to_cam.cameras.find(camera.name.back() - '0');
     if (found == cam_to_cam.cameras.end())
@@ -216,16 +236,17 @@ Recording open(const fs::path& root, PoseSource source) {
     std::vector<ImageFile> images =
         images_with_poses(camera.images, camera.name, recording.frames, &findings);
     if (images.empty()) continue;
-    check_image_size(images[0].path, *found->second.size, cameras_file);
     CameraCalibration calibration =
         calibration_of(found->second, *found->second.size, camera.name, rectified_from_body);
+    const DamagedList times = damaged_times(camera.name, &recording);
     calibration.time_offset_ns =
-        time_offset_ns(camera.times, camera.name, images, recording.frames, &findings);
+        time_offset_ns(camera.times, camera.name, images, recording.frames, &findings, &times);
     recording.cameras.push_back({calibration, std::move(images)});
   }
   require_cameras(recording);
 
-  recording.lidar_files = list_scans(root, recording.frames, reader.get(), &findings);
+  recording.lidar_files = list_scans(root, recording.frames, reader.get(),
+                                     damaged_times("velodyne_points", &recording), &findings);
   if (!recording.lidar_files.empty()) recording.body_from_lidar = reader->body_from_velodyne;
   if (const fs::path file = find_labels(root, &findings); !file.empty()) {
     const bool tracklets = has_extension(file, {".xml"});

@@ -142,14 +142,17 @@ struct ImuPoses {
 };
 
 ImuPoses read_imu_poses(const fs::path& folder, const Rigid3d& imu_from_rectified,
-                        std::vector<Finding>* findings) {
+                        const DamagedList& damaged, std::vector<Finding>* findings) {
   const fs::path poses_file = folder / "poses.txt", camera_file = folder / "cam0_to_world.txt";
-  if (!is_there(camera_file)) return {parse_file(poses_file, kitti::parse_frame_poses), poses_file};
-  std::vector<FramePose> of_camera = parse_file(camera_file, kitti::parse_frame_poses);
+  const auto parse = [&](const std::string& text, const fs::path& file) {
+    return kitti::parse_frame_poses(text, file, &damaged);
+  };
+  if (!is_there(camera_file)) return {parse_file(poses_file, parse), poses_file};
+  std::vector<FramePose> of_camera = parse_file(camera_file, parse);
   for (FramePose& pose : of_camera)
     pose.global_from_body = pose.global_from_body * imu_from_rectified.inverse(Eigen::Isometry);
   if (!is_there(poses_file)) return {std::move(of_camera), camera_file};
-  std::vector<FramePose> poses = parse_file(poses_file, kitti::parse_frame_poses);
+  std::vector<FramePose> poses = parse_file(poses_file, parse);
   double apart_m = 0;
   for (const FramePose& pose : poses) {
     const auto same = std::ranges::lower_bound(of_camera, pose.id, {}, &FramePose::id);
@@ -176,7 +179,7 @@ struct CameraImages {
 
 /// Frames with a pose and a time.
 std::vector<FramePose> timed_frames(const ImuPoses& imu_poses, const CameraImages& camera,
-                                    std::vector<Finding>* findings) {
+                                    const DamagedList& damaged, std::vector<Finding>* findings) {
   const kitti::Timestamps& times = camera.times;
   std::vector<FramePose> frames;
   std::vector<std::int64_t> without_time;
@@ -190,19 +193,26 @@ std::vector<FramePose> timed_frames(const ImuPoses& imu_poses, const CameraImage
     findings->push_back({times.file.filename().string(),
                          "no time for frame " + first_few(without_time) + "; they are left out"});
   if (frames.empty()) throw InputError(times.file, "", "", "has a time of no pose");
-  check_trajectory(frames, imu_poses.file, {"time", "pose"});
+  leave_out_impossible(imu_poses.file, {"time", "pose"}, &damaged, &frames);
   return frames;
 }
 
-std::vector<CameraImages> list_cameras(const Drive& drive, std::vector<Finding>* findings) {
+/// What becomes of damaged times of a sensor.
+DamagedList damaged_times_of(const std::string& sensor, Recording* recording) {
+  return {"times of " + sensor, &recording->damaged};
+}
+
+std::vector<CameraImages> list_cameras(const Drive& drive, Recording* recording) {
+  std::vector<Finding>* const findings = &recording->findings;
   std::vector<CameraImages> cameras;
   for (const std::string name : kCameras) {
     const fs::path folder = drive.images(name);
     std::vector<FrameFile> images =
         list_frame_files(folder, "", {".png", ".jpg", ".jpeg"}, name, findings);
     if (!images.empty()) {
-      cameras.push_back(
-          {name, std::move(images), kitti::Timestamps(drive.cameras / name / "timestamps.txt")});
+      const DamagedList damaged = damaged_times_of(name, recording);
+      cameras.push_back({name, std::move(images),
+                         kitti::Timestamps(drive.cameras / name / "timestamps.txt", &damaged)});
     } else if (is_folder(drive.cameras / name)) {
       findings->push_back(
           {name, "no image in its folder " + folder.filename().string() +
@@ -257,13 +267,6 @@ class Calibration {
         found->second.rectified_from_camera * body_from_camera.inverse(Eigen::Isometry));
   }
 
-  /// InputError unless the image, if it is a PNG, has the calibration's size.
-  void check_size(const fs::path& image, const CameraCalibration& camera) const {
-    check_image_size(
-        image, {camera.width, camera.height},
-        folder_ / (is_perspective(camera.name) ? "perspective.txt" : camera.name + ".yaml"));
-  }
-
  private:
   fs::path folder_;
   std::map<std::string, Rigid3d> imu_from_camera_;
@@ -272,11 +275,12 @@ class Calibration {
 
 /// Lists the scans of frames with a pose, and their times.
 std::vector<FrameFile> list_scans(const fs::path& folder, const std::vector<FramePose>& frames,
-                                  Reader* reader, std::vector<Finding>* findings) {
+                                  Reader* reader, const DamagedList& damaged,
+                                  std::vector<Finding>* findings) {
   std::vector<FrameFile> files =
       list_frame_files(folder / "data", "", {".bin"}, "velodyne_points/data", findings);
   if (files.empty()) return files;
-  const kitti::Timestamps times(folder / "timestamps.txt");
+  const kitti::Timestamps times(folder / "timestamps.txt", &damaged);
   const std::int64_t revolution = revolution_ns(times);
   std::vector<std::int64_t> without_time, without_pose;
   std::erase_if(files, [&](const FrameFile& file) {
@@ -290,7 +294,7 @@ std::vector<FrameFile> list_scans(const fs::path& folder, const std::vector<Fram
       without_time.push_back(file.frame_id);
       return true;
     }
-    times.require_same(file.frame_id, *t_ns, frame->t_ns, "the image");
+    if (!times.is_same(file.frame_id, *t_ns, frame->t_ns, "the image", &damaged)) return true;
     reader->scans[file.frame_id] = scan_at(*t_ns, revolution);
     return false;
   });
@@ -396,27 +400,29 @@ Recording open(const fs::path& root, PoseSource source) {
   std::vector<Finding>& findings = recording.findings;
   const auto reader = std::make_shared<Reader>();
 
-  const std::vector<CameraImages> cameras = list_cameras(drive, &findings);
+  const DamagedList damaged{"poses", &recording.damaged};
+  const std::vector<CameraImages> cameras = list_cameras(drive, &recording);
   if (cameras.empty())
     throw InputError(drive.cameras, "", "",
                      "empty recording: no image in image_00/data_rect, image_01/data_rect, "
                      "image_02/data_rgb or image_03/data_rgb");
-  recording.frames =
-      timed_frames(read_imu_poses(drive.poses, calibration.imu_from_rectified(), &findings),
-                   cameras[0], &findings);
+  recording.frames = timed_frames(
+      read_imu_poses(drive.poses, calibration.imu_from_rectified(), damaged, &findings), cameras[0],
+      damaged, &findings);
   for (const CameraImages& camera : cameras) {
     std::vector<ImageFile> images =
         images_with_poses(camera.images, camera.name, recording.frames, &findings);
     if (images.empty()) continue;
     CameraCalibration own = calibration.camera(camera.name);
-    calibration.check_size(images[0].path, own);
-    own.time_offset_ns =
-        kitti::time_offset_ns(camera.times, camera.name, images, recording.frames, &findings);
+    const DamagedList times = damaged_times_of(camera.name, &recording);
+    own.time_offset_ns = kitti::time_offset_ns(camera.times, camera.name, images, recording.frames,
+                                               &findings, &times);
     recording.cameras.push_back({own, std::move(images)});
   }
   require_cameras(recording);
 
-  recording.lidar_files = list_scans(drive.velodyne, recording.frames, reader.get(), &findings);
+  recording.lidar_files = list_scans(drive.velodyne, recording.frames, reader.get(),
+                                     damaged_times_of("velodyne_points", &recording), &findings);
   if (!recording.lidar_files.empty()) {
     const Rigid3d velodyne_from_camera =
         parse_file(drive.calibration / "calib_cam_to_velo.txt", parse_cam_to_velo);

@@ -21,12 +21,18 @@ class Kitti360 : public ::testing::Test {
  protected:
   Kitti360() { testing::write_kitti360_drive(folder_); }
   Recording opened() const { return open_recording(folder_.path); }
-  /// Message of the InputError with one file changed, or removed where `text` is empty.
+  /// Message of the InputError, or of what is left out as damaged, with one file changed, or
+  /// removed where `text` is empty.
   std::string message(const fs::path& file, const std::string& text = "") const {
     const std::string before = read_file(folder_.path / file);
     fs::remove(folder_.path / file);
     if (!text.empty()) folder_.write(file, text);
-    const std::string what = input_error([&] { opened(); });
+    std::string what;
+    try {
+      what = opened().damaged.at(0).why;
+    } catch (const InputError& error) {
+      what = error.what();
+    }
     folder_.write(file, before);
     return what;
   }
@@ -174,7 +180,7 @@ TEST_F(Kitti360, ReadsPosesOfTheFirstCamera) {
     EXPECT_TRUE(same[i].global_from_body.isApprox(frames[i].global_from_body, 1e-9));
   cameras.replace(cameras.find("3 0 0 1 4"), 9, "3 0 0 1 104");
   folder_.write(camera_file, cameras);
-  EXPECT_THAT(input_error([&] { opened(); }),
+  EXPECT_THAT(opened().damaged.at(0).why,
               AllOf(HasSubstr("cam0_to_world.txt: 3.pose"), HasSubstr("101.00 m")));
 }
 
@@ -267,12 +273,6 @@ TEST_F(Kitti360, NamesFileFieldAndValueOfWhatIsWrong) {
   EXPECT_THAT(message(poses_), HasSubstr("poses.txt"));
   EXPECT_THAT(message(images_ / "image_00/timestamps.txt"), HasSubstr("image_00/timestamps.txt"));
   EXPECT_THAT(message(scans_ / "timestamps.txt"), HasSubstr("velodyne_points/timestamps.txt"));
-
-  EXPECT_THAT(message(images_ / "image_00/data_rect/0000000002.png", testing::png_head(1392, 512)),
-              AllOf(HasSubstr("0000000002.png"), HasSubstr("1392 x 512"),
-                    HasSubstr("perspective.txt has 1408 x 376")));
-  EXPECT_THAT(message(images_ / "image_02/data_rgb/0000000002.png", testing::png_head(700, 700)),
-              AllOf(HasSubstr("700 x 700"), HasSubstr("image_02.yaml has 1400 x 1400")));
 
   const auto poses = [&](const std::string& line) {
     return message(poses_, testing::kitti360_pose(2) + line + testing::kitti360_pose(4));

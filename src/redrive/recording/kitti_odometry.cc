@@ -32,10 +32,10 @@ fs::path poses_file_of(const fs::path& root) {
 
 /// Frames of the lines that both files have. InputError if one of them lacks that of an image.
 std::vector<FramePose> read_frames(const fs::path& root, std::int64_t last_image,
-                                   std::vector<Finding>* findings) {
+                                   const DamagedList& damaged, std::vector<Finding>* findings) {
   const fs::path times_file = root / "times.txt", poses_file = poses_file_of(root);
-  const std::vector<std::int64_t> times = parse_times(read_file(times_file), times_file);
-  const std::vector<Rigid3d> poses = parse_poses(read_file(poses_file), poses_file);
+  const auto times = parse_times(read_file(times_file), times_file, &damaged);
+  const auto poses = parse_poses(read_file(poses_file), poses_file, &damaged);
   const std::size_t both = std::min(poses.size(), times.size());
   if (poses.size() != times.size()) {
     if (last_image >= static_cast<std::int64_t>(both))
@@ -48,8 +48,10 @@ std::vector<FramePose> read_frames(const fs::path& root, std::int64_t last_image
   }
   std::vector<FramePose> frames;
   for (std::size_t i = 0; i < both; ++i)
-    frames.push_back({static_cast<std::int64_t>(i), times[i], poses[i] * rectified_from_body()});
-  check_trajectory(frames, poses_file, {"time", "pose"});
+    if (times[i] && poses[i])
+      frames.push_back(
+          {static_cast<std::int64_t>(i), *times[i], *poses[i] * rectified_from_body()});
+  leave_out_impossible(poses_file, {"time", "pose"}, &damaged, &frames);
   return frames;
 }
 
@@ -77,7 +79,8 @@ Recording open_odometry(const fs::path& root, PoseSource source) {
     folders[name] = list_frame_files(root / name, "", {".png"}, name, &findings);
     if (!folders[name].empty()) last_image = std::max(last_image, folders[name].back().frame_id);
   }
-  recording.frames = read_frames(root, last_image, &findings);
+  recording.frames =
+      read_frames(root, last_image, DamagedList{"poses", &recording.damaged}, &findings);
   for (auto& [name, files] : folders) {
     std::vector<ImageFile> images =
         images_with_poses(std::move(files), name, recording.frames, &findings);
@@ -86,7 +89,7 @@ Recording open_odometry(const fs::path& root, PoseSource source) {
     if (found == calibration.cameras.end())
       throw InputError(calibration_file, "P" + name.substr(6), "",
                        "missing; the sequence has images of this camera");
-    const std::optional<ImageSize> size = image_size(images[0].path);
+    const std::optional<ImageSize> size = usual_image_size(images);
     if (!size) throw InputError(images[0].path, "", "", "is no PNG image");
     recording.cameras.push_back(
         {calibration_of(found->second, *size, name, rectified_from_body()), std::move(images)});
@@ -104,7 +107,8 @@ Recording open_odometry(const fs::path& root, PoseSource source) {
     drop_scans_behind(recording.frames, &recording.lidar_files, &findings);
     // The benchmark's scans are motion compensated to the time of their frame.
     for (const FrameFile& file : recording.lidar_files) {
-      const std::int64_t t_ns = recording.frames[static_cast<std::size_t>(file.frame_id)].t_ns;
+      const std::int64_t t_ns =
+          std::ranges::lower_bound(recording.frames, file.frame_id, {}, &FramePose::id)->t_ns;
       reader->scans[file.frame_id] = {t_ns, t_ns};
     }
     recording.reader = reader;

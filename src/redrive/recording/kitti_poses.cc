@@ -7,6 +7,7 @@
 #include <cmath>
 #include <cstdio>
 #include <numbers>
+#include <utility>
 
 #include "redrive/base/error.h"
 #include "redrive/math/wgs84.h"
@@ -111,27 +112,56 @@ Rigid3d pose_of_packet(const TextLine& line) {
   return ecef_from_imu;
 }
 
+/// The value of each line by `parse`; nothing for lines that go to `damaged`.
+template <class Parse>
+auto by_line(std::string_view text, const std::filesystem::path& file, const DamagedList* damaged,
+             const Parse& parse) {
+  std::vector<decltype(parse(std::declval<TextLine>()))> values;
+  for (const TextLine& line : lines_of_file(text, file)) {
+    const auto frame_id = static_cast<std::int64_t>(values.size());
+    values.emplace_back();
+    parse_record(damaged, frame_id, [&] { values.back() = parse(line); });
+  }
+  return values;
+}
+
+/// Takes times out that are not between those around them.
+void require_increasing(const std::filesystem::path& file, const DamagedList* damaged,
+                        std::vector<std::optional<std::int64_t>>* times) {
+  std::vector<std::size_t> there;
+  for (std::size_t i = 0; i < times->size(); ++i)
+    if ((*times)[i]) there.push_back(i);
+  const auto time = [&](std::size_t k) { return *(*times)[there[k]]; };
+  const Misfits misfits =
+      find_misfits(there.size(), [&](std::size_t a, std::size_t b) { return time(a) < time(b); });
+  const auto refuse = [&](std::size_t k) {
+    char value[40];
+    std::snprintf(value, sizeof value, "%.15g s", 1e-9 * static_cast<double>(time(k)));
+    throw InputError(file, "line " + std::to_string(there[k] + 1) + ", time", value,
+                     "is not after that of the line before");
+  };
+  for (const std::size_t k : misfits.breaks) refuse(k);
+  for (const std::size_t k : misfits.single)
+    parse_record(damaged, static_cast<std::int64_t>(there[k]), [&] { refuse(k); });
+  for (const std::size_t k : misfits.single) (*times)[there[k]].reset();
+}
+
 }  // namespace
 
 std::vector<std::optional<std::int64_t>> parse_timestamps(std::string_view text,
-                                                          const std::filesystem::path& file) {
-  std::vector<std::optional<std::int64_t>> times;
-  std::optional<std::int64_t> before;
-  for (const TextLine& line : lines_of_file(text, file)) {
-    if (line.size() == 0) {
-      times.emplace_back();
-      continue;
-    }
-    line.expect_size(2, "a date and a time, as 2011-09-26 13:10:51.175862102");
-    const auto day = day_of(line.word(0));
-    if (!day) line.fail(0, "date", "expected a date as 2011-09-26");
-    const auto time_ns = time_of_day_ns(line.word(1));
-    if (!time_ns) line.fail(1, "time", "expected a time as 13:10:51.175862102");
-    const std::int64_t t_ns = std::chrono::nanoseconds(day->time_since_epoch()).count() + *time_ns;
-    if (before && t_ns <= *before) line.fail(1, "time", "is not after that of the line before");
-    times.emplace_back(t_ns);
-    before = t_ns;
-  }
+                                                          const std::filesystem::path& file,
+                                                          const DamagedList* damaged) {
+  auto times =
+      by_line(text, file, damaged, [](const TextLine& line) -> std::optional<std::int64_t> {
+        if (line.size() == 0) return std::nullopt;
+        line.expect_size(2, "a date and a time, as 2011-09-26 13:10:51.175862102");
+        const auto day = day_of(line.word(0));
+        if (!day) line.fail(0, "date", "expected a date as 2011-09-26");
+        const auto time_ns = time_of_day_ns(line.word(1));
+        if (!time_ns) line.fail(1, "time", "expected a time as 13:10:51.175862102");
+        return std::chrono::nanoseconds(day->time_since_epoch()).count() + *time_ns;
+      });
+  require_increasing(file, damaged, &times);
   return times;
 }
 
@@ -145,43 +175,47 @@ Rigid3d parse_oxts(std::string_view text, const std::filesystem::path& file) {
   return pose_of_packet(line);
 }
 
-std::vector<Rigid3d> parse_oxts_lines(std::string_view text, const std::filesystem::path& file) {
-  std::vector<Rigid3d> poses;
-  for (const TextLine& line : lines_of_file(text, file)) poses.push_back(pose_of_packet(line));
-  return poses;
+std::vector<std::optional<Rigid3d>> parse_oxts_lines(std::string_view text,
+                                                     const std::filesystem::path& file,
+                                                     const DamagedList* damaged) {
+  return by_line(text, file, damaged,
+                 [](const TextLine& line) { return std::optional(pose_of_packet(line)); });
 }
 
-std::vector<std::int64_t> parse_times(std::string_view text, const std::filesystem::path& file) {
-  std::vector<std::int64_t> times;
-  for (const TextLine& line : lines_of_file(text, file)) {
+std::vector<std::optional<std::int64_t>> parse_times(std::string_view text,
+                                                     const std::filesystem::path& file,
+                                                     const DamagedList* damaged) {
+  auto times = by_line(text, file, damaged, [](const TextLine& line) {
     line.expect_size(1, "the time of a frame in seconds");
-    const std::int64_t t_ns = std::llround(1e9 * line.number(0, "time", 0, kMaxTime_s));
-    if (!times.empty() && t_ns <= times.back())
-      line.fail(0, "time", "is not after that of the line before");
-    times.push_back(t_ns);
-  }
+    return std::optional<std::int64_t>(std::llround(1e9 * line.number(0, "time", 0, kMaxTime_s)));
+  });
+  require_increasing(file, damaged, &times);
   return times;
 }
 
-std::vector<Rigid3d> parse_poses(std::string_view text, const std::filesystem::path& file) {
-  std::vector<Rigid3d> poses;
-  for (const TextLine& line : lines_of_file(text, file)) {
+std::vector<std::optional<Rigid3d>> parse_poses(std::string_view text,
+                                                const std::filesystem::path& file,
+                                                const DamagedList* damaged) {
+  return by_line(text, file, damaged, [&](const TextLine& line) {
     line.expect_size(12, "the rows of a 3 x 4 matrix");
-    poses.push_back(rigid_from_words(line, 0, file));
-  }
-  return poses;
+    return std::optional(rigid_from_words(line, 0, file));
+  });
 }
 
-std::vector<FramePose> parse_frame_poses(std::string_view text, const std::filesystem::path& file) {
+std::vector<FramePose> parse_frame_poses(std::string_view text, const std::filesystem::path& file,
+                                         const DamagedList* damaged) {
   constexpr std::int64_t kMaxId = 1'000'000'000;
   std::vector<FramePose> poses;
   for (const TextLine& line : lines_of_file(text, file)) {
-    if (line.size() != 17)
-      line.expect_size(13, "a frame and the rows of a 3 x 4 (or 4 x 4) matrix");
-    const std::int64_t id = line.integer(0, "frame", 0, kMaxId);
-    if (!poses.empty() && id <= poses.back().id)
-      line.fail(0, "frame", "is not after that of the line before");
-    poses.push_back({id, 0, rigid_from_words(line, 1, file)});
+    std::int64_t id = -1;
+    parse_record(damaged, id, [&] {
+      if (line.size() != 17)
+        line.expect_size(13, "a frame and the rows of a 3 x 4 (or 4 x 4) matrix");
+      id = line.integer(0, "frame", 0, kMaxId);
+      if (!poses.empty() && id <= poses.back().id)
+        line.fail(0, "frame", "is not after that of the line before");
+      poses.push_back({id, 0, rigid_from_words(line, 1, file)});
+    });
   }
   return poses;
 }

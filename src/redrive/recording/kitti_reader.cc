@@ -18,8 +18,8 @@ constexpr std::int64_t kOffsetJitter_ns = 5'000'000;
 
 }  // namespace
 
-Timestamps::Timestamps(const std::filesystem::path& path)
-    : file(path), by_line(parse_timestamps(read_file(path), path)) {}
+Timestamps::Timestamps(const std::filesystem::path& path, const DamagedList* damaged)
+    : file(path), by_line(parse_timestamps(read_file(path), path, damaged)) {}
 
 std::optional<std::int64_t> Timestamps::of(std::int64_t frame_id, bool needed) const {
   if (frame_id >= static_cast<std::int64_t>(by_line.size())) {
@@ -32,12 +32,14 @@ std::optional<std::int64_t> Timestamps::of(std::int64_t frame_id, bool needed) c
   return by_line[static_cast<std::size_t>(frame_id)];
 }
 
-void Timestamps::require_same(std::int64_t frame_id, std::int64_t t_ns, std::int64_t other_ns,
-                              const std::string& other) const {
-  if (std::abs(t_ns - other_ns) > kSameFrame_ns)
-    fail(frame_id, 1e-9 * static_cast<double>(t_ns - other_ns),
-         "after " + other +
-             " of the same frame; in synchronised drives they are 0.2 s apart at most");
+bool Timestamps::is_same(std::int64_t frame_id, std::int64_t t_ns, std::int64_t other_ns,
+                         const std::string& other, const DamagedList* damaged) const {
+  return parse_record(damaged, frame_id, [&] {
+    if (std::abs(t_ns - other_ns) > kSameFrame_ns)
+      fail(frame_id, 1e-9 * static_cast<double>(t_ns - other_ns),
+           "after " + other +
+               " of the same frame; in synchronised drives they are 0.2 s apart at most");
+  });
 }
 
 void Timestamps::fail(std::int64_t frame_id, double off_s, const std::string& rule) const {
@@ -48,13 +50,14 @@ void Timestamps::fail(std::int64_t frame_id, double off_s, const std::string& ru
 
 std::int64_t time_offset_ns(const Timestamps& times, const std::string& camera,
                             const std::vector<ImageFile>& images,
-                            const std::vector<FramePose>& frames, std::vector<Finding>* findings) {
+                            const std::vector<FramePose>& frames, std::vector<Finding>* findings,
+                            const DamagedList* damaged) {
   std::vector<std::int64_t> offsets;
   for (const ImageFile& image : images) {
     const auto frame = std::ranges::lower_bound(frames, image.frame_id, {}, &FramePose::id);
     const std::optional<std::int64_t> t_ns = times.of(image.frame_id);
-    if (!t_ns) continue;
-    times.require_same(image.frame_id, *t_ns, frame->t_ns, "the first camera");
+    if (!t_ns || !times.is_same(image.frame_id, *t_ns, frame->t_ns, "the first camera", damaged))
+      continue;
     offsets.push_back(*t_ns - frame->t_ns);
   }
   if (offsets.empty()) return 0;
@@ -69,9 +72,9 @@ std::int64_t time_offset_ns(const Timestamps& times, const std::string& camera,
   return median;
 }
 
-std::vector<LidarPoint> Reader::read_lidar(const FrameFile& file) const {
+std::vector<LidarPoint> Reader::read_lidar(const FrameFile& file, std::size_t* left_out) const {
   return parse_scan(read_file(file.path, kMaxDataBytes), file.path, body_from_velodyne,
-                    scans.at(file.frame_id));
+                    scans.at(file.frame_id), left_out);
 }
 
 std::uint64_t Reader::lidar_point_count(const FrameFile& file) const {
@@ -86,7 +89,7 @@ void drop_scans_behind(const std::vector<FramePose>& frames, std::vector<FrameFi
                        std::vector<Finding>* findings) {
   std::vector<std::int64_t> behind;
   std::erase_if(*scans, [&](const FrameFile& file) {
-    if (file.frame_id < static_cast<std::int64_t>(frames.size())) return false;
+    if (std::ranges::binary_search(frames, file.frame_id, {}, &FramePose::id)) return false;
     behind.push_back(file.frame_id);
     return true;
   });

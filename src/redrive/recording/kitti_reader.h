@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "redrive/recording/damaged_text.h"
 #include "redrive/recording/kitti_calibration.h"
 #include "redrive/recording/kitti_scan.h"
 #include "redrive/recording/recording_reader.h"
@@ -17,7 +18,8 @@ namespace redrive::kitti {
 
 class Reader : public RecordingReader {
  public:
-  std::vector<LidarPoint> read_lidar(const FrameFile& file) const override;
+  std::vector<LidarPoint> read_lidar(const FrameFile& file,
+                                     std::size_t* left_out = nullptr) const override;
   std::uint64_t lidar_point_count(const FrameFile& file) const override;
   std::vector<Box> read_boxes(const FrameFile& file) const override;
 
@@ -31,14 +33,15 @@ struct Timestamps {
   std::filesystem::path file;
   std::vector<std::optional<std::int64_t>> by_line;
 
-  explicit Timestamps(const std::filesystem::path& path);
+  explicit Timestamps(const std::filesystem::path& path, const DamagedList* damaged = nullptr);
 
   /// Nothing for an empty line, and behind the last line if the frame is not `needed`, as where an
   /// excerpt has poses of the whole drive. Else InputError if there is no line for the frame.
   std::optional<std::int64_t> of(std::int64_t frame_id, bool needed = true) const;
-  /// InputError if a time is more than 0.2 s off that of the frame by another sensor.
-  void require_same(std::int64_t frame_id, std::int64_t t_ns, std::int64_t other_ns,
-                    const std::string& other) const;
+  /// Whether a time is at most 0.2 s off that of the frame by another sensor, of which `other` is
+  /// the name. Else a record of `damaged`; without it InputError.
+  bool is_same(std::int64_t frame_id, std::int64_t t_ns, std::int64_t other_ns,
+               const std::string& other, const DamagedList* damaged) const;
   [[noreturn]] void fail(std::int64_t frame_id, double off_s, const std::string& rule) const;
 };
 
@@ -46,10 +49,10 @@ struct Timestamps {
 /// that are more than 5 ms off it.
 std::int64_t time_offset_ns(const Timestamps& times, const std::string& camera,
                             const std::vector<ImageFile>& images,
-                            const std::vector<FramePose>& frames, std::vector<Finding>* findings);
+                            const std::vector<FramePose>& frames, std::vector<Finding>* findings,
+                            const DamagedList* damaged);
 
-/// Drops the scans of a sequence behind its last frame, where frames count from 0. A finding names
-/// them.
+/// Drops the scans of a sequence of frames without a pose. A finding names them.
 void drop_scans_behind(const std::vector<FramePose>& frames, std::vector<FrameFile>* scans,
                        std::vector<Finding>* findings);
 

@@ -8,6 +8,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/recording/little_endian.h"
+#include "redrive/recording/unusable_returns.h"
 
 namespace redrive::kitti {
 namespace {
@@ -37,7 +38,8 @@ std::int64_t time_of_point(const ScanTime& time, double x, double y) {
 }
 
 std::vector<LidarPoint> parse_scan(std::string_view bytes, const std::filesystem::path& file,
-                                   const Rigid3d& body_from_velodyne, const ScanTime& time) {
+                                   const Rigid3d& body_from_velodyne, const ScanTime& time,
+                                   std::size_t* left_out) {
   if (bytes.size() % kScanRecordBytes != 0)
     throw InputError(file, "size", std::to_string(bytes.size()) + " bytes",
                      "must be a multiple of 16: four floats for each point (truncated?)");
@@ -45,28 +47,40 @@ std::vector<LidarPoint> parse_scan(std::string_view bytes, const std::filesystem
   if (n > kMaxScanPoints)
     throw InputError(file, "number of points", std::to_string(n),
                      "at most 4 million are accepted: a revolution has fewer");
-  std::vector<LidarPoint> points(n);
+  std::vector<LidarPoint> points;
+  points.reserve(n);
+  UnusableReturns unusable(n);
   for (std::size_t i = 0; i < n; ++i) {
     float values[4];
-    for (std::size_t k = 0; k < 4; ++k) {
+    for (std::size_t k = 0; k < 4; ++k)
       values[k] = little_endian<float>(bytes, kScanRecordBytes * i + 4 * k);
-      if (k < 3 ? !(std::abs(values[k]) <= kMaxScanCoordinate_m)
-                : !(values[k] >= 0 && values[k] <= 1))
-        throw InputError(file,
-                         "point " + std::to_string(i) + " " +
-                             std::string(k < 3 ? std::string(1, "xyz"[k]) : "reflectance"),
-                         std::to_string(values[k]),
-                         k < 3 ? "the sensor does not see further than 1000 m; metres are expected"
-                               : "must be between 0 and 1");
+    if (is_missing_return(values)) {
+      unusable.add_missing();
+      continue;
     }
-    points[i] = {
-        .in_body_m =
-            (body_from_velodyne * Eigen::Vector3d(values[0], values[1], values[2])).cast<float>(),
-        .intensity = static_cast<std::uint16_t>(std::lround(255 * values[3])),
-        .t_ns = time_of_point(time, values[0], values[1])};
+    const auto* const wrong = std::find_if(values, values + 4, [&](const float& value) {
+      return &value < values + 3 ? std::abs(value) > kMaxScanCoordinate_m : value < 0 || value > 1;
+    });
+    if (wrong != values + 4) {
+      const auto k = static_cast<std::size_t>(wrong - values);
+      unusable.add_impossible(
+          InputError(file,
+                     "point " + std::to_string(i) + " " +
+                         std::string(k < 3 ? std::string(1, "xyz"[k]) : "reflectance"),
+                     std::to_string(*wrong),
+                     k < 3 ? "the sensor does not see further than 1000 m; metres are expected"
+                           : "must be between 0 and 1"));
+      continue;
+    }
+    points.push_back(
+        {.in_body_m =
+             (body_from_velodyne * Eigen::Vector3d(values[0], values[1], values[2])).cast<float>(),
+         .intensity = static_cast<std::uint16_t>(std::lround(255 * values[3])),
+         .t_ns = time_of_point(time, values[0], values[1])});
   }
   std::stable_sort(points.begin(), points.end(),
                    [](const LidarPoint& a, const LidarPoint& b) { return a.t_ns < b.t_ns; });
+  if (left_out) *left_out += unusable.count();
   return points;
 }
 

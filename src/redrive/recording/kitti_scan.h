@@ -31,10 +31,12 @@ std::int64_t time_of_direction(const ScanTime& time, const Eigen::Vector3d& in_v
 /// of the sensor are.
 std::int64_t time_of_point(const ScanTime& time, double x, double y);
 
-/// Returns the points in the body frame by time (time_of_point). InputError: a size that is no
-/// multiple of 16 bytes, more than 4 million points, coordinates that are not finite or beyond 1000
-/// m, reflectances outside 0..1.
+/// Returns the points in the body frame by time (time_of_point). Those with a number that is not
+/// finite, at the sensor, beyond 1000 m or with a reflectance outside 0..1 are left out and added
+/// to `left_out`. InputError: a size that is no multiple of 16 bytes, more than 4 million points,
+/// distances or reflectances of more than a twentieth of the points out of range.
 std::vector<LidarPoint> parse_scan(std::string_view bytes, const std::filesystem::path& file,
-                                   const Rigid3d& body_from_velodyne, const ScanTime& time);
+                                   const Rigid3d& body_from_velodyne, const ScanTime& time,
+                                   std::size_t* left_out = nullptr);
 
 }  // namespace redrive::kitti

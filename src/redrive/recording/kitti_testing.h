@@ -52,7 +52,7 @@ inline std::string kitti_timestamps(int frames, double first_s) {
 }
 
 /// Records of a scan: x, y, z, reflectance.
-inline std::string kitti_scan(std::initializer_list<std::array<float, 4>> points) {
+inline std::string kitti_scan(const std::vector<std::array<float, 4>>& points) {
   std::string bytes;
   for (const auto& point : points)
     bytes.append(reinterpret_cast<const char*>(point.data()), sizeof point);

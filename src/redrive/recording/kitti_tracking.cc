@@ -65,14 +65,15 @@ Sequence find_sequence(const fs::path& root) {
 }
 
 /// Poses of the body by line, which counts frames.
-std::vector<FramePose> read_packets(const fs::path& file) {
+std::vector<FramePose> read_packets(const fs::path& file, const DamagedList& damaged) {
   if (!is_there(file)) throw InputError(file, "", "", "missing: it has the poses of this sequence");
   std::vector<FramePose> frames;
-  for (const Rigid3d& pose : parse_oxts_lines(read_file(file), file)) {
-    const auto id = static_cast<std::int64_t>(frames.size());
-    frames.push_back({id, id * kFrameInterval_ns, pose * imu_from_body()});
+  std::int64_t id = 0;
+  for (const auto& pose : parse_oxts_lines(read_file(file), file, &damaged)) {
+    if (pose) frames.push_back({id, id * kFrameInterval_ns, *pose * imu_from_body()});
+    ++id;
   }
-  check_trajectory(frames, file, {"time", "latitude, longitude, altitude"});
+  leave_out_impossible(file, {"time", "latitude, longitude, altitude"}, &damaged, &frames);
   return frames;
 }
 
@@ -89,7 +90,7 @@ void add_cameras(const Sequence& sequence, const fs::path& calibration_file,
     if (found == calibration.cameras.end())
       throw InputError(calibration_file, "P" + name.substr(7), "",
                        "missing; the sequence has images of this camera");
-    const std::optional<ImageSize> size = image_size(images[0].path);
+    const std::optional<ImageSize> size = usual_image_size(images);
     if (!size) throw InputError(images[0].path, "", "", "is no image with a known size");
     recording->cameras.push_back(
         {calibration_of(found->second, *size, name, rectified_from_body), std::move(images)});
@@ -123,7 +124,8 @@ Recording open_tracking(const fs::path& root, PoseSource source) {
 
   Recording recording;
   recording.root = root;
-  recording.frames = read_packets(sequence.training / "oxts" / text_name);
+  recording.frames = read_packets(sequence.training / "oxts" / text_name,
+                                  DamagedList{"poses", &recording.damaged});
   add_cameras(sequence, calibration_file, calibration, rectified_from_body, &recording);
 
   const auto reader = std::make_shared<Reader>();

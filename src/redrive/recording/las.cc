@@ -14,6 +14,7 @@
 #include "redrive/base/files.h"
 #include "redrive/recording/laz_decoder.h"
 #include "redrive/recording/little_endian.h"
+#include "redrive/recording/unusable_returns.h"
 
 namespace redrive {
 namespace {
@@ -211,18 +212,26 @@ class LasFile {
 }  // namespace
 
 std::vector<LidarPoint> parse_las(std::string_view bytes, const std::filesystem::path& file,
-                                  std::int64_t frame_time_ns) {
+                                  std::int64_t frame_time_ns, std::size_t* left_out) {
   const LasFile las(bytes, file);
   const std::vector<LasRecord> records = las.records();
   std::vector<LidarPoint> points;
   points.reserve(records.size());
-  for (const LasRecord& record : records)
-    points.push_back(las.point(record, points.size(), frame_time_ns));
+  UnusableReturns unusable(records.size());
+  for (std::size_t i = 0; i < records.size(); ++i) {
+    try {
+      points.push_back(las.point(records[i], i, frame_time_ns));
+    } catch (const InputError& error) {
+      unusable.add_impossible(error);
+    }
+  }
+  if (left_out) *left_out += unusable.count();
   return points;
 }
 
-std::vector<LidarPoint> read_las(const std::filesystem::path& file, std::int64_t frame_time_ns) {
-  return parse_las(read_file(file, kMaxDataBytes), file, frame_time_ns);
+std::vector<LidarPoint> read_las(const std::filesystem::path& file, std::int64_t frame_time_ns,
+                                 std::size_t* left_out) {
+  return parse_las(read_file(file, kMaxDataBytes), file, frame_time_ns, left_out);
 }
 
 std::string make_las(std::span<const LidarRecord> points, double step_m) {
@@ -271,12 +280,23 @@ std::string make_las(std::span<const LidarRecord> points, double step_m) {
 }
 
 std::uint64_t las_point_count(const std::filesystem::path& file) {
-  const std::string bytes = read_head(file, kCountOffset14 + 8);
+  constexpr std::uint64_t kMostBefore = 1 << 20;  // bytes of the header and its records
+  std::string bytes = read_head(file, kCountOffset14 + 8);
   if (!bytes.starts_with("LASF") || bytes.size() < kPointCountOffset + 4) return 0;
-  const auto count = little_endian<std::uint32_t>(bytes, kPointCountOffset);
-  return count == 0 && bytes[25] == 4 && bytes.size() == kCountOffset14 + 8
-             ? little_endian<std::uint64_t>(bytes, kCountOffset14)
-             : count;
+  std::uint64_t count = little_endian<std::uint32_t>(bytes, kPointCountOffset);
+  if (count == 0 && bytes[25] == 4 && bytes.size() == kCountOffset14 + 8)
+    count = little_endian<std::uint64_t>(bytes, kCountOffset14);
+  const std::uint64_t begin = little_endian<std::uint32_t>(bytes, 96);
+  if (begin > kMostBefore || count > kMaxLasPoints) return 0;
+  std::uint64_t end = begin + count * little_endian<std::uint16_t>(bytes, 105);
+  if (bytes[104] & 0x80) {  // compressed: the table of its chunks comes last
+    bytes = read_head(file, begin + 8);
+    if (bytes.size() < begin + 8) return 0;
+    end = little_endian<std::uint64_t>(bytes, begin);
+  }
+  std::error_code error;
+  const std::uintmax_t size = std::filesystem::file_size(file, error);
+  return error || end > size ? 0 : count;
 }
 
 }  // namespace redrive

@@ -219,6 +219,27 @@ TEST(Las, RejectsInvalidNumbers) {
                 AllOf(HasSubstr("point 3 gps_time"), HasSubstr("nanoseconds")));
 }
 
+TEST(Las, PointsThatCannotBeAreLeftOutAndCounted) {
+  std::string file = make_las(std::vector<LidarRecord>(40, {{9, 2, 1}, 50, 7}));
+  for (const std::size_t point : {3, 8})
+    overwrite(&file, 227 + point * 28 + 20, std::numeric_limits<double>::quiet_NaN());
+  std::size_t left_out = 0;
+  EXPECT_EQ(parse_las(file, "a.las", 0, &left_out).size(), 38u);
+  EXPECT_EQ(left_out, 2u);
+  overwrite(&file, 227 + 9 * 28 + 20, std::numeric_limits<double>::infinity());
+  EXPECT_THAT(input_error([&] { parse_las(file, "a.las"); }), HasSubstr("point 3 gps_time"));
+}
+
+TEST(Las, ACutFileHasNoPointsToCount) {
+  TemporaryFolder folder;
+  for (const std::string& file : {las_file(few_points()), laz_file(few_points(), 4)}) {
+    folder.write("a.las", file);
+    EXPECT_EQ(las_point_count(folder.path / "a.las"), few_points().size());
+    folder.write("a.las", file.substr(0, file.size() - 30));
+    EXPECT_EQ(las_point_count(folder.path / "a.las"), 0u);
+  }
+}
+
 TEST(Las, RejectsInvalidVariableLengthRecords) {
   const std::string content(40, 'x');
   const std::string file = testing::las_header(
@@ -312,7 +333,9 @@ TEST(Laz, RejectsDamagedChunks) {
     copy[i] = static_cast<char>(copy[i] ^ 0x10);
     ++damaged;
     try {
-      EXPECT_EQ(parse_las(copy, "points.laz").size(), 200u);
+      std::size_t left_out = 0;
+      const std::size_t left = parse_las(copy, "points.laz", 0, &left_out).size();
+      EXPECT_EQ(left + left_out, 200u);
     } catch (const InputError&) {
       ++noticed;
     }

@@ -66,9 +66,10 @@ SceneFolder find_scene_folder(const fs::path& root) {
 
 class Reader : public RecordingReader {
  public:
-  std::vector<LidarPoint> read_lidar(const FrameFile& file) const override {
+  std::vector<LidarPoint> read_lidar(const FrameFile& file,
+                                     std::size_t* left_out = nullptr) const override {
     return parse_scan(read_file(file.path, kMaxDataBytes), file.path,
-                      {body_from_lidar, revolution_ends_ns.at(file.path)}, poses);
+                      {body_from_lidar, revolution_ends_ns.at(file.path)}, poses, left_out);
   }
   std::uint64_t lidar_point_count(const FrameFile& file) const override {
     std::error_code error;
@@ -86,22 +87,30 @@ class Reader : public RecordingReader {
 };
 
 /// Time offsets of cameras to the first one: medians at the key frames. By sensor; 0 for others.
-/// InputError: cameras of a key frame more than 0.2 s apart, a camera without a key frame.
-std::vector<std::int64_t> time_offsets_ns(const SceneTables& scene, std::size_t first,
-                                          const fs::path& sample_data) {
+/// Files of a key frame more than 0.2 s from it are damaged. InputError: a camera without a key
+/// frame.
+std::vector<std::int64_t> time_offsets_ns(const fs::path& sample_data, std::size_t first,
+                                          SceneTables* tables) {
+  SceneTables& scene = *tables;
   std::map<std::size_t, std::int64_t> first_times;  // by sample
   for (const SensorFile& file : scene.files)
     if (file.sensor == first && file.key_frame) first_times[file.sample] = file.t_ns;
   std::vector<std::vector<std::int64_t>> offsets(scene.sensors.size());
-  for (const SensorFile& file : scene.files) {
+  std::erase_if(scene.files, [&](const SensorFile& file) {
     const auto found = first_times.find(file.sample);
-    if (!file.key_frame || found == first_times.end()) continue;
-    offsets[file.sensor].push_back(file.t_ns - found->second);
-    if (std::abs(offsets[file.sensor].back()) > kSameSample_ns)
-      throw InputError(
-          sample_data, scene.sensors[file.sensor].calibration.name, file.path.filename().string(),
-          "more than 0.2 s from " + scene.sensors[first].calibration.name + " in the same sample");
-  }
+    if (!file.key_frame || found == first_times.end()) return false;
+    const std::int64_t offset_ns = file.t_ns - found->second;
+    const std::string& name = scene.sensors[file.sensor].calibration.name;
+    const DamagedList damaged{"times of " + name, &scene.damaged};
+    const bool fits = parse_record(&damaged, -1, [&] {
+      if (std::abs(offset_ns) > kSameSample_ns)
+        throw InputError(sample_data, name, file.path.filename().string(),
+                         "more than 0.2 s from " + scene.sensors[first].calibration.name +
+                             " in the same sample");
+    });
+    if (fits) offsets[file.sensor].push_back(offset_ns);
+    return !fits;
+  });
   std::vector<std::int64_t> medians(scene.sensors.size());
   for (std::size_t s = 0; s < medians.size(); ++s) {
     if (scene.sensors[s].modality != "camera") continue;
@@ -116,6 +125,25 @@ std::vector<std::int64_t> time_offsets_ns(const SceneTables& scene, std::size_t 
   return medians;
 }
 
+/// Leaves out single poses that are far from those around them, which are milliseconds away.
+void leave_out_strays(const fs::path& file, SceneTables* scene) {
+  constexpr double kMost_m = 1, kMost_m_per_s = 150;
+  std::vector<FramePose>& poses = scene->poses;
+  const Misfits misfits = find_misfits(poses.size(), [&](std::size_t a, std::size_t b) {
+    const double dt_s = 1e-9 * static_cast<double>(poses[b].t_ns - poses[a].t_ns);
+    return (poses[b].global_from_body.translation() - poses[a].global_from_body.translation())
+               .norm() <= kMost_m + kMost_m_per_s * dt_s;
+  });
+  for (const std::size_t i : misfits.single)
+    scene->damaged.push_back(
+        {"poses", -1,
+         InputError(file, "translation at " + std::to_string(poses[i].t_ns / 1000) + " us", "",
+                    "no car moves so to the poses around it")
+             .what()});
+  for (auto i = misfits.single.rbegin(); i != misfits.single.rend(); ++i)
+    poses.erase(poses.begin() + static_cast<std::ptrdiff_t>(*i));
+}
+
 struct Frames {
   std::vector<FramePose> poses;
   std::vector<std::vector<FrameFile>> images;  ///< by sensor
@@ -123,8 +151,9 @@ struct Frames {
 
 /// Images whose times agree up to the cameras' offsets are a frame. It has the pose at the time of
 /// its earliest image minus the offset.
+/// An image at the time of another one of its camera is damaged.
 Frames make_frames(const SceneTables& scene, const std::vector<std::int64_t>& offsets_ns,
-                   const fs::path& sample_data) {
+                   const fs::path& sample_data, std::vector<DamagedRecord>* damaged) {
   std::vector<std::pair<std::int64_t, const SensorFile*>> images;
   for (const SensorFile& file : scene.files)
     if (scene.sensors[file.sensor].modality == "camera")
@@ -138,11 +167,15 @@ Frames make_frames(const SceneTables& scene, const std::vector<std::int64_t>& of
           {static_cast<std::int64_t>(frames.poses.size()), t_ns, pose_at(scene.poses, t_ns)});
     std::vector<FrameFile>& of_camera = frames.images[file->sensor];
     const std::int64_t id = frames.poses.back().id;
-    if (!of_camera.empty() && of_camera.back().frame_id == id)
-      throw InputError(sample_data, scene.sensors[file->sensor].calibration.name,
-                       file->path.string(),
-                       "less than 5 ms after " + of_camera.back().path.string());
-    of_camera.push_back({id, file->path});
+    const std::string& name = scene.sensors[file->sensor].calibration.name;
+    const DamagedList times{"times of " + name, damaged};
+    const SensorFile& here = *file;
+    if (parse_record(&times, id, [&] {
+          if (!of_camera.empty() && of_camera.back().frame_id == id)
+            throw InputError(sample_data, name, here.path.string(),
+                             "less than 5 ms after " + of_camera.back().path.string());
+        }))
+      of_camera.push_back({id, here.path});
   }
   return frames;
 }
@@ -194,7 +227,8 @@ Recording open(const fs::path& root, PoseSource source) {
                          (versions[0] / "scene-0061").string());
   const fs::path tables = versions.at(0), sample_data = tables / "sample_data.json";
   const std::vector<std::string> missing = missing_tables_of_boxes(tables);
-  const SceneTables scene = read_scene(tables, wanted, scan_file, missing.empty());
+  SceneTables scene = read_scene(tables, wanted, scan_file, missing.empty());
+  leave_out_strays(tables / "ego_pose.json", &scene);
 
   Recording recording;
   recording.root = root;
@@ -220,8 +254,8 @@ Recording open(const fs::path& root, PoseSource source) {
   std::ranges::sort(recording.other_sensors);
   if (first == scene.sensors.size())
     throw InputError(sample_data, "", "", "has no image of " + scene.name);
-  const std::vector<std::int64_t> offsets_ns = time_offsets_ns(scene, first, sample_data);
-  Frames frames = make_frames(scene, offsets_ns, sample_data);
+  const std::vector<std::int64_t> offsets_ns = time_offsets_ns(sample_data, first, &scene);
+  Frames frames = make_frames(scene, offsets_ns, sample_data, &scene.damaged);
   check_trajectory(frames.poses, tables / "ego_pose.json", {"timestamp", "translation"});
 
   std::vector<bool> shown(frames.poses.size());
@@ -253,6 +287,7 @@ Recording open(const fs::path& root, PoseSource source) {
   for (const auto& [frame_id, boxes] : reader->boxes)
     recording.box_files.push_back({frame_id, tables / "sample_annotation.json"});
   recording.reader = reader;
+  recording.damaged = std::move(scene.damaged);
   return recording;
 }
 

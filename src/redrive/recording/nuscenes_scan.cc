@@ -3,11 +3,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <string>
 
 #include "redrive/base/error.h"
 #include "redrive/recording/little_endian.h"
 #include "redrive/recording/trajectory.h"
+#include "redrive/recording/unusable_returns.h"
 
 namespace redrive::nuscenes {
 namespace {
@@ -20,24 +22,32 @@ constexpr const char* kFieldNames[] = {"x", "y", "z", "intensity", "ring"};
 
 struct Record {
   float values[5];
+  std::size_t column = 0;
+  bool missing = false;  ///< its direction has no return; it still belongs to a column
   int ring() const { return static_cast<int>(values[4]); }
 };
 
-Record read_record(std::string_view bytes, std::size_t i, const std::filesystem::path& file) {
+/// Reads a record; nothing, and a count, where a value is impossible.
+std::optional<Record> read_record(std::string_view bytes, std::size_t i,
+                                  const std::filesystem::path& file, UnusableReturns* unusable) {
   Record record;
-  for (std::size_t k = 0; k < 5; ++k) {
-    const float value = record.values[k] =
-        little_endian<float>(bytes, kScanRecordBytes * i + 4 * k);
-    const auto fail = [&](const char* rule) {
-      throw InputError(file, "point " + std::to_string(i) + " " + kFieldNames[k],
-                       std::to_string(value), rule);
-    };
-    if (k < 3 && !(std::abs(value) <= kMaxScanCoordinate_m))
-      fail("the sensor does not see further than 1000 m; metres are expected");
-    if (k == 3 && !std::isfinite(value)) fail("must be finite");
-    if (k == 4 && !(value >= 0 && value < kRings && value == std::floor(value)))
-      fail("must be the number of a laser, 0 to 31");
+  for (std::size_t k = 0; k < 5; ++k)
+    record.values[k] = little_endian<float>(bytes, kScanRecordBytes * i + 4 * k);
+  const auto impossible = [&](std::size_t k, const char* rule) {
+    unusable->add_impossible(InputError(file, "point " + std::to_string(i) + " " + kFieldNames[k],
+                                        std::to_string(record.values[k]), rule));
+  };
+  const float ring = record.values[4];
+  if (!(ring >= 0 && ring < kRings && ring == std::floor(ring))) {
+    impossible(4, "must be the number of a laser, 0 to 31");
+    return std::nullopt;
   }
+  record.missing = is_missing_return(record.values);
+  for (std::size_t k = 0; k < 3 && !record.missing; ++k)
+    if (std::abs(record.values[k]) > kMaxScanCoordinate_m) {
+      impossible(k, "the sensor does not see further than 1000 m; metres are expected");
+      return std::nullopt;
+    }
   return record;
 }
 
@@ -45,35 +55,49 @@ Record read_record(std::string_view bytes, std::size_t i, const std::filesystem:
 
 std::vector<LidarPoint> parse_scan(std::string_view bytes, const std::filesystem::path& file,
                                    const Revolution& revolution,
-                                   const std::vector<FramePose>& poses) {
+                                   const std::vector<FramePose>& poses, std::size_t* left_out) {
   if (bytes.size() % kScanRecordBytes != 0)
     throw InputError(file, "size", std::to_string(bytes.size()) + " bytes",
                      "must be a multiple of 20: five floats for each point (truncated?)");
-  std::vector<Record> records(bytes.size() / kScanRecordBytes);
-  std::vector<std::size_t> column(records.size());
-  for (std::size_t i = 0; i < records.size(); ++i) {
-    records[i] = read_record(bytes, i, file);
-    if (i > 0) column[i] = column[i - 1] + (records[i].ring() <= records[i - 1].ring());
+  const std::size_t n = bytes.size() / kScanRecordBytes;
+  UnusableReturns unusable(n);
+  std::vector<Record> records;
+  for (std::size_t i = 0; i < n; ++i) {
+    std::optional<Record> record = read_record(bytes, i, file, &unusable);
+    if (!record) continue;
+    if (!records.empty()) {
+      const Record& before = records.back();
+      record->column = before.column + (record->ring() <= before.ring());
+    }
+    records.push_back(*record);
   }
-  const std::size_t columns = records.empty() ? 0 : column.back() + 1;
+  const std::size_t columns = records.empty() ? 0 : records.back().column + 1;
   if (columns > kMaxColumns)
     throw InputError(file, "number of columns", std::to_string(columns),
                      "a revolution has about 1085, in each of which the rings increase; at most "
                      "1302 are accepted");
   const Rigid3d global_from_lidar = pose_at(poses, revolution.end_ns) * revolution.body_from_lidar;
-  std::vector<LidarPoint> points(records.size());
+  std::vector<LidarPoint> points;
+  points.reserve(records.size());
+  std::optional<std::size_t> placed;  // column of the pose
   Rigid3d body_from_compensated;
-  for (std::size_t i = 0; i < records.size(); ++i) {
+  for (const Record& record : records) {
+    if (record.missing) {
+      unusable.add_missing();
+      continue;
+    }
     const std::int64_t t_ns =
-        revolution.end_ns - kFiring_ns * static_cast<std::int64_t>(columns - 1 - column[i]);
-    if (i == 0 || column[i] != column[i - 1])
+        revolution.end_ns - kFiring_ns * static_cast<std::int64_t>(columns - 1 - record.column);
+    if (placed != record.column)
       body_from_compensated = pose_at(poses, t_ns).inverse(Eigen::Isometry) * global_from_lidar;
-    const float* const v = records[i].values;
-    points[i] = {
-        .in_body_m = (body_from_compensated * Eigen::Vector3d(v[0], v[1], v[2])).cast<float>(),
-        .intensity = static_cast<std::uint16_t>(std::lround(std::clamp(v[3], 0.0f, 255.0f))),
-        .t_ns = t_ns};
+    placed = record.column;
+    const float* const v = record.values;
+    points.push_back(
+        {.in_body_m = (body_from_compensated * Eigen::Vector3d(v[0], v[1], v[2])).cast<float>(),
+         .intensity = static_cast<std::uint16_t>(std::lround(std::clamp(v[3], 0.0f, 255.0f))),
+         .t_ns = t_ns});
   }
+  if (left_out) *left_out += unusable.count();
   return points;
 }
 

@@ -24,11 +24,14 @@ struct Revolution {
 };
 
 /// Returns the points by time, each in the body frame at its own time: nuScenes compensates the
-/// motion to the end of the revolution, which is undone by `poses` of the body. InputError: a size
-/// that is no multiple of 20 bytes, rings outside 0..31, columns of more than 60 ms, coordinates or
-/// intensities that are not finite, coordinates beyond 1000 m. Intensities are clamped to 0..255.
+/// motion to the end of the revolution, which is undone by `poses` of the body. Those with a number
+/// that is not finite, at the sensor, beyond 1000 m or of another ring than 0..31 are left out and
+/// added to `left_out`. InputError: a size that is no multiple of 20 bytes, columns of more than 60
+/// ms, more than a twentieth of the points too far away or of other rings. Intensities are clamped
+/// to 0..255.
 std::vector<LidarPoint> parse_scan(std::string_view bytes, const std::filesystem::path& file,
                                    const Revolution& revolution,
-                                   const std::vector<FramePose>& poses);
+                                   const std::vector<FramePose>& poses,
+                                   std::size_t* left_out = nullptr);
 
 }  // namespace redrive::nuscenes

@@ -9,6 +9,8 @@
 #include "redrive/base/error.h"
 #include "redrive/base/json_field.h"
 #include "redrive/recording/calibration_fields.h"
+#include "redrive/recording/damaged_text.h"
+#include "redrive/recording/rigid_json.h"
 #include "redrive/recording/wording.h"
 
 namespace redrive::nuscenes {
@@ -21,7 +23,6 @@ constexpr double kMaxSensorDistance_m = 50;
 constexpr double kMinSize_m = 0.01, kMaxSize_m = 100;
 constexpr std::int64_t kMaxTime_us = 9'000'000'000'000'000;  // int64 nanoseconds end at 9.22e15 us
 constexpr std::int64_t kMinSampleInterval_ns = 100'000'000;  // 2 Hz in the data set
-constexpr double kUnitNorm = 1e-3;
 constexpr double kSamePose_m = 0.1;  // of two sensors at the same microsecond
 
 Eigen::Vector3d position_from_json(const JsonField& field, double most_m) {
@@ -41,8 +42,7 @@ Rigid3d pose_from_json(const JsonField& record, double most_m) {
   const JsonField field = record.at("rotation");
   const std::vector<double> wxyz = field.numbers(4);
   const Eigen::Quaterniond rotation(wxyz[0], wxyz[1], wxyz[2], wxyz[3]);
-  if (!(std::abs(rotation.norm() - 1) <= kUnitNorm))
-    field.fail("must have a norm of 1 to 0.001: a rotation as w, x, y, z");
+  if (!is_rotation(rotation)) field.fail("must be a rotation as w, x, y, z, of any length but 0");
   Rigid3d pose(rotation.normalized());
   pose.translation() = position_from_json(record.at("translation"), most_m);
   return pose;
@@ -203,13 +203,16 @@ class Sensors {
 };
 
 /// Reads the poses of the files' times, sorted and each time once.
-std::vector<FramePose> read_poses(const TokenTables& tables, const References& references) {
+std::vector<FramePose> read_poses(const TokenTables& tables, const References& references,
+                                  const DamagedList& damaged) {
   std::vector<FramePose> poses;
   poses.reserve(references.size());
   references.resolve(
       tables, "ego_pose", [&](const JsonField& record, std::size_t index, std::size_t) {
-        poses.push_back({static_cast<std::int64_t>(index), t_ns_from_json(record.at("timestamp")),
-                         pose_from_json(record, kMaxRadius_m)});
+        parse_record(&damaged, -1, [&] {
+          poses.push_back({static_cast<std::int64_t>(index), t_ns_from_json(record.at("timestamp")),
+                           pose_from_json(record, kMaxRadius_m)});
+        });
       });
   std::ranges::stable_sort(poses, {}, &FramePose::t_ns);
   for (std::size_t i = 1; i < poses.size(); ++i) {
@@ -224,6 +227,11 @@ std::vector<FramePose> read_poses(const TokenTables& tables, const References& r
   }
   const auto same_time = [](const FramePose& a, const FramePose& b) { return a.t_ns == b.t_ns; };
   poses.erase(std::unique(poses.begin(), poses.end(), same_time), poses.end());
+  if (poses.empty())
+    throw InputError(
+        tables.file("ego_pose"), "", "",
+        "has no pose that can be used" +
+            (damaged.records->empty() ? std::string() : ": " + damaged.records->front().why));
   for (std::size_t i = 0; i < poses.size(); ++i) poses[i].id = static_cast<std::int64_t>(i);
   return poses;
 }
@@ -298,16 +306,20 @@ SceneTables read_scene(const fs::path& folder, const std::string& wanted, const 
                      return;
                    file.sample = sample;
                    file.path = path_from_json(record.at("filename"), folder.parent_path());
-                   file.t_ns = t_ns_from_json(record.at("timestamp"));
+                   const DamagedList damaged{"times of " + sensor.calibration.name, &scene.damaged};
+                   if (!parse_record(&damaged, -1,
+                                     [&] { file.t_ns = t_ns_from_json(record.at("timestamp")); }))
+                     return;
                    file.key_frame = bool_from_json(record.at("is_key_frame"));
                    poses.add(record, index);
                    scene.files.push_back(std::move(file));
                  });
   if (scene.files.empty())
     throw InputError(tables.file("sample_data"), "", "",
-                     "has no file of a camera or of LIDAR_TOP of " + scene.name);
+                     "has no file of a camera or of LIDAR_TOP of " + scene.name +
+                         (scene.damaged.empty() ? "" : " with a time: " + scene.damaged[0].why));
   std::ranges::stable_sort(scene.files, {}, &SensorFile::t_ns);
-  scene.poses = read_poses(tables, poses);
+  scene.poses = read_poses(tables, poses, DamagedList{"poses", &scene.damaged});
   if (boxes) read_annotations(tables, samples, &scene);
   return scene;
 }

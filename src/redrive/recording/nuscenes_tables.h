@@ -47,15 +47,16 @@ struct SceneTables {
   std::vector<FramePose> poses;   ///< the body's at the times of `files`, by time; ids count them
   std::vector<Annotation> annotations;
   std::vector<std::string> categories;  ///< of objects: "vehicle.car"
+  std::vector<DamagedRecord> damaged;   ///< poses, and times of files, that cannot be
 };
 
 /// Reads the scene of that name or token, or the only one if `scene` is empty, from the tables in
 /// `folder`, whose parent holds the files. InputError: a table that is missing or no array of
 /// records; no such scene (the message names those that there are); tokens that no record has;
-/// fields that are missing or of another type; numbers that are not finite; rotations whose norm is
-/// not 1 to 1e-3; positions further than 1e7 m; sizes outside 0.01..100 m; file names that leave
-/// the parent folder; a sensor with two calibrations. Without `boxes`, sample_annotation, instance
-/// and category are not read.
+/// fields that are missing or of another type; numbers that are not finite; rotations of no length;
+/// positions further than 1e7 m; sizes outside 0.01..100 m; file names that leave the parent
+/// folder; a sensor with two calibrations. A pose of the body or a file's time that cannot be costs
+/// itself. Without `boxes`, sample_annotation, instance and category are not read.
 SceneTables read_scene(const std::filesystem::path& folder, const std::string& scene,
                        const ReadTable& read = scan_file, bool boxes = true);
 

@@ -206,15 +206,21 @@ TEST_F(NuScenes, RejectsWhatCannotBe) {
                     file["is_key_frame"] = false;
               }),
               HasSubstr("CAM_BACK: has no key frame together with CAM_FRONT"));
+  const auto damage = [&](const std::function<void(NuScenesTables&)>& change) {
+    NuScenesTables tables;
+    change(tables);
+    tables.write(folder_);
+    return opened().damaged.at(0).why;
+  };
   EXPECT_THAT(
-      message([](NuScenesTables& t) { t["sample_data"][4]["timestamp"] = 1532402927150001; }),
+      damage([](NuScenesTables& t) { t["sample_data"][4]["timestamp"] = 1532402927150001; }),
       AllOf(HasSubstr("sample_data.json: CAM_FRONT = "), HasSubstr("less than 5 ms after")));
-  EXPECT_THAT(message([](NuScenesTables& t) {
+  EXPECT_THAT(damage([](NuScenesTables& t) {
                 t["sample_data"][1]["timestamp"] = NuScenesTables::kFirst_us + 200'001;
               }),
               HasSubstr("more than 0.2 s from CAM_FRONT in the same sample"));
-  EXPECT_THAT(message([](NuScenesTables& t) { t["ego_pose"][4]["translation"][0] = 1100; }),
-              AllOf(HasSubstr("ego_pose.json: 1.translation"), HasSubstr("no car moves so")));
+  EXPECT_THAT(damage([](NuScenesTables& t) { t["ego_pose"][4]["translation"][0] = 1100; }),
+              AllOf(HasSubstr("ego_pose.json: "), HasSubstr("no car moves so")));
   for (const auto& [table, records] : tables_) {
     if (table == "sample_annotation" || table == "instance" || table == "category") continue;
     tables_.write(folder_);

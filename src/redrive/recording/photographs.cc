@@ -30,15 +30,16 @@ CameraCalibration scaled_to(CameraCalibration camera, ImageSize size) {
   return camera;
 }
 
-/// The size that all images have whose size is known; nothing where they differ.
+/// The size that a camera's images have, but for as many as may be damaged; nothing where they
+/// differ.
 std::optional<ImageSize> common_size(const std::vector<ImageFile>& images) {
-  std::optional<ImageSize> common;
+  const std::optional<ImageSize> usual = usual_image_size(images);
+  std::size_t others = 0;
   for (const ImageFile& image : images)
-    if (const auto size = image_size(image.path)) {
-      if (common && *common != *size) return std::nullopt;
-      common = size;
-    }
-  return common;
+    if (const auto size = image_size(image.path)) others += *size != *usual;
+  const auto most =
+      static_cast<std::size_t>(0.01 * kMostDamagedPercent * static_cast<double>(images.size()));
+  return others > std::max<std::size_t>(1, most) ? std::nullopt : usual;
 }
 
 bool is_file(const fs::path& path) {
@@ -60,9 +61,8 @@ void fit_to_images(Recording* recording) {
   };
   for (RecordedCamera& camera : recording->cameras) {
     CameraCalibration& c = camera.calibration;
-    if (camera.images.empty() ||
-        image_size(camera.images.front().path) == ImageSize{c.width, c.height})
-      continue;  // the usual case reads one head
+    if (camera.images.empty() || usual_image_size(camera.images) == ImageSize{c.width, c.height})
+      continue;  // the usual case reads a few heads
     const std::optional<ImageSize> size = common_size(camera.images);
     if (!size || *size == ImageSize{c.width, c.height} ||
         std::abs(double(size->width) * c.height / c.width - size->height) > 1)

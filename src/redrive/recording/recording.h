@@ -62,6 +62,17 @@ struct Finding {
   std::string what;     ///< what is missing or unusual, and its consequence
 };
 
+/// Share of a sensor's records that may be damaged, in percent; one always may.
+constexpr double kMostDamagedPercent = 5;
+
+/// A record that cannot be used and is left out (recording/damaged_records.h).
+struct DamagedRecord {
+  std::string sensor;          ///< a camera, or "lidar", "boxes", "poses", ...
+  std::int64_t frame_id = -1;  ///< -1: not known
+  std::string why;             ///< as InputError says it: file, field, value, rule
+  bool breaks = false;         ///< a pose that is not left out: the frames from it on are elsewhere
+};
+
 struct RecordedCamera {
   CameraCalibration calibration;
   std::vector<ImageFile> images;  ///< by frame id; only frames that have a pose
@@ -99,6 +110,8 @@ struct Recording {
   bool metric = true;
   std::optional<BoundingCube> bounds;  ///< in the global frame; nothing: unbounded
   std::vector<Finding> findings;       ///< frames dropped without a pose, missing images, ...
+  std::vector<DamagedRecord> damaged;  ///< what is left out for it, by readers and later
+  double most_damaged_percent = kMostDamagedPercent;  ///< of a sensor's records
   std::filesystem::path outside_file;  ///< a file that the recording's text names outside of its
                                        ///< folder; empty: none
 

@@ -13,7 +13,7 @@ constexpr const char *kEgomotionFile = "egomotion.json", *kCalibrationFile = "ca
 
 }  // namespace
 
-std::vector<LidarPoint> RecordingReader::read_lidar(const FrameFile& file) const {
+std::vector<LidarPoint> RecordingReader::read_lidar(const FrameFile& file, std::size_t*) const {
   throw InputError(file.path, "", "", "LiDAR of a recording whose format has none");
 }
 

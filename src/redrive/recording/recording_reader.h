@@ -41,8 +41,10 @@ class RecordingReader {
  public:
   virtual ~RecordingReader() = default;
 
-  /// Points of one of Recording::lidar_files. InputError for a damaged file.
-  virtual std::vector<LidarPoint> read_lidar(const FrameFile& file) const;
+  /// Points of one of Recording::lidar_files. Adds those that cannot be used to `left_out`, if that
+  /// is given. InputError for a damaged file.
+  virtual std::vector<LidarPoint> read_lidar(const FrameFile& file,
+                                             std::size_t* left_out = nullptr) const;
   /// Number of points that read_lidar returns, without reading them; 0 if the file is damaged.
   virtual std::uint64_t lidar_point_count(const FrameFile& file) const;
   /// Points of Recording::points_file, which must not be empty: by default a PLY in the body axes

@@ -13,4 +13,11 @@ Rigid3d rigid_from_json(const JsonField& field);
 
 nlohmann::json rigid_to_json(const Rigid3d& transform);
 
+/// Whether a quaternion is a rotation once it is normalised.
+inline bool is_rotation(const Eigen::Quaterniond& quaternion) {
+  constexpr double kLeastLength = 1e-6, kMostLength = 1e6;
+  const double length = quaternion.norm();
+  return length >= kLeastLength && length <= kMostLength;
+}
+
 }  // namespace redrive

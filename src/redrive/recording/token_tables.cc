@@ -4,6 +4,7 @@
 #include <optional>
 
 #include "redrive/base/error.h"
+#include "redrive/base/files.h"
 
 namespace redrive {
 namespace {
@@ -22,13 +23,13 @@ std::optional<std::string_view> find_text(std::string_view record, std::string_v
   return record.substr(at + 1, end - at - 1);
 }
 
-void parse_record(std::string_view text, const std::filesystem::path& file, std::size_t index,
-                  const TokenTables::Use& use) {
+void use_record(std::string_view text, const std::filesystem::path& file, std::size_t index,
+                const TokenTables::Use& use) {
   const std::string name = "record " + std::to_string(index);
   nlohmann::json document;
   try {
-    document[name] = nlohmann::json::parse(text);
-  } catch (const nlohmann::json::exception&) {  // its line and column are those of the record
+    document[name] = parse_json(text, file);
+  } catch (const InputError&) {  // its line and column are those of the record
     throw InputError(file, name, text.substr(0, 80), "not valid JSON");
   }
   use(JsonField(document, file).at(name), index);
@@ -38,7 +39,7 @@ void parse_record(std::string_view text, const std::filesystem::path& file, std:
 
 void TokenTables::each(const std::string& table, const Use& use) const {
   RecordScanner scanner(file(table), [&](std::string_view text, std::size_t index) {
-    parse_record(text, file(table), index, use);
+    use_record(text, file(table), index, use);
   });
   read_(&scanner);
 }
@@ -50,13 +51,13 @@ void TokenTables::each_of(const std::string& table, const std::string& key, cons
     std::string parsed;
     std::optional<std::string_view> token = find_text(text, quoted);
     if (!token) {
-      parse_record(text, file(table), index,
-                   [&](const JsonField& record, std::size_t) { parsed = record.at(key).string(); });
+      use_record(text, file(table), index,
+                 [&](const JsonField& record, std::size_t) { parsed = record.at(key).string(); });
       token = parsed;
     }
     const auto found = wanted.find(*token);
     if (found == wanted.end()) return;
-    parse_record(text, file(table), index, [&](const JsonField& record, std::size_t) {
+    use_record(text, file(table), index, [&](const JsonField& record, std::size_t) {
       // The text may be that of an object inside the record.
       if (record.at(key).string() != found->first)
         record.at(key).fail("a second one, inside of the record, is " + found->first);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/recording/trajectory.h"
 
+#include <algorithm>
 #include <cstdio>
 
 #include "redrive/base/error.h"
@@ -52,6 +53,43 @@ void check_trajectory(const std::vector<FramePose>& frames, const std::filesyste
                       const PoseFields& fields) {
   for (std::size_t i = 1; i < frames.size(); ++i)
     check_step(frames[i - 1], frames[i], file, fields);
+}
+
+void leave_out_impossible(const std::filesystem::path& file, const PoseFields& fields,
+                          const DamagedList* damaged, std::vector<FramePose>* frames) {
+  if (!damaged) return check_trajectory(*frames, file, fields);
+  const auto why_not = [&](std::size_t a, std::size_t b) -> std::string {
+    try {
+      check_step((*frames)[a], (*frames)[b], file, fields);
+      return "";
+    } catch (const InputError& error) {
+      return error.what();
+    }
+  };
+  const Misfits misfits = find_misfits(
+      frames->size(), [&](std::size_t a, std::size_t b) { return why_not(a, b).empty(); });
+  const auto is_single = [&](std::size_t i) {
+    return std::ranges::binary_search(misfits.single, i);
+  };
+  std::vector<std::int64_t> left_out;
+  for (const std::size_t i : misfits.single) {
+    std::size_t before = i, after = i;
+    while (before > 0 && is_single(before)) --before;
+    while (after + 1 < frames->size() && is_single(after)) ++after;
+    std::string why = is_single(before) ? "" : why_not(before, i);
+    if (why.empty() && !is_single(after)) why = why_not(i, after);
+    left_out.push_back((*frames)[i].id);
+    damaged->records->push_back({damaged->sensor, left_out.back(),
+                                 why.empty() ? InputError(file, std::to_string(left_out.back()), "",
+                                                          "contradicts the frames around it")
+                                                   .what()
+                                             : why});
+  }
+  for (const std::size_t i : misfits.breaks)
+    damaged->records->push_back({damaged->sensor, (*frames)[i].id, why_not(i - 1, i), true});
+  std::erase_if(*frames, [&](const FramePose& frame) {
+    return std::ranges::binary_search(left_out, frame.id);
+  });
 }
 
 }  // namespace redrive

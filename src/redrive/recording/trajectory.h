@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "redrive/recording/damaged_text.h"
 #include "redrive/recording/recording.h"
 
 namespace redrive {
@@ -30,5 +31,9 @@ struct PoseFields {
 /// id, increase and none moves from the one before at more than 150 m/s. `frames`: in metres.
 void check_trajectory(const std::vector<FramePose>& frames, const std::filesystem::path& file,
                       const PoseFields& fields);
+/// As check_trajectory, but moves single frames that contradict those around them to `damaged`, and
+/// adds frames from which on the others are elsewhere, which stay.
+void leave_out_impossible(const std::filesystem::path& file, const PoseFields& fields,
+                          const DamagedList* damaged, std::vector<FramePose>* frames);
 
 }  // namespace redrive

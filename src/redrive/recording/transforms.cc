@@ -30,17 +30,6 @@ bool is_there(const fs::path& path) {
 
 using photographs::find_image;
 
-/// The size where the JSON file has none.
-ImageSize size_of_image(const fs::path& path) {
-  const std::optional<ImageSize> size = image_size(path);
-  if (!size)
-    throw InputError(
-        path, "", "",
-        "neither a PNG nor a JPEG with a size, and w and h are missing where the focal "
-        "length stands");
-  return *size;
-}
-
 /// The name of an image below its folder `images`, or whatever that is called.
 std::string name_in_images(const fs::path& file, const fs::path& image) {
   const fs::path relative =
@@ -79,13 +68,13 @@ class Reader final : public RecordingReader {
   }
 };
 
-TransformsFile read(const fs::path& file) {
+TransformsFile read(const fs::path& file, std::vector<DamagedRecord>* damaged) {
   const auto size_of = [&](const std::string& file_path) -> std::optional<ImageSize> {
     const fs::path image = find_image(file.parent_path(), file_path);
-    if (image.empty()) return std::nullopt;
-    return size_of_image(image);
+    return image.empty() ? std::nullopt : image_size(image);
   };
-  return parse(read_file(file), file, size_of);
+  const DamagedList poses{"poses", damaged};
+  return parse(read_file(file), file, size_of, &poses);
 }
 
 /// Collects frames and images. Images with equal intrinsics are of one camera.
@@ -100,6 +89,14 @@ class Collector {
       missing_.push_back(entry.file);
       return;
     }
+    const DamagedList images{"images", &recording_.damaged};
+    if (!parse_record(&images, -1, [&] {
+          if (!entry.camera)
+            throw InputError(image, "", "",
+                             "neither a PNG nor a JPEG with a size, and w and h are missing where "
+                             "the focal length stands");
+        }))
+      return;
     const auto id = static_cast<std::int64_t>(recording_.frames.size());
     recording_.frames.push_back({id, id * photographs::kFrameTime_ns, entry.global_from_body});
     const fs::path listed = file.parent_path() / entry.file;
@@ -145,8 +142,7 @@ class Collector {
       recording_.findings.push_back(
           {"frames", counted(missing_.size(), "image") +
                          " listed, but not there, left out: " + first_few(missing_)});
-    if (cameras.empty())
-      photographs::refuse_without_images(recording_.root, missing_.empty() ? "" : missing_.front());
+    if (cameras.empty()) refuse_without_cameras();
     leave_out_far_photographs(&recording_);
     // Numbers of equal length, so that names sort by number.
     const std::size_t digits = std::to_string(cameras.size()).size();
@@ -162,8 +158,16 @@ class Collector {
   }
 
   std::vector<Finding>& findings() { return recording_.findings; }
+  std::vector<DamagedRecord>& damaged() { return recording_.damaged; }
 
  private:
+  [[noreturn]] void refuse_without_cameras() const {
+    if (missing_.empty() && !recording_.damaged.empty())
+      throw InputError(recording_.root, "", "",
+                       "no image can be used: " + recording_.damaged.front().why);
+    photographs::refuse_without_images(recording_.root, missing_.empty() ? "" : missing_.front());
+  }
+
   void note_outside(const fs::path& file) {
     if (recording_.outside_file.empty() && !file.empty() && lies_outside(file, recording_.root))
       recording_.outside_file = file;
@@ -192,13 +196,13 @@ bool looks_like_blender(const fs::path& root) { return is_there(root / "transfor
 Recording open(const fs::path& root, PoseSource source) {
   refuse_ground_truth(root, source);
   const fs::path file = root / "transforms.json";
-  const TransformsFile transforms = read(file);
+  Collector collector(root);
+  const TransformsFile transforms = read(file, &collector.damaged());
   const auto set_of = [](const std::optional<std::vector<std::string>>& names) {
     return names ? std::set<std::string>(names->begin(), names->end()) : std::set<std::string>();
   };
   const std::set<std::string> train = set_of(transforms.train),
                               held_out = set_of(transforms.test ? transforms.test : transforms.val);
-  Collector collector(root);
   std::vector<std::string> neither;
   for (const FrameEntry& entry : in_file_name_order(transforms.entries)) {
     const bool held = held_out.contains(entry.file), trains = train.contains(entry.file);
@@ -225,11 +229,11 @@ Recording open_blender(const fs::path& root, PoseSource source) {
   const fs::path train = root / "transforms_train.json", test = root / "transforms_test.json",
                  val = root / "transforms_val.json";
   Collector collector(root);
-  const TransformsFile training = read(train);
+  const TransformsFile training = read(train, &collector.damaged());
   for (const FrameEntry& entry : in_file_name_order(training.entries))
     collector.add(train, entry, false);
   if (const fs::path held_out = is_there(test) ? test : val; is_there(held_out))
-    for (const FrameEntry& entry : in_file_name_order(read(held_out).entries))
+    for (const FrameEntry& entry : in_file_name_order(read(held_out, &collector.damaged()).entries))
       collector.add(held_out, entry, true);
   return collector.finish(training.bounds ? training.bounds : instant_ngp_cube(1));
 }

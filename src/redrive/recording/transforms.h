@@ -21,6 +21,7 @@
 #include <string_view>
 #include <vector>
 
+#include "redrive/recording/damaged_text.h"
 #include "redrive/recording/image_size.h"
 #include "redrive/recording/recording.h"
 
@@ -52,10 +53,12 @@ struct TransformsFile {
 /// `size_of` returns the size of an image for which neither its entry nor the file has w and h, or
 /// nothing if there is no such image. InputError: fields that are missing or of another type,
 /// unsupported models and effects (rolling shutter, ftheta, equirectangular, k4 to k6 of OPENCV, p1
-/// and p2 of OPENCV_FISHEYE, ...), an image listed twice.
+/// and p2 of OPENCV_FISHEYE, ...), an image listed twice. Entries whose transform_matrix is none go
+/// to `damaged`; without it they are errors.
 TransformsFile parse(
     std::string_view text, const std::filesystem::path& file,
-    const std::function<std::optional<ImageSize>(const std::string& file_path)>& size_of);
+    const std::function<std::optional<ImageSize>(const std::string& file_path)>& size_of,
+    const DamagedList* damaged = nullptr);
 
 /// Returns instant-ngp's cube in the coordinates of the file. It is 0.5 +- aabb_scale / 2 in the
 /// coordinates scale x + offset: center (0.5 - offset) / scale, half side 0.5 aabb_scale / scale.

@@ -207,7 +207,8 @@ BoundingCube instant_ngp_cube(double aabb_scale, double scale, const Eigen::Vect
 }
 
 TransformsFile parse(std::string_view text, const std::filesystem::path& file,
-                     const std::function<std::optional<ImageSize>(const std::string&)>& size_of) {
+                     const std::function<std::optional<ImageSize>(const std::string&)>& size_of,
+                     const DamagedList* damaged) {
   const nlohmann::json document = parse_json(text, file);
   const JsonField root(document, file), frames = root.at("frames");
   if (!frames.json().is_array() || frames.size() == 0)
@@ -223,7 +224,10 @@ TransformsFile parse(std::string_view text, const std::filesystem::path& file,
     entry.file = path_from_json(frame.at("file_path"));
     if (!names.insert(entry.file).second) frame.at("file_path").fail("is listed twice");
     if (frame.has("mask_path")) entry.mask = path_from_json(frame.at("mask_path"));
-    entry.global_from_body = global_from_body_from_matrix(frame.at("transform_matrix"));
+    if (!parse_record(damaged, -1, [&] {
+          entry.global_from_body = global_from_body_from_matrix(frame.at("transform_matrix"));
+        }))
+      continue;
     const auto width = intrinsics.find("w"), height = intrinsics.find("h");
     if (width.has_value() != height.has_value())
       (width ? *width : *height).fail("w and h must both be present or both be absent");

@@ -309,7 +309,7 @@ TEST(Transforms, RejectsNaNAndTextThatEndsEarly) {
   EXPECT_THAT(message(text.substr(0, text.size() / 2)),
               AllOf(HasSubstr("dir/transforms.json"), HasSubstr("line 1")));
   text.replace(text.find("100.5"), 5, "NaN");
-  EXPECT_THAT(message(text), AllOf(HasSubstr("dir/transforms.json"), HasSubstr("line 1")));
+  EXPECT_THAT(message(text), AllOf(HasSubstr("dir/transforms.json"), HasSubstr("\"NaN\"")));
 }
 
 // instant-ngp and nerfstudio write such paths, and a stranger may.
@@ -416,10 +416,10 @@ TEST(Transforms, OpensBlenderSets) {
   EXPECT_DOUBLE_EQ(recording.bounds->half_side, 0.5 / 0.33);
 
   folder.write("train/r_3.png", "JFIF");
-  EXPECT_THAT(input_error([&] { open_recording(folder.path); }),
+  EXPECT_THAT(open_recording(folder.path).damaged.at(0).why,
               AllOf(HasSubstr("r_3.png"), HasSubstr("w and h")));
   folder.write("train/r_3.png", png_head(640, 0));
-  EXPECT_THAT(input_error([&] { open_recording(folder.path); }),
+  EXPECT_THAT(open_recording(folder.path).damaged.at(0).why,
               HasSubstr("r_3.png: neither a PNG nor a JPEG with a size"));
   folder.write("train/r_3.png", png_head(640, 480));
   json again = {{"camera_angle_x", 0.7}, {"frames", {frame("train/r_1")}}};

@@ -5,7 +5,9 @@
 #include <cstdio>
 #include <tuple>
 
+#include "redrive/base/error.h"
 #include "redrive/base/progress.h"
+#include "redrive/recording/damaged_records.h"
 #include "redrive/recording/recording_reader.h"
 #include "redrive/recording/trajectory.h"
 #include "redrive/scene/cloud_returns.h"
@@ -82,6 +84,10 @@ std::vector<Ray> rays_of(const std::vector<LidarPoint>& points,
                           origin = world_from_body * sensor_in_body;
     if (is_on_moving(boxes, in_world, point.t_ns, out)) continue;
     const double range_m = (in_world - origin).norm();
+    if (!(range_m > 0)) {
+      ++out->unusable;
+      continue;
+    }
     rays.push_back({origin.cast<float>(), ((in_world - origin) / range_m).cast<float>(),
                     static_cast<float>(range_m), point.t_ns, point.intensity});
   }
@@ -149,15 +155,26 @@ LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene,
   // A file that is not selected is read for what the next one repeats.
   Progress progress("reading LiDAR", 2 * count);
   std::vector<std::vector<LidarPoint>> points(files.size());
+  std::vector<LidarReturns> counts(files.size());
+  std::vector<std::string> damaged(files.size());
   pool.run(count, [&](int f) {
     progress.count();
-    if (selected(f) || (!selection.repeated && f + 1 < count && selected(f + 1)))
-      points[f] = recording.reader->read_lidar(*files[f]);
+    if (!selected(f) && (selection.repeated || f + 1 == count || !selected(f + 1))) return;
+    try {
+      std::size_t unusable = 0;
+      points[f] = recording.reader->read_lidar(*files[f], &unusable);
+      if (selected(f)) counts[f].unusable = unusable;
+    } catch (const InputError& error) {
+      damaged[f] = error.what();
+    }
   });
+  std::vector<DamagedRecord> left_out;
+  for (int f = 0; f < count; ++f)
+    if (!damaged[f].empty()) left_out.push_back({"lidar", files[f]->frame_id, damaged[f]});
+  returns.damaged = judge_damaged(recording, left_out, files.size());
 
   const Rigid3d world_from_global = scene.global_from_world.inverse();
   std::vector<std::vector<Ray>> rays(files.size());
-  std::vector<LidarReturns> counts(files.size());
   const std::vector<LidarPoint> none;
   pool.run(count, [&](int f) {
     progress.count();
@@ -168,6 +185,7 @@ LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene,
 
   for (int f = 0; f < count; ++f) {
     returns.n += rays[f].size();
+    returns.unusable += counts[f].unusable;
     returns.repeated += counts[f].repeated;
     returns.beyond_trajectory += counts[f].beyond_trajectory;
     returns.on_ego += counts[f].on_ego;

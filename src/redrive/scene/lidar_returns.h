@@ -33,11 +33,14 @@ struct LidarReturns {
   std::vector<OnObject> on_objects;
 
   // Numbers of dropped points, each counted under the first reason that holds.
+  std::size_t unusable = 0;           ///< no numbers, at the sensor, or impossible values
   std::size_t repeated = 0;           ///< also in the previous file: revolutions overlap
   std::size_t beyond_trajectory = 0;  ///< more than 60 ms before the first or after the last pose
   std::size_t on_ego = 0;             ///< on the recording vehicle itself
   std::size_t on_moving = 0;          ///< inside the box of a moving object, grown by its margin
   std::size_t hidden = 0;             ///< occluded points of a cloud (cloud_returns.h)
+
+  std::optional<Finding> damaged;  ///< about revolutions whose files could not be read
 };
 
 /// Whether a point in a box's axes is on its object: the road below, and what stands beside it, is
@@ -56,7 +59,8 @@ struct LidarSelection {
 
 /// Reads the revolutions whose frame ids lie within those of scene.frames, or, of a recording with
 /// a points_file instead, its cloud_returns. Empty where there is neither or the LiDAR's extrinsics
-/// are unknown (Recording::body_from_lidar). InputError where a file is malformed.
+/// are unknown (Recording::body_from_lidar). InputError where a cloud is malformed, or more
+/// revolutions than the recording allows.
 LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene,
                                 const MovingObjects& moving, ThreadPool& pool,
                                 const LidarSelection& selection = {});

@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/scene/lidar_returns.h"
 
+#include <bit>
+#include <cmath>
+
 #include <gtest/gtest.h>
 
 #include "redrive/recording/aimotive.h"
@@ -268,6 +271,26 @@ TEST_F(LidarReturnsTest, SaysWhyMostReturnsAreLost) {
   EXPECT_NE(finding({far, far, good}).find("are their lengths metres?"), std::string::npos);
   recording_.body_from_lidar.reset();
   EXPECT_EQ(finding({late}), "");
+}
+
+// A file that turns out to be damaged when it is read costs itself, and so does a return.
+TEST_F(LidarReturnsTest, DamagedFilesAndReturnsAreLeftOutAndNamed) {
+  const auto t_ns = [&](std::size_t frame) { return recording_.frames[frame].t_ns; };
+  std::vector<LasRecord> points(40, seen({20, 5, 1}, t_ns(0)));
+  points[7].gps_time_bits = std::bit_cast<std::uint64_t>(std::nan(""));
+  add_file(10, points);
+  add_file(11, {seen({21, 5, 1}, t_ns(1))});
+  add_file(12, {seen({22, 5, 1}, t_ns(2))});
+  std::filesystem::resize_file(recording_.lidar_files[1].path, 240);
+  const LidarReturns returns = load();
+  EXPECT_EQ(returns.n, 40u);
+  EXPECT_EQ(returns.unusable, 1u);
+  ASSERT_TRUE(returns.damaged);
+  EXPECT_EQ(returns.damaged->subject, "lidar");
+  EXPECT_NE(returns.damaged->what.find("1 of 3 records left out: frame 11: "), std::string::npos)
+      << returns.damaged->what;
+  std::filesystem::resize_file(recording_.lidar_files[2].path, 240);
+  EXPECT_THROW(load(), InputError);
 }
 
 }  // namespace

@@ -11,6 +11,7 @@
 #include "redrive/base/opencv_threads.h"
 #include "redrive/base/progress.h"
 #include "redrive/image/image_io.h"
+#include "redrive/recording/damaged_records.h"
 #include "redrive/scene/resample.h"
 
 namespace redrive {
@@ -147,8 +148,37 @@ std::vector<float> load_depth(const std::filesystem::path& path, const RigCamera
   return depth_m;
 }
 
-ViewLoader::ViewLoader(const Scene& scene, ThreadPool& pool)
-    : maps_(scene.undistort ? scene.rig.size() : 0) {
+void DamagedViews::add(const View& view, const std::string& why) {
+  const std::lock_guard lock(mutex_);
+  why_[{view.camera, view.frame}] = why;
+}
+
+bool DamagedViews::contains(const View& view) const {
+  const std::lock_guard lock(mutex_);
+  return why_.contains({view.camera, view.frame});
+}
+
+std::vector<Finding> DamagedViews::judge(const Recording& recording, const Scene& scene) const {
+  const std::lock_guard lock(mutex_);
+  // Photographs are judged together: each may have a camera of its own.
+  const auto group_of = [&](int camera) {
+    return recording.metric ? scene.rig[camera].name : std::string("images");
+  };
+  std::map<std::string, std::vector<DamagedRecord>> groups;
+  for (const auto& [view, why] : why_)
+    groups[group_of(view.first)].push_back(
+        {group_of(view.first), scene.frames[view.second].id, why});
+  std::vector<Finding> findings;
+  for (const auto& [name, records] : groups) {
+    const auto of_group = std::ranges::count_if(
+        scene.views, [&, &name = name](const View& view) { return group_of(view.camera) == name; });
+    findings.push_back(*judge_damaged(recording, records, static_cast<std::size_t>(of_group)));
+  }
+  return findings;
+}
+
+ViewLoader::ViewLoader(const Scene& scene, ThreadPool& pool, DamagedViews* damaged)
+    : damaged_(damaged), maps_(scene.undistort ? scene.rig.size() : 0) {
   scene_.rig = scene.rig;
   scene_.downscale = scene.downscale;
   scene_.undistort = scene.undistort;
@@ -158,11 +188,23 @@ ViewLoader::ViewLoader(const Scene& scene, ThreadPool& pool)
 }
 
 Image8 ViewLoader::operator()(const View& view) const {
-  return load_with_map(scene_, view, maps_.empty() ? nullptr : &maps_[view.camera]);
+  const ResampleMap* const map = maps_.empty() ? nullptr : &maps_[view.camera];
+  if (!damaged_) return load_with_map(scene_, view, map);
+  try {
+    return load_with_map(scene_, view, map);
+  } catch (const InputError& error) {
+    damaged_->add(view, error.what());
+  }
+  const Camera& camera = scene_.rig[view.camera].camera;
+  const std::size_t pixels = static_cast<std::size_t>(camera.width) * camera.height;
+  Image8 image{camera.width, camera.height, std::vector<std::uint8_t>(3 * pixels)};
+  if (scene_.background != Background::kNone) image.alpha.resize(pixels);
+  image.used.resize(pixels);
+  return image;
 }
 
-std::vector<Image8> load_views(const Scene& scene, ThreadPool& pool) {
-  const ViewLoader load(scene, pool);
+std::vector<Image8> load_views(const Scene& scene, ThreadPool& pool, DamagedViews* damaged) {
+  const ViewLoader load(scene, pool, damaged);
   std::vector<Image8> images(scene.views.size());
   Progress progress("decoding images", std::ssize(images));
   pool.run(static_cast<int>(images.size()), [&](int i) {

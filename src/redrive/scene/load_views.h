@@ -3,10 +3,15 @@
 #pragma once
 
 #include <filesystem>
+#include <map>
+#include <mutex>
+#include <string>
+#include <utility>
 #include <vector>
 
 #include "redrive/base/parallel.h"
 #include "redrive/image/image.h"
+#include "redrive/recording/recording.h"
 #include "redrive/scene/resample.h"
 #include "redrive/scene/scene.h"
 
@@ -20,16 +25,31 @@ namespace redrive {
 /// without alpha.
 Image8 load_view(const Scene& scene, const View& view);
 
+/// Views whose files turned out to be damaged when they were decoded. From any thread.
+class DamagedViews {
+ public:
+  void add(const View& view, const std::string& why);
+  bool contains(const View& view) const;
+  /// Findings by camera. InputError where there are more than the recording allows of the scene's.
+  std::vector<Finding> judge(const Recording& recording, const Scene& scene) const;
+
+ private:
+  mutable std::mutex mutex_;
+  std::map<std::pair<int, int>, std::string> why_;  ///< by camera and frame
+};
+
 /// Loads the views of a scene one at a time, as load_view, from any thread.
 class ViewLoader {
  public:
-  /// Sets OpenCV to one thread: views are loaded in parallel instead.
-  ViewLoader(const Scene& scene, ThreadPool& pool);
+  /// `damaged`: takes the views that cannot be decoded, whose images are black and of which no
+  /// pixel is used; null: InputError as load_view.
+  ViewLoader(const Scene& scene, ThreadPool& pool, DamagedViews* damaged = nullptr);
   Image8 operator()(const View& view) const;
 
  private:
   /// The options of Scene that loading needs; views are those of the caller.
   Scene scene_;
+  DamagedViews* damaged_;
   std::vector<ResampleMap> maps_;  ///< by camera, where the scene undistorts
 };
 
@@ -39,7 +59,8 @@ class ViewLoader {
 std::vector<float> load_depth(const std::filesystem::path& path, const RigCamera& rig);
 
 /// Loads all views in parallel; images[i] belongs to scene.views[i]. Held-out images are loaded, so
-/// that errors are found, and left empty.
-std::vector<Image8> load_views(const Scene& scene, ThreadPool& pool);
+/// that errors are found, and left empty. `damaged`: as of ViewLoader.
+std::vector<Image8> load_views(const Scene& scene, ThreadPool& pool,
+                               DamagedViews* damaged = nullptr);
 
 }  // namespace redrive

@@ -243,7 +243,11 @@ Mask find_static_mask(const Scene& scene, int camera, const std::vector<Image8>&
   REDRIVE_CHECK_OP(images.size(), ==, scene.views.size());
   const RigCamera& rig = scene.rig[camera];
   Mask mask = full_mask(rig.camera.width, rig.camera.height);
-  const std::vector<std::size_t> views = choose_views(scene, camera);
+  std::vector<std::size_t> views = choose_views(scene, camera);
+  std::erase_if(views, [&](std::size_t i) {  // damaged, or masked altogether
+    const std::vector<std::uint8_t>& used = images[i].used;
+    return !used.empty() && std::ranges::count(used, 0) == std::ssize(used);
+  });
   if (views.size() < 2) return mask;  // too few to find constant pixels
   std::vector<const Image8*> training_images;
   for (const std::size_t i : views) training_images.push_back(&images[i]);

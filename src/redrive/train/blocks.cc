@@ -191,6 +191,7 @@ TrainOptions block_options(const TrainOptions& whole, const Block& block) {
   options.frames = std::to_string(block.first_frame) + ":" + std::to_string(block.last_frame) +
                    (step > 1 ? ":" + std::to_string(step) : "");
   options.refine_poses = "off";
+  if (options.max_damaged > 0) options.max_damaged = 100;  // the whole drive was judged
   return options;
 }
 

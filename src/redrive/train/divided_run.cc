@@ -127,7 +127,8 @@ void create_divided_run(const std::filesystem::path& root, DividedRun* whole, Th
   std::vector<MovingObject> found;
   if (whole->options.masks != "none") {
     const std::filesystem::path folder = mask_folder(whole->options, whole->scene);
-    masks = static_masks(whole->scene, ViewLoader(whole->scene, pool), folder, pool,
+    DamagedViews damaged;
+    masks = static_masks(whole->scene, ViewLoader(whole->scene, pool, &damaged), folder, pool,
                          whole->recording.metric);
     found = found_in_blocks(*whole, pool);
   }

@@ -335,6 +335,10 @@ std::vector<TrainField> data_fields() {
             "resample the images without distortion first, as the report did (pinhole cameras)"),
        flag("outside-files", &O::outside_files,
             "also read images, masks and points that transforms.json names outside of its folder"),
+       number("max-damaged", &O::max_damaged, Range<double>{0, 100},
+              "percentage of a sensor's images, scans, poses or times that may be damaged or "
+              "impossible and are left out; one always may, unless it is 0",
+              "PERCENT"),
        text("masks", "WHICH", &O::masks, {},
             "auto: mask the ego vehicle, broken rows and moving objects that the method does not "
             "draw; none: mask nothing; or a folder with CAM.png as in RUN/masks, in place of "

@@ -13,6 +13,7 @@
 #include "redrive/base/did_you_mean.h"
 #include "redrive/base/error.h"
 #include "redrive/recording/camera_choice.h"
+#include "redrive/recording/damaged_records.h"
 #include "redrive/recording/frame_range.h"
 #include "redrive/recording/readout_options.h"
 #include "redrive/recording/wording.h"
@@ -226,6 +227,8 @@ Recording open_recording(const TrainOptions& options) {
       open_recording(options.recording,
                      options.ground_truth_poses ? PoseSource::kGroundTruth : PoseSource::kRecorded,
                      options.outside_files);
+  require_few_damaged({parse_frame_range(options.frames), options.cameras, options.max_damaged, 0},
+                      &recording);
   apply_readout_options(options.rolling_shutter, &recording);
   return recording;
 }

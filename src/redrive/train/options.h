@@ -35,6 +35,7 @@ struct TrainOptions {
   bool undistort = false;
   bool ground_truth_poses = false;  ///< uses the ground-truth poses and calibration
   bool outside_files = false;       ///< reads files that the recording names outside of its folder
+  double max_damaged = kMostDamagedPercent;  ///< of a sensor's records that may be damaged
   std::string poses;   ///< folder of other poses and another calibration (recording/pose_files.h);
                        ///< "": the recording's own
   bool align = false;  ///< runs redrive align first and uses its poses

@@ -93,7 +93,8 @@ TrainingRates measure_rates(Run* run, kernels::Backend& backend,
   const double images = static_cast<double>(views.size());
   const int cores = pool.threads();
 
-  const ViewLoader load(run->scene, pool);
+  DamagedViews damaged;
+  const ViewLoader load(run->scene, pool, &damaged);
   PacedClock clock([&] { load(*views.front()); });
   const std::size_t decoded = std::min<std::size_t>(views.size(), kDecoded);
   const std::size_t decode = clock.measure(1, [&] {

@@ -42,12 +42,13 @@ std::uint64_t largest_image(const Scene& scene) {
 /// The images that a cache decodes: a copy of what the run's scene was when training began.
 struct StreamedImages {
   Scene scene;
+  DamagedViews damaged;
   ViewLoader load;
   ViewMasker masker;
 
   StreamedImages(const Run& run, const Exclusions& left_out, ThreadPool& pool)
       : scene(run.scene),
-        load(scene, pool),
+        load(scene, pool, &damaged),
         masker(scene, left_out.masks, left_out.moving, MovingObjects(scene.actors), pool) {}
   Image8 image(int view) const {
     const View& of = scene.views[static_cast<std::size_t>(view)];
@@ -59,7 +60,7 @@ struct StreamedImages {
 
 /// Makes the cache of a run's images and reads each of them once: for errors, and to count pixels.
 void stream_images(const Run& run, std::uint64_t bytes, ThreadPool& pool, TrainingData* data) {
-  const auto images = std::make_shared<const StreamedImages>(run, data->left_out, pool);
+  const auto images = std::make_shared<StreamedImages>(run, data->left_out, pool);
   const Scene& scene = images->scene;
   ImageCacheOptions options;
   options.bytes = bytes;
@@ -81,6 +82,7 @@ void stream_images(const Run& run, std::uint64_t bytes, ThreadPool& pool, Traini
     progress.count();
   });
   for (const std::uint64_t of_view : pixels) data->pixels += of_view;
+  data->damaged = images->damaged.judge(run.recording, scene);
 }
 
 /// Objects that nobody annotated, and the returns in which they were searched: static ones and
@@ -108,7 +110,7 @@ Search search_moving(const Run& run, ThreadPool& pool) {
 TrainingData applied(const Run& run, ThreadPool& pool, Exclusions left_out,
                      std::vector<Image8> images, std::optional<std::uint64_t> cache_bytes,
                      std::optional<LidarReturns> returns = std::nullopt) {
-  TrainingData data{{}, std::move(left_out), {}, {}, 0};
+  TrainingData data{{}, std::move(left_out), {}, {}, {}, 0};
   if (cache_bytes) {
     stream_images(run, *cache_bytes, pool, &data);
   } else {
@@ -153,8 +155,12 @@ Exclusions read_exclusions(const Run& run) {
 
 TrainingData load_training_data(const Run& run, ThreadPool& pool,
                                 std::optional<std::uint64_t> cache_bytes) {
-  return applied(run, pool, read_exclusions(run),
-                 cache_bytes ? std::vector<Image8>() : load_views(run.scene, pool), cache_bytes);
+  DamagedViews damaged;
+  std::vector<Image8> images;
+  if (!cache_bytes) images = load_views(run.scene, pool, &damaged);
+  TrainingData data = applied(run, pool, read_exclusions(run), std::move(images), cache_bytes);
+  if (!cache_bytes) data.damaged = damaged.judge(run.recording, run.scene);
+  return data;
 }
 
 TrainingData prepare_training_data(Run* to_train, ThreadPool& pool,
@@ -163,15 +169,20 @@ TrainingData prepare_training_data(Run* to_train, ThreadPool& pool,
   Search search = search_moving(*to_train, pool);
   load_actors(to_train, search.found);
   const Run& run = *to_train;
+  DamagedViews damaged;
   std::vector<Image8> images;
-  if (!cache_bytes) images = load_views(run.scene, pool);
+  if (!cache_bytes) images = load_views(run.scene, pool, &damaged);
+  const std::vector<Finding> findings = damaged.judge(run.recording, run.scene);
   Exclusions left_out = with_moving(run, [&] {
     const bool on_car = run.recording.metric;
-    return cache_bytes ? static_masks(run.scene, ViewLoader(run.scene, pool), folder, pool, on_car)
+    return cache_bytes ? static_masks(run.scene, ViewLoader(run.scene, pool, &damaged), folder,
+                                      pool, on_car)
                        : static_masks(run.scene, images, folder, pool, on_car);
   });
-  return applied(run, pool, std::move(left_out), std::move(images), cache_bytes,
-                 std::move(search.returns));
+  TrainingData data = applied(run, pool, std::move(left_out), std::move(images), cache_bytes,
+                              std::move(search.returns));
+  if (!cache_bytes) data.damaged = findings;
+  return data;
 }
 
 void write_run_masks(const RunPaths& paths, const TrainingData& training, const Run& run) {

@@ -23,9 +23,10 @@ struct Exclusions {
 Exclusions read_exclusions(const Run& run);
 
 struct TrainingData {
-  std::vector<Image8> images;  ///< of scene.views, held-out ones empty; or all are in `cache`
-  Exclusions left_out;         ///< of them
-  LidarReturns lidar;          ///< none if the model uses none
+  std::vector<Image8> images;    ///< of scene.views, held-out ones empty; or all are in `cache`
+  Exclusions left_out;           ///< of them
+  LidarReturns lidar;            ///< none if the model uses none
+  std::vector<Finding> damaged;  ///< about images that cannot be decoded: no pixel is used
   std::unique_ptr<ImageCache> cache;  ///< decodes images when needed; null: all are in memory
   std::uint64_t pixels = 0;           ///< of an epoch, where there is a cache
 
@@ -38,7 +39,7 @@ struct TrainingData {
 
 /// Loads the data of an existing run. `cache_bytes`: of the cache that images are decoded into when
 /// needed (image_cache_bytes in train/memory.h); without it all are in memory. All images are read
-/// once in either case, so that errors are found: InputError names the file.
+/// once in either case: InputError where more are damaged than the recording allows.
 TrainingData load_training_data(const Run& run, ThreadPool& pool,
                                 std::optional<std::uint64_t> cache_bytes = {});
 /// Loads the data of a new run and its moving objects (load_actors, with those of find_moving).

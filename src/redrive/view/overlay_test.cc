@@ -22,7 +22,7 @@ constexpr int kPointsOfFile = 80000;
 /// Points on the axis of the test recording's FRONT camera, at the time of the frame.
 class AxisReader : public RecordingReader {
  public:
-  std::vector<LidarPoint> read_lidar(const FrameFile& file) const override {
+  std::vector<LidarPoint> read_lidar(const FrameFile& file, std::size_t* = nullptr) const override {
     if (file.path == "damaged") throw InputError(file.path, "", "", "is damaged");
     const std::int64_t t_ns = 1000000000 + (file.frame_id - 10) * 66666667ll;
     return std::vector<LidarPoint>(kPointsOfFile, {{2 + ahead_m, 0.1f, 1.2f}, 0, t_ns});

@@ -68,16 +68,25 @@ RigImages load_rig_images(const Recording& recording, const std::filesystem::pat
                           int margin_px, ThreadPool& pool) {
   Scene scene = make_scene(recording, {});
   std::vector<Image8> images(scene.views.size());
+  DamagedViews damaged;
+  const ViewLoader load(scene, pool, &damaged);
   {
     Progress progress("decoding images", std::ssize(images));
     pool.run(static_cast<int>(images.size()), [&](int i) {
-      images[i] = load_view(scene, scene.views[i]);
+      images[i] = load(scene.views[i]);
       progress.count();
     });
   }
   const std::vector<Mask> masks = static_masks(scene, images, mask_folder, pool, recording.metric);
 
-  RigImages rig{scene, {}, {}, {}, {}, {}, read_moving_objects(recording, scene)};
+  RigImages rig{scene,
+                {},
+                {},
+                {},
+                {},
+                {},
+                read_moving_objects(recording, scene),
+                damaged.judge(recording, scene)};
   const std::size_t cameras = scene.rig.size(), frames = scene.frames.size();
   rig.grey.assign(cameras, std::vector<cv::Mat>(frames));
   rig.usable = rig.grey;
@@ -91,6 +100,7 @@ RigImages load_rig_images(const Recording& recording, const std::filesystem::pat
   pool.run(static_cast<int>(images.size()), [&](int i) {
     const View& view = scene.views[i];
     Image8& image = images[i];
+    if (damaged.contains(view)) return;
     rig.grey[view.camera][view.frame] = root_of_brightness(image);
     cv::Mat& usable = rig.usable[view.camera][view.frame] = of_camera[view.camera];
     if (!image.used.empty())

@@ -29,6 +29,7 @@ struct RigImages {
   std::vector<std::vector<Rigid3d>>
       world_from_camera;  ///< likewise, initial, at the image's own time
   MovingObjects moving;
+  std::vector<Finding> damaged;  ///< about images that cannot be decoded, empty here
 
   int cameras() const { return static_cast<int>(grey.size()); }
   int frames() const { return static_cast<int>(scene.frames.size()); }
