@@ -55,7 +55,8 @@ class InsufficientDataError : public std::runtime_error {
 /// Ctrl-C, or another signal, ended work that leaves nothing behind.
 class Interrupted : public std::runtime_error {
  public:
-  Interrupted() : std::runtime_error("interrupted, nothing written") {}
+  explicit Interrupted(const char* what = "interrupted, nothing written")
+      : std::runtime_error(what) {}
 };
 
 [[noreturn]] void check_failed(const char* file, int line, const char* expression,

@@ -13,12 +13,15 @@ namespace redrive {
 namespace {
 
 std::atomic<bool> stop{false}, caller_looks{false};
+std::atomic<int> finished_before{0};  // the program's start
 static_assert(std::atomic<bool>::is_always_lock_free);
+
+bool has_finished() { return finished_count() > finished_before; }
 
 /// Calls only what a signal's handler may call.
 void on_signal(int) {
   stop = true;
-  if (caller_looks || has_unfinished()) return;
+  if (caller_looks || has_unfinished() || has_finished()) return;
   constexpr std::string_view kMessage = "redrive: interrupted, nothing written\n";
   [[maybe_unused]] const ssize_t written = ::write(STDERR_FILENO, kMessage.data(), kMessage.size());
   ::_exit(kExitInterrupted);
@@ -27,6 +30,7 @@ void on_signal(int) {
 }  // namespace
 
 void handle_signals() {
+  finished_before = finished_count();
   struct sigaction action {};
   action.sa_handler = on_signal;
   action.sa_flags = SA_RESTART | static_cast<int>(SA_RESETHAND);
@@ -50,7 +54,9 @@ const std::atomic<bool>& stop_on_signal() {
 void request_stop() { stop = true; }
 
 void check_interruption() {
-  if (stop.load(std::memory_order_relaxed) && !caller_looks) throw Interrupted();
+  if (!stop.load(std::memory_order_relaxed) || caller_looks) return;
+  if (has_finished()) throw Interrupted("interrupted; what is written is whole");
+  throw Interrupted();
 }
 
 }  // namespace redrive

@@ -7,8 +7,9 @@
 namespace redrive {
 
 /// Handles SIGINT, SIGTERM, SIGHUP and SIGUSR1, which mpirun forwards, from the program's start: it
-/// ends at once with kExitInterrupted. Where a file or folder is unfinished (base/unfinished.h),
-/// the next check_interruption throws instead, so that none is left. A second SIGINT or SIGTERM
+/// ends at once with kExitInterrupted. Where a file or folder is unfinished (base/unfinished.h), or
+/// was finished before, the next check_interruption throws instead, so that no part is left and
+/// what only has to be printed is. A second SIGINT or SIGTERM
 /// ends the program in any case. SIGPIPE and SIGXFSZ are ignored: writes fail instead.
 void handle_signals();
 

@@ -22,6 +22,7 @@ namespace fs = std::filesystem;
 constexpr int kMostNames = 100;  ///< of files that are written for one place at a time
 
 std::atomic<int> unfinished{0};
+std::atomic<int> finished{0};
 static_assert(std::atomic<int>::is_always_lock_free);
 
 /// Returns a hidden name with the program's own, so that it is no user's file.
@@ -84,6 +85,11 @@ int make_locked(const fs::path& path, int (*make)(const fs::path&)) {
   return -1;
 }
 
+/// Notes that the last unfinished file or folder is in its place; others are parts of a folder.
+void note_finished(bool is_in_place) {
+  if (is_in_place && unfinished == 1) ++finished;
+}
+
 /// Makes the folder's new name durable. Some file systems cannot sync folders; the file is whole
 /// anyway.
 void sync_folder(const fs::path& folder) {
@@ -122,11 +128,13 @@ class UnfinishedFolder {
   void move_to(const fs::path& place, std::error_code& error) {
     fs::rename(path_, place, error);
     moved_ = !error;
+    note_finished(moved_);
   }
   /// Exchanges both folders, so that one of them is in its place at any time; the old one is then
   /// the unfinished one. Some file systems of networks cannot.
   void replace(const fs::path& place, std::error_code& error) {
-    if (::renameat2(AT_FDCWD, path_.c_str(), AT_FDCWD, place.c_str(), RENAME_EXCHANGE) == 0) return;
+    if (::renameat2(AT_FDCWD, path_.c_str(), AT_FDCWD, place.c_str(), RENAME_EXCHANGE) == 0)
+      return note_finished(true);
     fs::remove_all(place, error);
     if (!error) move_to(place, error);
   }
@@ -140,6 +148,7 @@ class UnfinishedFolder {
 }  // namespace
 
 bool has_unfinished() { return unfinished > 0; }
+int finished_count() { return finished; }
 
 UnfinishedFile::UnfinishedFile(const fs::path& place) : place_(place) {
   ++unfinished;
@@ -176,6 +185,7 @@ void UnfinishedFile::finish() {
   if (::fsync(descriptor_) != 0) fail("write to disk");
   if (::rename(path_.c_str(), place_.c_str()) != 0) fail("replace");
   path_.clear();
+  note_finished(true);
   sync_folder(place_.parent_path());
 }
 

@@ -41,5 +41,7 @@ void write_folder(const std::filesystem::path& place, bool replace,
 
 /// Whether this process has an unfinished file or folder. May be called by a signal's handler.
 bool has_unfinished();
+/// Returns how many this process finished, those within an unfinished folder aside. Likewise.
+int finished_count();
 
 }  // namespace redrive

@@ -172,6 +172,22 @@ TEST_F(Unfinished, CtrlCLeavesNoHalfFolder) {
   EXPECT_EQ(entries(), 0);
 }
 
+TEST_F(Unfinished, CtrlCAfterAFolderIsInItsPlaceEndsFurtherWorkAlone) {
+  const int status = status_of_process([&] {
+    handle_signals();
+    write_folder(place_, false, [](const fs::path& folder) { write_file(folder / "a", ""); });
+    std::raise(SIGINT);  // nothing but printing may be left
+    try {
+      ThreadPool(1).run(1, [](int) { _exit(8); });
+    } catch (const Interrupted& error) {
+      _exit(error.what() == std::string("interrupted; what is written is whole") ? 7 : 9);
+    }
+  });
+  EXPECT_TRUE(WIFEXITED(status));
+  EXPECT_EQ(WEXITSTATUS(status), 7);
+  EXPECT_EQ(entries(), 1);
+}
+
 TEST_F(Unfinished, ACallerMayLookAtTheFlag) {
   const int status = status_of_process([] {
     handle_signals();
