@@ -80,7 +80,7 @@ std::vector<LidarPoint> parse_scan(std::string_view bytes, const std::filesystem
   std::vector<LidarPoint> points;
   points.reserve(records.size());
   std::optional<std::size_t> placed;  // column of the pose
-  Rigid3d body_from_compensated;
+  Rigid3d body_from_compensated = Rigid3d::Identity();
   for (const Record& record : records) {
     if (record.missing) {
       unusable.add_missing();
