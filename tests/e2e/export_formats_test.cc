@@ -307,7 +307,9 @@ TEST_F(ExportFormats, WritesAFolderWholeOrNotAtAll) {
   const auto nothing = contents(folder_);
   std::vector<std::string> arguments = {"export", drive_.string(), "--to", "colmap", out_.string()};
   EXPECT_EQ(redrive(arguments, /*file_limit_bytes=*/300).exit_code, kExitIo);
-  write_file(tiny_image(drive_, kTinyLeft, kTinyFirstId), "no image");
+  for (const int frame : {0, 1})  // one alone would cost itself
+    write_file(tiny_image(drive_, kTinyLeft, kTinyFirstId + frame),
+               "no image " + std::to_string(frame));
   EXPECT_EQ(exported(drive_, "colmap").exit_code, kExitBadInput);
   EXPECT_FALSE(fs::exists(out_));
   EXPECT_EQ(contents(folder_).size(), nothing.size());

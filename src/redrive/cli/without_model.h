@@ -6,6 +6,7 @@
 #include <string>
 
 #include "redrive/base/error.h"
+#include "redrive/cli/notes.h"
 #include "redrive/recording/damaged_records.h"
 #include "redrive/recording/frame_range.h"
 #include "redrive/recording/pose_files.h"
@@ -21,7 +22,7 @@ inline bool is_run_folder(const std::string& folder) {
 
 /// Returns a recording, or its `frames` (recording/frame_range.h), with the pose files of the
 /// folder `poses` if it is not empty, and without damaged records (DamageCheck::whole), as a run
-/// without a model, over white where its images are transparent. Throws InputError as
+/// without a model, over white where its images are transparent. Prints notes. Throws InputError as
 /// open_recording and apply_pose_files.
 inline Run open_without_model(const std::string& folder, int downscale = 1,
                               const std::string& frames = "", const std::string& poses = "",
@@ -32,6 +33,7 @@ inline Run open_without_model(const std::string& folder, int downscale = 1,
   require_few_damaged({.whole = whole}, &run.recording);
   if (!poses.empty())
     apply_pose_files(read_pose_files(run.recording, poses), poses, &run.recording);
+  print_notes(run.recording);
   SceneOptions options;
   options.downscale = downscale;
   options.shown_only = true;

@@ -230,9 +230,11 @@ TEST_F(EvaluateTest, UndistortsAFisheyeOfTheNovelSet) {
   EXPECT_NEAR(evaluate(run_, black_).novel.at("aside").psnr_db, psnr_of(0.2), kTolerance);
 }
 
-TEST_F(EvaluateTest, RejectsAMissingImage) {
+TEST_F(EvaluateTest, AMissingImageIsLeftOutAndNamed) {
   std::filesystem::remove(folder_ / "A1.png");
-  EXPECT_THROW(evaluate(run_, black_), InputError);
+  const Evaluation result = evaluate(run_, black_);
+  ASSERT_EQ(result.damaged.size(), 1u);
+  EXPECT_THAT(result.damaged[0].what, testing::HasSubstr("A1.png"));
 }
 
 // The backend renders depth 2 m everywhere. Two thirds of the known depths are 2.5 m, so the median

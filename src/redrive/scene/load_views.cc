@@ -193,6 +193,7 @@ Image8 ViewLoader::operator()(const View& view) const {
   try {
     return load_with_map(scene_, view, map);
   } catch (const InputError& error) {
+    if (damaged_->is_closed() && !damaged_->contains(view)) throw;
     damaged_->add(view, error.what());
   }
   const Camera& camera = scene_.rig[view.camera].camera;

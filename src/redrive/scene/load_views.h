@@ -2,6 +2,7 @@
 // Loads the images of a scene as they are trained on.
 #pragma once
 
+#include <atomic>
 #include <filesystem>
 #include <map>
 #include <mutex>
@@ -30,12 +31,16 @@ class DamagedViews {
  public:
   void add(const View& view, const std::string& why);
   bool contains(const View& view) const;
+  /// Views that are damaged from now on are errors of what loads them.
+  void close() { closed_ = true; }
+  bool is_closed() const { return closed_; }
   /// Findings by camera. InputError where there are more than the recording allows of the scene's.
   std::vector<Finding> judge(const Recording& recording, const Scene& scene) const;
 
  private:
   mutable std::mutex mutex_;
   std::map<std::pair<int, int>, std::string> why_;  ///< by camera and frame
+  std::atomic<bool> closed_{false};
 };
 
 /// Loads the views of a scene one at a time, as load_view, from any thread.

@@ -83,6 +83,7 @@ void stream_images(const Run& run, std::uint64_t bytes, ThreadPool& pool, Traini
   });
   for (const std::uint64_t of_view : pixels) data->pixels += of_view;
   data->damaged = images->damaged.judge(run.recording, scene);
+  images->damaged.close();  // a file that breaks while it trains would go unsaid
 }
 
 /// Objects that nobody annotated, and the returns in which they were searched: static ones and
