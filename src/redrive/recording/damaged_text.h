@@ -16,20 +16,25 @@ namespace redrive {
 struct DamagedList {
   std::string sensor;
   std::vector<DamagedRecord>* records;
+  mutable std::size_t parsed = 0, failed = 0;  ///< by parse_record
 };
 
 /// Runs `parse`, which reads a record, of a frame that it may set. Returns false where it throws an
-/// InputError, which becomes a record of the list, or is thrown on without a list.
+/// InputError, which becomes a record of the list. It is thrown on without a list, and where most
+/// records are damaged: then the file is of another kind.
 template <class Parse>
 bool parse_record(const DamagedList* damaged, const std::int64_t& frame_id, const Parse& parse) {
   if (!damaged) {
     parse();
     return true;
   }
+  constexpr std::size_t kFew = 20;
+  ++damaged->parsed;
   try {
     parse();
     return true;
   } catch (const InputError& error) {
+    if (++damaged->failed > kFew && 2 * damaged->failed > damaged->parsed) throw;
     damaged->records->push_back({damaged->sensor, frame_id, error.what()});
     return false;
   }
