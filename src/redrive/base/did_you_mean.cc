@@ -8,7 +8,7 @@
 namespace redrive {
 namespace {
 
-constexpr std::size_t kLongestWord = 200;  // of what is compared: names are shorter
+constexpr std::size_t kLongestWord = 200;  // longer words are not compared; names are shorter
 
 char lower(char c) { return static_cast<char>(std::tolower(static_cast<unsigned char>(c))); }
 

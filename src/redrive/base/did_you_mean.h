@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What somebody may have meant who mistyped a name.
+// Suggests known names for a mistyped one.
 #pragma once
 
 #include <string>
@@ -9,7 +9,7 @@
 namespace redrive {
 
 /// Returns the number of letters to insert, to delete, to replace or to swap with their neighbour
-/// that make one text of the other, whatever their case.
+/// that turn one text into the other; case does not count.
 int edit_distance(std::string_view a, std::string_view b);
 
 /// Returns "; did you mean NAME?" with the name that is nearest to `word`: one that begins with it,

@@ -25,7 +25,7 @@ TEST(ProgressText, HasNumbersInAPipe) {
             "decoding images: 1 of 100, 2:45:00 left");
 }
 
-// Of a part that is not counted, or of which nothing is done, no time left is known.
+// No time left is known for work that is not counted, or before its first part is done.
 TEST(ProgressText, SaysHowLongItHasTakenWhereNothingIsCounted) {
   EXPECT_EQ(progress_text("fitting planes", 0, 0, 65, false), "fitting planes: 1:05 so far");
   EXPECT_EQ(progress_text("fitting planes", 0, 0, 65, true), "fitting planes  1:05");

@@ -352,7 +352,7 @@ std::string formats_help() {
   return text;
 }
 
-/// Names of the formats of every run, then those of methods' models.
+/// Names of the formats that every run has, then of the methods' own formats.
 std::vector<std::string> format_names() {
   std::vector<std::string> names;
   for (const Format& format : kFormats) names.emplace_back(format.name);

@@ -118,7 +118,7 @@ struct InspectOptions {
 };
 
 Inspection inspect(const InspectOptions& options) {
-  constexpr std::size_t kWhole = 8;  // of each sensor
+  constexpr std::size_t kWhole = 8;  // records of each sensor
   Inspection result;
   result.recording =
       open_recording(options.recording, PoseSource::kRecorded, options.outside_files);

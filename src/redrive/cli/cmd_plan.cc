@@ -29,7 +29,7 @@ constexpr const char* kPlannedOptions[] = {
     "cameras", "frames",        "downscale", "holdout-every", "masks",       "method",
     "preset",  "max-gaussians", "max-steps", "max-seconds",   "lidar-rays",  "set",
     "memory",  "backend",       "isa",       "threads",       "truth-poses", "max-damaged"};
-constexpr double kCalibrationPixels = 4e6;  // of images that are measured: some seconds of work
+constexpr double kCalibrationPixels = 4e6;  // to measure on: some seconds of work
 constexpr std::int64_t kLeastCalibrationImages = 6;
 
 struct PlanArguments {
@@ -157,7 +157,7 @@ std::string bytes_text(double bytes) {
 struct MeasuredRun {
   bool metric;
   const char* what;
-  double steps, images, psnr_db;  ///< of held-out frames
+  double steps, images, psnr_db;  ///< psnr_db: on held-out frames
 };
 constexpr MeasuredRun kMeasuredRuns[] = {
     {true, "a made street, true poses", 1527, 168, 30.7},

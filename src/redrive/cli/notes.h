@@ -18,7 +18,7 @@ inline void print_notes(const Recording& recording) {
       std::printf("note: %s: %s\n", finding.subject.c_str(), finding.what.c_str());
 }
 
-/// Of a recording of which the scene is a part.
+/// Prints the recording's notes, and counts frames that the scene leaves out.
 inline void print_notes(const Recording& recording, const Scene& scene) {
   print_notes(recording);
   if (scene.unseen_frames > 0)

@@ -38,7 +38,7 @@ OtherScene scene_of(const Run& run, const std::string& name, const EvalOptions& 
   SceneOptions own = scene_options(run.options);
   own.cameras = {name};
   own.holdout_every = 0;
-  own.shown_only = false;  // frames are those of the run
+  own.shown_only = false;  // keeps the run's frames
   own.frame_step = 1;
   const Scene made = make_scene(run.recording, own);
   OtherScene other{run.scene,

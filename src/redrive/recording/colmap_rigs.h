@@ -38,7 +38,7 @@ std::vector<FrameRecord> parse_frames_text(std::string_view text,
 std::vector<FrameRecord> parse_frames_binary(std::string_view bytes,
                                              const std::filesystem::path& file);
 
-/// Replaces the poses of images that differ from those of their rigs by more than rounding: 0.001
+/// Replaces the poses of images that differ from their rigs' poses by more than rounding: 0.001
 /// degrees, or 1e-5 of the cameras' extent. A finding counts them.
 void take_poses_of_rigs(const std::vector<RigRecord>& rigs, const std::vector<FrameRecord>& frames,
                         std::vector<ImageRecord>* images, std::vector<Finding>* findings);

@@ -109,7 +109,7 @@ class Records {
     if (has_box_files(recording_)) std::erase_if(recording_.box_files, is_damaged);
   }
 
-  /// Adds a finding for each sensor. Returns those of which too much is damaged.
+  /// Adds a finding for each sensor. Returns the sensors that are damaged too much.
   std::vector<Finding> judge_all() {
     std::map<std::string, std::vector<DamagedRecord>> damaged;
     std::vector<Finding> too_many;

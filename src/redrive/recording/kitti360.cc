@@ -69,7 +69,7 @@ Layout layout_of(const fs::path& root) {
 }
 
 /// Where files of a drive were found: as they are unpacked, or in the drive's own folder, where
-/// excerpts have them. Paths of what is nowhere are those of the data set.
+/// excerpts have them. A path that is nowhere is given as in the data set.
 struct Drive {
   Layout layout;
   fs::path cameras, velodyne, poses, calibration;

@@ -34,7 +34,7 @@ struct CamToCam {
   RectifiedCameras cameras;       ///< those with a P_rect_0X
 };
 
-/// Of a sequence of the tracking benchmark.
+/// Calibration of a sequence of the tracking benchmark.
 struct TrackingCalibration {
   RectifiedCameras cameras;       ///< those with a PX
   Rigid3d rectified_from_camera;  ///< R_rect

@@ -30,7 +30,7 @@ fs::path poses_file_of(const fs::path& root) {
   return file;
 }
 
-/// Frames of the lines that both files have. InputError if one of them lacks that of an image.
+/// Frames of the lines that both files have. InputError if one of them lacks the line of an image.
 std::vector<FramePose> read_frames(const fs::path& root, std::int64_t last_image,
                                    const DamagedList& damaged, std::vector<Finding>* findings) {
   const fs::path times_file = root / "times.txt", poses_file = poses_file_of(root);

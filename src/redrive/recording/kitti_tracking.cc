@@ -19,7 +19,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// The benchmark has no times; its frames are those of raw drives, at 10 Hz.
+// The benchmark has no times; its frames come from raw drives, at 10 Hz.
 constexpr std::int64_t kFrameInterval_ns = 100'000'000;
 constexpr const char* kTrackingFolders[] = {"image_00", "image_01", "image_02", "image_03"};
 

@@ -29,7 +29,7 @@ void use_record(std::string_view text, const std::filesystem::path& file, std::s
   nlohmann::json document;
   try {
     document[name] = parse_json(text, file);
-  } catch (const InputError&) {  // its line and column are those of the record
+  } catch (const InputError&) {  // names line and column within the record
     throw InputError(file, name, text.substr(0, 80), "not valid JSON");
   }
   use(JsonField(document, file).at(name), index);

@@ -30,7 +30,7 @@ bool is_there(const fs::path& path) {
 
 using photographs::find_image;
 
-/// The name of an image below its folder `images`, or whatever that is called.
+/// The name of an image below the folder of images, which may have any name.
 std::string name_in_images(const fs::path& file, const fs::path& image) {
   const fs::path relative =
       image.lexically_normal().lexically_relative(file.parent_path().lexically_normal());

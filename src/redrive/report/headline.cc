@@ -12,7 +12,7 @@
 namespace redrive {
 namespace {
 
-constexpr int kHoldoutEvery = 8;  // of the command for a run without held-out frames
+constexpr int kHoldoutEvery = 8;  // in the command that is shown for a run without held-out frames
 
 std::string duration(double seconds) {
   if (seconds < 60) return fixed(seconds, 1) + " s";

@@ -11,7 +11,7 @@
 
 namespace redrive {
 
-/// A run with its scores and those of each image of its cameras.
+/// A run with its scores and the scores of each image.
 struct ScoredRun {
   const Run* run;
   Evaluation evaluation;
@@ -25,10 +25,10 @@ const View* median_view(const ScoredRun& scored);
 /// Returns "PSNR 23.03 dB, SSIM 0.718, FLIP 0.167 on 8 held-out images" in plain text.
 std::string score_text(const Evaluation& evaluation);
 
-/// Returns a recording's name: that of its folder.
+/// Returns the name of a recording's folder.
 std::string recording_name(const Run& run);
 
-/// Returns the images of the headline: those of median_view; none without a score.
+/// Returns the images of median_view for the headline; none without a score.
 ImageRow headline_images(const ScoredRun& own, const ScoredRun* compared,
                          kernels::Backend& backend);
 /// Returns the headline as HTML. `images`: headline_images as HTML.

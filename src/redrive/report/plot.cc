@@ -91,7 +91,7 @@ std::string plot_colour(std::size_t index) {
 }
 
 int height_with_cameras(std::size_t cameras) {
-  constexpr int kRow_px = 34;  // of a key at the font's size
+  constexpr int kRow_px = 34;  // height of a key's row at the font's size
   return 520 + kRow_px * static_cast<int>(cameras);
 }
 

@@ -78,8 +78,8 @@ struct TrainOptions {
 /// UsageError.
 struct TrainField {
   std::string name, help;
-  std::string value = {}, rule = {};      ///< of the help: "DIR", "1..64"
-  std::string group = {};                 ///< of the help
+  std::string value = {}, rule = {};      ///< shown in the help: "DIR", "1..64"
+  std::string group = {};                 ///< heading in the help
   std::vector<std::string> choices = {};  ///< all values; empty: any
   bool is_flag = false;                   ///< a switch without a value
   bool repeats = false;                   ///< may be given several times
@@ -92,7 +92,7 @@ struct TrainField {
 };
 /// Returns the options of every method, then those of hyperparameters.
 std::vector<TrainField> train_fields();
-/// Returns help, rule and default: that of the usual method, and of the others where it differs.
+/// Returns help, rule and defaults: of the usual method, and of other methods that differ.
 std::string help_text(const TrainField& field);
 
 /// Sets the options that are not named in `given` to the method's defaults and the preset's values.

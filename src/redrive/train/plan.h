@@ -28,7 +28,7 @@ struct TrainingRates {
 
 /// Steps that pass through a whole run's schedule.
 struct CalibrationSteps {
-  int steps = 100;  ///< at most; fewer, and kLeast at least, where they take long
+  int steps = 100;  ///< maximum; kLeast or more where steps are slow
   static constexpr int kLeast = 20;
   /// Steps between changes of the number of parameters, while measuring and in the run to plan.
   /// What a step with a change takes beyond the others counts by their ratio.
