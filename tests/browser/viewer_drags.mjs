@@ -7,9 +7,25 @@ async function middle(page, selector) {
   return {x: box.x + box.width / 2, y: box.y + box.height / 2, height: box.height};
 }
 
+/** Waits until an element is in sight and has not moved for three frames: a page lays itself out
+    anew some frames after its window has another size. */
+async function restsInSight(page, selector) {
+  await page.waitForFunction(async (sought) => {
+    const element = document.querySelector(sought);
+    element.scrollIntoView({block: "center"});
+    const corner = () => element.getBoundingClientRect();
+    const before = corner();
+    for (let frame = 0; frame < 3; ++frame)
+      await new Promise((next) => requestAnimationFrame(next));
+    const {x, y, width, height} = corner();
+    const hit = document.elementFromPoint(x + width / 2, y + height / 2);
+    return x === before.x && y === before.y && (hit === element || element.contains(hit));
+  }, {}, selector);
+}
+
 /** Drags the middle of an element by pixels. */
 async function drag(page, selector, right, down) {
-  await page.$eval(selector, (element) => element.scrollIntoView({block: "center"}));
+  await restsInSight(page, selector);
   const {x, y} = await middle(page, selector);
   await page.mouse.move(x, y);
   await page.mouse.down();
