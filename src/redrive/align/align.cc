@@ -368,7 +368,7 @@ namespace {
 /// those that needed another correction than the frames around them.
 void report_wrong_poses(const Recording& recorded, AlignResult* result) {
   constexpr double kLeast_m = 0.15, kLeast_rad = 1 * kRadiansPerDegree;
-  constexpr double kMuchLarger = 8;  // than in the median frame
+  constexpr double kMuchLarger = 8;  // larger than in the median frame
   const int n = static_cast<int>(recorded.frames.size());
   std::vector<double> off_m, off_rad;
   for (int f = 0; f < n; ++f) {

@@ -46,7 +46,7 @@ struct CameraCorrection {
   double offset_s = 0, initial_offset_s = 0;  ///< exposure minus time of the pose
   /// Standard deviation (time_offset_sigma); nothing: unobservable, the initial value is kept.
   std::optional<double> offset_sigma_s;
-  double readout_s = 0, initial_readout_s = 0;  ///< of a rolling shutter
+  double readout_s = 0, initial_readout_s = 0;  ///< readout time of a rolling shutter
   std::optional<double> readout_sigma_s;        ///< where the readout was estimated
   Eigen::Vector3d intrinsics =
       Eigen::Vector3d::Zero();  ///< relative change of focal length; principal point, px
@@ -55,7 +55,7 @@ struct CameraCorrection {
 struct AlignResult {
   std::vector<FramePose> frames;           ///< all of the recording
   std::vector<CameraCalibration> cameras;  ///< as Recording::cameras
-  /// By frame. Sigmas are those of the trajectory's shape: they exclude a rigid motion of the
+  /// One per frame. Sigmas belong to the trajectory's shape: they exclude a rigid motion of the
   /// whole, which nothing measures, and without LiDAR the scale, which is the egomotion's.
   std::vector<Correction> corrections;
   std::vector<CameraCorrection> camera_corrections;
@@ -87,7 +87,7 @@ std::vector<LidarSample> load_align_samples(const Recording& recording, const Al
 /// The most LiDAR samples that planes are found in.
 inline constexpr std::size_t kMaxPlaneSamples = 800'000;
 
-/// Registers the initial poses and those of `result` with the ground truth, where the recording
+/// Registers the initial poses and the poses of `result` with the ground truth, where the recording
 /// ships it.
 void register_with_ground_truth(const Recording& recording, AlignResult* result);
 

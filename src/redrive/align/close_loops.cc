@@ -18,8 +18,8 @@ namespace {
 constexpr double kKnot_m = 10, kEach_m = 20;       // along the way; of candidates
 constexpr double kLeastLoop_m = 60, kLanes_m = 6;  // driven between passes; beside each other
 constexpr double kMostSearch_m = 12, kMostSearch_rad = 4 * kRadiansPerDegree;
-constexpr double kHalfMap_m = 15;     // of the way to both sides of a place
-constexpr int kMostRevolutions = 24;  // of a map
+constexpr double kHalfMap_m = 15;     // half the length of way that a map covers
+constexpr int kMostRevolutions = 24;  // scans in a map, at most
 
 /// Way driven up to each frame.
 std::vector<double> way_of(const std::vector<FramePose>& frames) {
@@ -126,10 +126,10 @@ double loop_search_m(double way_m) { return std::min(3 * drift_m(way_m), kMostSe
 
 std::vector<LoopCandidate> find_loop_candidates(const std::vector<FramePose>& frames) {
   if (frames.empty()) return {};
-  constexpr double kReach_m = kLanes_m + kMostSearch_m;  // of a cell of the grid
+  constexpr double kReach_m = kLanes_m + kMostSearch_m;  // side of a cell of the grid
   const std::vector<double> way = way_of(frames);
   const std::vector<int> knots = knots_of(way);
-  std::map<std::array<long, 3>, std::vector<int>> grid;  // of frames at knots
+  std::map<std::array<long, 3>, std::vector<int>> grid;  // frames at knots
   const auto cell_of = [](const Eigen::Vector3d& p) {
     return std::array<long, 3>{std::lround(std::floor(p.x() / kReach_m)),
                                std::lround(std::floor(p.y() / kReach_m)),

@@ -22,14 +22,14 @@ struct LoopCandidate {
 };
 
 /// Places that the drive passes again after 60 m of way or more, a pair each 20 m: `to` is every
-/// such frame, `from` the nearest earlier one. Their distance is at most that of two lanes and of
-/// the drift over the way between, at most max_search_m. In time linear in the drive's length.
+/// such frame, `from` the nearest earlier one. Their distance is at most two lanes plus the drift
+/// over the way between, and at most max_search_m. Takes time linear in the drive's length.
 std::vector<LoopCandidate> find_loop_candidates(const std::vector<FramePose>& frames);
 
 /// Bound of the drift that is searched, horizontally: three deviations (drift_m), 12 m at most.
 double loop_search_m(double way_m);
 
-/// LiDAR points of some frames, in global axes of `frames`, those of the aligned trajectory.
+/// LiDAR points of some frames, in global axes of `frames`, the aligned trajectory.
 using PointsOfFrames = std::function<std::vector<Eigen::Vector3d>(const FrameWindow& frames)>;
 
 /// What close_loops did.
@@ -37,7 +37,7 @@ struct LoopClosures {
   int candidates = 0, registered = 0, accepted = 0;
   double before_m = 0, before_rad = 0;  ///< RMS difference of the accepted from the trajectory
   double after_m = 0, after_rad = 0;
-  std::vector<std::string> doubts;  ///< by candidate that was not registered: why
+  std::vector<std::string> doubts;  ///< one per candidate that was not registered: why
 };
 
 /// Closes the loops of an aligned drive. Changes frames, corrections and their deviations, unless

@@ -74,7 +74,7 @@ TEST(CloseLoops, OfADriveAroundABlock) {
     return of[last.from].global_from_body.inverse(Eigen::Isometry) * of[last.to].global_from_body;
   };
   EXPECT_LT((between(result.frames).translation() - between(exact).translation()).norm(), 0.05);
-  // No step between two frames, and corrections are those of the recording's poses.
+  // No step between two frames, and corrections apply to the recording's poses.
   for (std::size_t f = 1; f < frames.size(); ++f) {
     const Rigid3d step = result.frames[f - 1].global_from_body.inverse(Eigen::Isometry) *
                          result.frames[f].global_from_body,

@@ -88,9 +88,9 @@ std::vector<Rigid3d> in_world(const std::vector<FramePose>& poses,
 
 /// Relative motion of two neighbouring windows, measured on the frames that they share.
 struct RelativeMotion {
-  Eigen::Vector3d middle;  ///< of the shared frames, in the world, in metres
-  Vector6d difference;     ///< motion of the later window minus that of the earlier, about `middle`
-  Matrix6d information;    ///< of `difference`
+  Eigen::Vector3d middle;  ///< middle of the shared frames in the world, in metres
+  Vector6d difference;   ///< motion of the later window minus the earlier window's, about `middle`
+  Matrix6d information;  ///< information matrix of `difference`
 };
 
 RelativeMotion measure_relative_motion(const WindowTrajectory& a, const WindowTrajectory& b,
@@ -195,7 +195,7 @@ JoinedTrajectory join_trajectories(const std::vector<WindowTrajectory>& windows,
   const std::vector<Vector6d> motions = chain.solve<1>(b, &covariance);
 
   std::vector<std::vector<Rigid3d>> poses;
-  std::vector<Matrix6d> effect, weighted;  // of a rigid motion of the whole, by window
+  std::vector<Matrix6d> effect, weighted;  // effect of a rigid motion of the whole, one per window
   for (const WindowTrajectory& window : windows) {
     poses.push_back(in_world(window.poses, world_from_global));
     effect.push_back(about(window.middle - windows.front().middle));

@@ -32,9 +32,9 @@ struct WindowTrajectory {
   FrameWindow frames;
   std::vector<FramePose> poses;
   Eigen::Vector3d middle = Eigen::Vector3d::Zero();
-  Matrix6d whole = Matrix6d::Zero();  ///< of the mean over the window
-  /// Of the mean over the overlap with the previous window, and with the next one, relative to that
-  /// of the whole; zero where there is none.
+  Matrix6d whole = Matrix6d::Zero();  ///< covariance of the mean over the window
+  /// Covariance of the mean over the overlap with the previous window, and with the next one,
+  /// relative to the mean of the whole; zero where there is none.
   Matrix6d start = Matrix6d::Zero(), end = Matrix6d::Zero();
 };
 
@@ -53,10 +53,10 @@ WindowTrajectory window_trajectory(const FrameWindow& frames, std::vector<FrameP
 
 struct JoinedTrajectory {
   std::vector<FramePose> frames;
-  /// [6] by frame: variances that joining adds to those of a window's shape, in the axes of the
-  /// body, a rigid motion of the whole drive excluded. Windows are joined as if they were
-  /// independent; what they share of their frames counts twice then, so variances are multiplied by
-  /// how often a frame is in a window on average.
+  /// [6], one per frame: variances that joining adds to the variances of a window's shape, in the
+  /// axes of the body, a rigid motion of the whole drive excluded. Windows are joined as if they
+  /// were independent; what they share of their frames counts twice then, so variances are
+  /// multiplied by how often a frame is in a window on average.
   std::vector<Vector6d> variance;
   double seam_m = 0, seam_rad = 0;  ///< RMS disagreement of neighbours over overlaps, once joined
 };

@@ -12,10 +12,10 @@ namespace redrive {
 namespace {
 
 constexpr double kMaxChi2 = 22.5;  // 99.9 % of chi^2 with 6 degrees of freedom
-// Deviation of the prior that holds every knot, in those of the closures.
+// Deviation of the prior that holds every knot, in deviations of the closures.
 constexpr double kLoose = 10, kLeastLoose_m = 0.1, kLeastLoose_rad = 1e-3;
 constexpr int kIterations = 40;
-constexpr std::size_t kMostVariances = 400;  // those of knots between them are interpolated
+constexpr std::size_t kMostVariances = 400;  // variances of knots between them are interpolated
 
 using Sparse = Eigen::SparseMatrix<double>;
 
@@ -27,7 +27,7 @@ struct Edge {
 };
 
 /// Difference of the relative motion of two poses from the measured one: translation in the axes of
-/// the measured `to`, rotation in those of `to`.
+/// the measured `to`, rotation in the axes of `to`.
 Vector6d residual_of(const Rigid3d& from, const Rigid3d& to, const Rigid3d& from_to) {
   const Rigid3d difference =
       from_to.inverse(Eigen::Isometry) * (from.inverse(Eigen::Isometry) * to);

@@ -30,22 +30,24 @@ struct Knot {
 struct LoopClosure {
   int from = 0, to = 0;
   Rigid3d from_to = Rigid3d::Identity();
-  Matrix6d covariance = Matrix6d::Identity();  ///< of `to`: translation, rotation, in its axes
+  /// covariance of `to`: translation, rotation, in its axes
+  Matrix6d covariance = Matrix6d::Identity();
 };
 
 struct ClosedTrajectory {
-  std::vector<Rigid3d> poses;      ///< of the knots; bit for bit the same if nothing was accepted
-  std::vector<Vector6d> variance;  ///< of the changes, as Knot::variance, a rigid motion of the
-                                   ///< whole excluded; zero if nothing was accepted
-  std::vector<bool> accepted;      ///< by closure
+  std::vector<Rigid3d> poses;  ///< poses of the knots; bit for bit the same if nothing was accepted
+  /// variances of the changes, as Knot::variance, a rigid motion of the whole excluded; zero if
+  /// nothing was accepted
+  std::vector<Vector6d> variance;
+  std::vector<bool> accepted;  ///< one per closure
   /// RMS of what the accepted closures and the trajectory differ by, before and after.
   double before_m = 0, before_rad = 0, after_m = 0, after_rad = 0;
 };
 
-/// `knots`: in order, at least two where there is a closure. A link's variance is that of the
-/// largest drift plus those stated of its ends, times the sum of all squared residuals for each of
-/// the 6 numbers of the closures (the a posteriori variance factor). What is in no loop keeps its
-/// place but for a weak prior.
+/// `knots`: in order, at least two where there is a closure. A link's variance is the variance of
+/// the largest drift plus the stated variances of its ends, times the sum of all squared residuals
+/// for each of the 6 numbers of the closures (the a posteriori variance factor). What is in no loop
+/// keeps its place but for a weak prior.
 ClosedTrajectory close_trajectory(const std::vector<Knot>& knots,
                                   const std::vector<LoopClosure>& closures);
 

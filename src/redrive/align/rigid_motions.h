@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Rigid motions of parts of a trajectory, and covariances without that of the whole.
+// Rigid motions of parts of a trajectory, and covariances without the motion of the whole.
 #pragma once
 
 #include <vector>

@@ -43,7 +43,7 @@ std::string frames_text(const Recording& recording, const FrameWindow& window) {
          std::to_string(recording.frames[window.end - 1].id);
 }
 
-/// Index of the drive's camera by that of each camera of a part.
+/// Maps each camera of a part to its index in the drive.
 std::vector<int> cameras_of(const Recording& recording, const Recording& part) {
   std::vector<int> indices;
   for (const RecordedCamera& camera : part.cameras)
@@ -162,8 +162,8 @@ void add_bundle(const BundleResult& of_part, const FrameWindow& window,
   sum->last_rotation_rad = std::max(sum->last_rotation_rad, of_part.last_rotation_rad);
 }
 
-/// Corrections of the initial poses by joined ones. The deviations of a window's shape, by frame,
-/// are increased by those of joining.
+/// Corrections of the initial poses by joined ones. The deviations of a window's shape, frame by
+/// frame, are increased by the deviations of joining.
 std::vector<Correction> corrections_of(const RigModel& initial, const JoinedTrajectory& joined,
                                        const std::vector<Vector6d>& shape_sigma) {
   std::vector<Correction> corrections;
@@ -323,7 +323,7 @@ AlignResult align_in_windows(const Recording& recording, const AlignOptions& opt
 
 AlignResult align_in_windows(const Recording& recording, const AlignOptions& options,
                              ThreadPool& pool) {
-  std::map<int, std::vector<Track>> tracks;  // by the window's first frame
+  std::map<int, std::vector<Track>> tracks;  // key: the window's first frame
   return align_in_windows(
       recording, options,
       [&](const FrameWindow& window, const Recording& part, const AlignOptions& by) {

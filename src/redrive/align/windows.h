@@ -32,9 +32,9 @@ std::optional<NumberEstimate> combine_estimates(const std::vector<NumberEstimate
 using AlignPart = std::function<AlignResult(const FrameWindow& window, const Recording& part,
                                             const AlignOptions& options)>;
 
-/// Throws as align; the message names the frames of the window that cannot be aligned. Of the
-/// result, `bundle` sums up the second alignments, without covariances and contrast, so that errors
-/// with initial poses are those with the drive's cameras; edge scores are those of the first ones.
+/// Throws as align; the message names the frames of the window that cannot be aligned. In the
+/// result, `bundle` sums up the second alignments, without covariances and contrast, so errors with
+/// initial poses use the drive's cameras; edge scores come from the first alignments.
 AlignResult align_in_windows(const Recording& recording, const AlignOptions& options,
                              const AlignPart& align_part);
 AlignResult align_in_windows(const Recording& recording, const AlignOptions& options,

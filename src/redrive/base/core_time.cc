@@ -15,7 +15,7 @@ double cpu_seconds() {
   return static_cast<double>(time.tv_sec) + 1e-9 * static_cast<double>(time.tv_nsec);
 }
 
-/// Seconds in which the threads that there are could run and had no core; below 0: unknown.
+/// Seconds in which the present threads could run and had no core; below 0: unknown.
 double waited_seconds() {
   double sum = 0;
   std::error_code error;

@@ -32,7 +32,7 @@ struct Feature {
 
 bool has(const Feature& f) { return (cpuid(f.leaf, f.subleaf)[f.reg] >> f.bit) & 1; }
 
-// Intel SDM volume 2, CPUID. Each ISA needs those of the slower ones too.
+// Intel SDM volume 2, CPUID. Each ISA needs the features of the slower ones too.
 constexpr Feature kAvx2Features[] = {{"osxsave", 1, 0, kEcx, 27},
                                      {"fma", 1, 0, kEcx, 12},
                                      {"f16c", 1, 0, kEcx, 29},

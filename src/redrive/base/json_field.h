@@ -24,8 +24,8 @@ class JsonField {
   bool has(std::string_view key) const;      ///< object with that key
   JsonField at(std::string_view key) const;  ///< required member
   JsonField at(std::size_t index) const;     ///< required element
-  std::size_t size() const;                  ///< of an array or object
-  std::vector<std::string> keys() const;     ///< of an object, in file order as nlohmann keeps it
+  std::size_t size() const;                  ///< number of elements of an array or object
+  std::vector<std::string> keys() const;  ///< keys of an object, in file order as nlohmann keeps it
 
   double number() const;  ///< finite; integers are accepted
   std::int64_t integer() const;

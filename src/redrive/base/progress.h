@@ -25,8 +25,8 @@ class Progress {
   void show(std::string text);  ///< a line of the caller's own in place of the parts
   void print();                 ///< prints that line, if any, for good
 
-  /// From now on output has lines alone, as of a pipe. `prefix`: returns what those of the calling
-  /// thread begin with.
+  /// From now on output is lines only, as into a pipe. `prefix`: returns the beginning of the
+  /// calling thread's lines.
   static void use_lines(std::string (*prefix)());
 
  private:

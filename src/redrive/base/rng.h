@@ -22,7 +22,7 @@ constexpr std::uint64_t random_key(std::uint64_t seed, std::uint64_t stream,
   return mix64(mix64(mix64(seed) ^ stream) ^ counter);
 }
 
-/// Returns the key whose numbers are those of `key` from index `first` on.
+/// Returns the key whose numbers are the numbers of `key` from index `first` on.
 constexpr std::uint64_t advance_key(std::uint64_t key, std::uint64_t first) {
   return key + first * 0xD1342543DE82EF95ull;
 }

@@ -19,7 +19,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int kMostNames = 100;  ///< of files that are written for one place at a time
+constexpr int kMostNames = 100;  ///< names of files that are written for one place at a time
 
 std::atomic<int> unfinished{0};
 std::atomic<int> finished{0};

@@ -33,13 +33,14 @@ constexpr double kCompositeBackwardFlops =
 constexpr double kAdamFlops = 14;  // optim/adam.h: m 3, v 4, parameter 7
 
 // Bytes that a stage of the backend interface reads and writes at least, each number once, however
-// often a kernel reads it. Bytes of a ray are divided among its samples, those of parameters among
+// often a kernel reads it. Bytes of a ray are divided among its samples, bytes of parameters among
 // all samples of a run.
 constexpr double kNumber = sizeof(float);
 constexpr double kRayBytes = 6 * kNumber;          // origin and direction
-constexpr double kColourBytes = 3 * kNumber;       // of a ray: target, or its derivative
-constexpr double kRenderedRayBytes = 5 * kNumber;  // of a ray: colour, depth, opacity
-constexpr double kRawBytes = 4 * kNumber;  // of a sample: colour and density, or their derivatives
+constexpr double kColourBytes = 3 * kNumber;       // for each ray: target, or its derivative
+constexpr double kRenderedRayBytes = 5 * kNumber;  // for each ray: colour, depth, opacity
+// for each sample: colour and density, or their derivatives
+constexpr double kRawBytes = 4 * kNumber;
 constexpr double kIntervalBytes = 2 * kNumber;  // t and dt
 constexpr double kAdamBytes =
     2 * 4 * kNumber;  // gradient, parameter, two moments: read and written
@@ -156,7 +157,7 @@ void time_render(Runner& runner, kernels::Backend& backend, const SyntheticDrive
   });
 }
 
-/// A fisheye of 1400 x 1400 as those of sensor cars, Mei's model with xi of 1.
+/// A fisheye of 1400 x 1400 as sensor cars have it, Mei's model with xi of 1.
 Camera bench_fisheye() {
   constexpr int kSide = 1400;
   return make_camera({"FISHEYE",
@@ -196,7 +197,7 @@ void time_splats(Runner& runner, kernels::Backend& backend, const SyntheticDrive
     runner.time(name, gaussians, {0, kRead}, [&] {
       StepRequest request = next_step(state);
       request.progress = 0.9;  // full size
-      // A rate of nearly 0: the scene stays that of every repetition.
+      // A rate of nearly 0: every repetition sees the same scene.
       train_step(backend, data, request, 1e-12, &state, &buffers);
     });
   };

@@ -30,7 +30,8 @@ struct Result {
   /// kernels/cpu/folded_colour.h saves a tenth.
   double gflops = 0;
   double flops = 0,
-         bytes = 0;  ///< of one run; bytes: inputs and outputs, each number once
+         /// arithmetic and bytes of one run; bytes: inputs and outputs, each number once
+      bytes = 0;
   /// The least time by the report's ceilings, in percent of the median. Exceeds 100 where a kernel
   /// saves arithmetic or its data is in a cache.
   double percent_of_roofline = 0;
@@ -48,7 +49,7 @@ struct Report {
   std::string cpu, backend, isa;  ///< isa "none" for ref
   int threads = 0;
   Ceilings ceilings;   ///< measured in this run
-  std::string commit;  ///< of the build; empty if unknown
+  std::string commit;  ///< commit of the build; empty if unknown
   std::vector<Result> results;
 };
 

@@ -33,8 +33,8 @@ void add_actors(int n, SyntheticDrive* drive);
 /// Returns the options of a fresh run of the method with this width and samples per ray.
 TrainOptions options_of(const std::string& method, int width, int samples);
 
-/// Inputs and outputs of the kernels for one batch of --method nerf, filled with values like those
-/// of a real step.
+/// Inputs and outputs of the kernels for one batch of --method nerf, filled with values like a real
+/// step's.
 struct KernelBatch {
   TrainState state;
   RayBatch rays;
@@ -64,8 +64,8 @@ struct GridBatch {
 };
 
 /// A run of --method splat with `n` Gaussians along a street before the drive's cameras: flat on a
-/// road and two facades, as large as half the distance of their neighbours. A quarter of them are
-/// those of the drive's actors, if any.
+/// road and two facades, as large as half the distance of their neighbours. A quarter of them
+/// belong to the drive's actors, if any.
 TrainState make_splat_state(const SyntheticDrive& drive, int n);
 
 }  // namespace redrive::bench

@@ -31,7 +31,7 @@ struct Fov {
   static constexpr double kMaxAngle_rad = std::numbers::pi / 2 - 1e-6;
 
   double omega = 0;
-  double slope = 1;  ///< of omega r_d at the axis, 2 tan(omega / 2)
+  double slope = 1;  ///< slope of omega r_d at the axis, 2 tan(omega / 2)
 
   Fov() = default;
   /// omega, in [0, 3.1].

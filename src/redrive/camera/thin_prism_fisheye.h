@@ -33,8 +33,8 @@ struct ThinPrismFisheye {
 
   /// Angle up to which the map is one-to-one: on a disc where the symmetric part of its Jacobian is
   /// positive definite. The radial part's eigenvalues are at least m a / 2 where the derivative of
-  /// a g exceeds m a at every angle a; those of the tangential part are at least -6 |p| a, of the
-  /// prism's -2 |(sx1, sy1)| a, so m = 12 |p| + 4 |(sx1, sy1)|. At most pi (1 - 1e-9).
+  /// a g exceeds m a at every angle a; the tangential part's are at least -6 |p| a, the prism's -2
+  /// |(sx1, sy1)| a, so m = 12 |p| + 4 |(sx1, sy1)|. At most pi (1 - 1e-9).
   double max_angle_rad = std::numbers::pi * (1 - 1e-9);
 
   ThinPrismFisheye() = default;

@@ -25,7 +25,7 @@ namespace {
 struct EvalCommandOptions {
   std::string run;
   bool json = false;
-  std::vector<std::string> cameras;  ///< that were not trained on
+  std::vector<std::string> cameras;  ///< cameras that were not trained on
   std::string edited;                ///< folder of edited ground truth
   EvalOptions eval;
   kernels::BackendChoice backend;

@@ -64,7 +64,7 @@ struct Source {
 };
 
 Source open_source(const ExportCommandOptions& options) {
-  constexpr int kDownscale = 2;  // of the images that points take colours from
+  constexpr int kDownscale = 2;  // downscaling of the images that give points their colours
   if (!is_run_folder(options.from))
     return {false, open_without_model(options.from, kDownscale, options.frames, options.poses,
                                       options.outside_files, DamageCheck::kAll)};

@@ -130,7 +130,8 @@ TrainingRates measured(const TrainOptions& whole, const Recording& recording, co
   std::erase_if(run.recording.lidar_files, [&](const FrameFile& file) {
     return file.frame_id < first || file.frame_id > last;
   });
-  // What follows from the number of images, such as the most Gaussians, is that of the block.
+  // What follows from the number of images, such as the most Gaussians, follows from the block's
+  // images.
   run.state = make_initial_state(options, all.scene);
   return measure_rates(&run, backend, calibration);
 }

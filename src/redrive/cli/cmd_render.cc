@@ -97,7 +97,7 @@ const RigCamera& find_camera(const Scene& scene, const std::string& name) {
 
 namespace {
 
-/// Returns the camera of --camera, or that of --mount and --lens.
+/// Returns the camera of --camera, or the one that --mount and --lens describe.
 RigCamera chosen_camera(const RenderOptions& options, const Scene& scene) {
   if (options.mount.empty()) return find_camera(scene, options.camera);
   const std::optional<Mount> mount = parse_mount(options.mount);

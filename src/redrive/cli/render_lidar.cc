@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// redrive render --lidar: renders revolutions of a LiDAR into a point file, or those of all frames
-// into a folder.
+// redrive render --lidar: renders LiDAR scans into a point file, or the scans of all frames into a
+// folder.
 #include <algorithm>
 #include <charconv>
 #include <cstdio>
@@ -133,7 +133,7 @@ class KittiFolder {
     fs::create_directory(folder / "data", error);
     if (error) throw IoError(folder / "data", error.message());
   }
-  /// By ascending id.
+  /// Call in ascending order of ids.
   void add(std::int64_t id, std::int64_t t_ns, const LidarFirings& firings, const LidarScan& scan) {
     const auto [first, last] = std::ranges::minmax(firings.t_ns);
     const std::int64_t times[] = {t_ns, first, last};

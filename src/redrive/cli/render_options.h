@@ -17,10 +17,10 @@ struct RenderOptions {
   std::string run, camera, mount, lens, frame,
       translate = "0,0,0", axes = "body", exposure = "own", out, depth, opacity, normals, poses,
       path, actors = "all", edit, lidar, range = "0.5:200", points_in = "sensor";
-  std::optional<int> azimuth_steps;  ///< of a SpinningLidar; nothing: its own
+  std::optional<int> azimuth_steps;  ///< firings in a turn of a SpinningLidar; nothing: its own
   std::optional<double> rate_hz;     ///< likewise
   double yaw_deg = 0, pitch_deg = 0;
-  double fps = 0, seconds = 0;  ///< of a path; 0: the path's own
+  double fps = 0, seconds = 0;  ///< images a second and duration of a path; 0: the path's own
   bool relative = false, force = false;
   kernels::BackendChoice backend;
 };

@@ -142,7 +142,7 @@ void check_one_process(const ProcessGroup& group) {
 }
 
 int train_blocks(ProcessGroup& group, DividedRun* whole) {
-  for (Block& block : whole->blocks)  // whose folder somebody removed, since it was damaged
+  for (Block& block : whole->blocks)  // its folder was removed by somebody, since it was damaged
     block.finished &= std::filesystem::exists(RunPaths{whole->folder(block)}.checkpoint());
   std::vector<int> jobs;
   for (const int block : longest_first(whole->blocks, whole->scene.frames))
@@ -158,7 +158,7 @@ int train_blocks(ProcessGroup& group, DividedRun* whole) {
     throw IoError(exposure_file(whole->paths.root), error.message());
   BlockTrainer trainer(group, whole->paths.root, whole);
   JobHandler handler = trainer.handler();
-  std::vector<Block> blocks = whole->blocks;  // the trainer reads those of `whole` meanwhile
+  std::vector<Block> blocks = whole->blocks;  // the trainer reads the blocks of `whole` meanwhile
   handler.finished = [&](int block) {
     blocks[block].finished = true;
     write_blocks(whole->paths.root, blocks);

@@ -23,9 +23,9 @@ struct TrainingSetup {
 };
 TrainingSetup set_up_training(const ProcessGroup& group, Run& run, bool data_parallel);
 
-/// Joins the processes that a launcher started and returns the exit code: as process 0 that of
-/// `lead`, as another one that of process 0, after training blocks of `root` as it is told to. An
-/// error of `lead` is printed and ends all.
+/// Joins the processes that a launcher started and returns the exit code: process 0 runs `lead`,
+/// the others train blocks of `root` as process 0 tells them and return its code. An error of
+/// `lead` is printed and ends all.
 int with_processes(const std::filesystem::path& root,
                    const std::function<int(ProcessGroup&)>& lead);
 

@@ -15,7 +15,7 @@ namespace redrive {
 namespace {
 
 constexpr int kSmallWidth =
-    80;  // of the training views' depth: still resolves a surface a few pixels wide
+    80;  // part of the training views' depth: still resolves a surface a few pixels wide
 constexpr double kRangeTolerance =
     0.1;  // a field's depth is not exact, and a small pixel holds several depths
 
@@ -176,7 +176,7 @@ std::size_t PointObservers::training_views() const {
 
 PointSearch PointObservers::begin(const Eigen::Vector3d& point_in_world) const {
   PointSearch search{point_in_world, {}, 0, {}};
-  std::vector<std::pair<double, const View*>> near;  // by distance
+  std::vector<std::pair<double, const View*>> near;  // sorted by distance
   for (const View& view : run_.scene.views) {
     if (view.held_out) continue;
     const Camera& camera = run_.scene.rig[view.camera].camera;

@@ -18,9 +18,9 @@ namespace redrive {
 /// The depth of a training view, rendered small from the run's own field. It finds occlusions
 /// without ground truth, so on every recording; where the field's geometry is wrong, so are they.
 struct TrainingDepth {
-  Camera camera;  ///< of the small image
+  Camera camera;  ///< camera of the small image
   Rigid3d camera_from_world;
-  std::map<std::int64_t, Rigid3d> camera_from_actor;  ///< by MovingObject::id, of those it has
+  std::map<std::int64_t, Rigid3d> camera_from_actor;  ///< key: MovingObject::id of each one it has
   std::vector<float> range_m;  ///< [height, width]; 0 outside the camera model's valid region
                                ///< and where the run masks the image (train/training_data.h)
 
@@ -64,7 +64,8 @@ class Coverage {
   std::optional<Exclusions> exclusions_;  ///< until all views are rendered
   std::vector<const View*> to_render_;    ///< the next one last
   std::vector<TrainingDepth> views_;
-  std::map<std::int64_t, Eigen::Vector3d> half_size_m_;  ///< of moving objects, with a margin
+  /// half sides of moving objects, with a margin
+  std::map<std::int64_t, Eigen::Vector3d> half_size_m_;
   double far_m_ = 0;
 };
 
@@ -72,8 +73,8 @@ class Coverage {
 struct PointSearch {
   Eigen::Vector3d point_in_world;
   std::vector<const View*> candidates;  ///< with the point in the image, the nearest one first
-  std::size_t tested = 0;               ///< of the candidates
-  std::vector<const View*> seen_by;     ///< of those that were tested
+  std::size_t tested = 0;               ///< candidates tested
+  std::vector<const View*> seen_by;     ///< tested candidates that saw it
 };
 
 /// Searches all training views one by one and keeps their depths for the next search.
@@ -92,7 +93,7 @@ class PointObservers {
   const Run& run_;
   kernels::Backend& backend_;
   Exclusions exclusions_;
-  std::vector<RayTable> tables_;  ///< of the small images, by camera
+  std::vector<RayTable> tables_;  ///< tables of the small images, one per camera
   std::map<const View*, TrainingDepth> depths_;
 };
 

@@ -28,7 +28,7 @@ constexpr const char* kEdit = "edit.json";
 
 struct EditedImage {
   fs::path image, changed;
-  std::size_t view = 0;  ///< of the run's scene
+  std::size_t view = 0;  ///< index in the run's scene
 };
 
 struct EditedSet {

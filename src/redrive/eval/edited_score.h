@@ -18,15 +18,15 @@
 namespace redrive {
 
 struct EditedScore {
-  Score inside;  ///< of the changed pixels
-  /// Of the changed pixels whose surface some training image saw (eval/coverage.h): the others are
-  /// guesses. Without images if there is none.
+  Score inside;  ///< score of the changed pixels
+  /// Score of the changed pixels whose surface some training image saw (eval/coverage.h): the
+  /// others are guesses. Without images if there is none.
   Score seen;
-  Score outside;  ///< of all other pixels than the changed ones
+  Score outside;  ///< score of the pixels that did not change
 };
 
-/// Returns scores by edit: of `folder`, or of its folders that hold an edit.json. Renders the
-/// images of the run's cameras and frames with edited objects at the run's poses, those of held-out
+/// Returns scores by edit: `folder` is one, or its subfolders that hold an edit.json are. Renders
+/// the images of the run's cameras and frames with edited objects at the run's poses, held-out
 /// views registered as in evaluate(). options.max_images limits the images of each edit. InputError
 /// without an edit or an image of the run, and as edit_actors and load_view.
 std::map<std::string, EditedScore> score_edited(const Run& run, kernels::Backend& backend,

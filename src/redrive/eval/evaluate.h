@@ -52,7 +52,7 @@ struct Score {
   int images = 0;
   std::int64_t left_out = 0;  ///< pixels of these images in the camera model's valid region that
                               ///< masks exclude from scores
-  std::int64_t pixels = 0, scored = 0;  ///< of these images: all, and those that were compared
+  std::int64_t pixels = 0, scored = 0;  ///< pixels of these images: all, and the compared ones
 
   /// Share of the pixels that were compared; 1 without pixels.
   double scored_share() const {
@@ -64,11 +64,11 @@ struct Score {
 struct MovingEvaluation {
   struct Object {
     std::string type;  ///< MovingObject::type
-    Score score;       ///< of its pixels; without flip and depth_error
+    Score score;       ///< score of its pixels; without flip and depth_error
   };
-  Score inside;                            ///< of their pixels, in the images that show any
-  Score outside;                           ///< of all other pixels, in all images
-  std::map<std::int64_t, Object> objects;  ///< by MovingObject::id
+  Score inside;                            ///< score of their pixels, in the images that show any
+  Score outside;                           ///< score of all other pixels, in all images
+  std::map<std::int64_t, Object> objects;  ///< key: MovingObject::id
 };
 
 /// Scores of a part of the drive (EvalOptions::part_of).
@@ -83,13 +83,13 @@ struct Evaluation {
   Score overall;
   std::map<std::string, Score> cameras;
   std::optional<MovingEvaluation> moving;  ///< empty where no image shows a moving object
-  std::map<std::string, Score> novel;      ///< by novel/<name>; empty without ground truth
+  std::map<std::string, Score> novel;      ///< key: novel/<name>; empty without ground truth
   std::map<std::string, PartEvaluation> parts;
-  std::optional<LidarScore> lidar;  ///< of held-out revolutions that did not train
+  std::optional<LidarScore> lidar;  ///< score of held-out scans that did not train
   std::optional<ViewAlignment>
-      view_alignment;  ///< of the held-out images, where training refined poses
-  std::optional<TrajectoryRegistration>
-      alignment;  ///< of the run's trajectory with the ground truth, where the recording has it
+      view_alignment;  ///< alignment of the held-out images, where training refined poses
+  /// alignment of the run's trajectory with the ground truth, where the recording has it
+  std::optional<TrajectoryRegistration> alignment;
   std::optional<PoseChanges>
       pose_changes;  ///< pose corrections by training, where it refined poses
 };

@@ -29,7 +29,7 @@ struct LidarScore : RangeScore {
   int revolutions = 0;
   double chamfer_m = 0;  ///< chamfer_distance of the recorded points and the rendered ones, mean
                          ///< over revolutions
-  std::optional<RangeScore> moving;  ///< of the returns on moving objects that the run draws
+  std::optional<RangeScore> moving;  ///< score of the returns on moving objects that the run draws
 };
 
 /// Returns the mean of the mean distances of each point of one set to the nearest of the other, in

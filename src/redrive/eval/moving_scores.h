@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Scores of moving objects apart from those of the world behind them.
+// Scores moving objects apart from the world behind them.
 #pragma once
 
 #include <cstdint>
@@ -31,7 +31,7 @@ class MovingScores {
   MovingObjects objects_;
   ScoreMean inside_, outside_;
   int images_ = 0;
-  std::map<std::size_t, ScoreMean> of_object_;  ///< by index in objects_
+  std::map<std::size_t, ScoreMean> of_object_;  ///< key: index in objects_
 };
 
 }  // namespace redrive

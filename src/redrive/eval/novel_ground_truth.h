@@ -33,13 +33,13 @@ class NovelGroundTruth {
   /// Throws InputError if poses.json is malformed.
   NovelGroundTruth(const Run& run, const NovelSet& set, const TrajectoryRegistration& alignment);
 
-  const std::string& name() const { return name_; }  ///< of the set
+  const std::string& name() const { return name_; }  ///< name of the set
   std::size_t size() const { return views_.size(); }
   const std::filesystem::path& poses_file() const { return poses_.path; }
   const RequestedView& request(std::size_t index) const {
     return poses_.views.at(views_.at(index));
   }
-  const RigCamera& camera(std::size_t index) const;  ///< of a view, like the run's
+  const RigCamera& camera(std::size_t index) const;  ///< camera of a view, like the run's
   /// Loads a view. A pose in ECEF is a ground-truth pose and is transformed by the alignment; a
   /// shift is applied to the run's own pose. Throws InputError if the image's size differs from its
   /// calibration.
@@ -49,7 +49,7 @@ class NovelGroundTruth {
   const Run& run_;
   std::string name_;
   ViewRequests poses_;
-  std::vector<RigCamera> rig_;  ///< of poses_
+  std::vector<RigCamera> rig_;  ///< cameras of poses_
   Rigid3d ground_truth_global_from_world_;
   std::vector<std::size_t> views_;  ///< indices into poses_.views
 };

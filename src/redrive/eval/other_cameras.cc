@@ -73,7 +73,7 @@ OtherScene scene_of(const Run& run, const std::string& name, const EvalOptions& 
   return other;
 }
 
-/// Masks of the camera as of those of the run; the other cameras of the rig have no view.
+/// Finds masks of the camera as for the run's cameras; the other cameras of the rig have no view.
 Exclusions exclusions_of(const Run& run, const OtherScene& other, int threads) {
   std::vector<Mask> masks;
   for (const RigCamera& rig : other.scene.rig)

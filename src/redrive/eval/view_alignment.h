@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Test-time pose optimisation: where training refines poses, those of held-out images are only
+// Test-time pose optimisation: where training refines poses, the poses of held-out images are only
 // interpolated, so each is aligned to the frozen field before it is scored. Otherwise the score
 // would measure the pose instead of the field. (Lin et al., "BARF", 2021, section 4.2.)
 #pragma once

@@ -9,8 +9,8 @@
 
 namespace redrive {
 
-/// Sets the unit normal of each point: that of the plane through its 12 nearest points, turned to
-/// seen_from[i]; 0 where these lie on a line or there are fewer.
+/// Sets the unit normal of each point: the normal of the plane through its 12 nearest points,
+/// turned to seen_from[i]; 0 where these lie on a line or there are fewer.
 void estimate_normals(std::span<const Eigen::Vector3f> seen_from, ThreadPool& pool,
                       std::span<PlyPoint> points);
 

@@ -295,7 +295,7 @@ TEST_F(DriveTest, Kitti360SaysWhatItCannotSay) {
   EXPECT_THAT(notes_.changed, Contains(HasSubstr("resampled to a pinhole")));
 }
 
-// The lens of FRONT bends lines: its images become those of a pinhole that sees no border.
+// The lens of FRONT bends lines: its images are resampled to a pinhole that sees no border.
 TEST_F(DriveTest, Kitti360ResamplesPinholesWithDistortion) {
   recording_.cameras[1].calibration.parameters[4] = 0.1;  // a pincushion
   const Recording now = written(write_kitti360);

@@ -28,8 +28,8 @@ constexpr Column kNeighbours[] = {{-1, -1}, {-1, 0}, {-1, 1}, {0, -1},
                                   {0, 1},   {1, -1}, {1, 0},  {1, 1}};
 Column operator+(const Column& a, const Column& b) { return {a[0] + b[0], a[1] + b[1]}; }
 
-/// Returns the body's height at each column of the corridor in which the volume has blocks: that of
-/// the nearest position.
+/// Returns the body's height at each column of the corridor in which the volume has blocks: the
+/// height at the nearest position.
 std::map<Column, double> corridor(std::span<const Eigen::Vector3d> driven,
                                   const TsdfVolume& volume) {
   const double voxel_m = volume.voxel_m();

@@ -21,18 +21,18 @@ namespace fs = std::filesystem;
 
 constexpr float kMostIntensity = 255;
 constexpr std::int64_t kOtherTime_ns = 1'000'000;    // further off is told
-constexpr std::int64_t kSameFrame_ns = 200'000'000;  // of readers
-constexpr double kMostCoordinate_m = 1000;           // of readers
+constexpr std::int64_t kSameFrame_ns = 200'000'000;  // as readers have it
+constexpr double kMostCoordinate_m = 1000;           // as readers have it
 
 struct Scan {
   FrameFile file;
-  const FrameFile* before = nullptr;  ///< whose points may be repeated
+  const FrameFile* before = nullptr;  ///< scan whose points may be repeated
   std::int64_t id = 0, middle_ns = 0;
 };
 
 struct Counts {
   std::size_t repeated = 0, far = 0, bright = 0, unseen = 0;
-  std::int64_t most_ns = 0;  ///< by which a point's time changes
+  std::int64_t most_ns = 0;  ///< largest change of a point's time
 };
 
 std::vector<LidarPoint> new_points(const Recording& drive, const Scan& scan, Counts* counts) {

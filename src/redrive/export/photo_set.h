@@ -16,7 +16,7 @@ namespace redrive {
 struct PhotoCamera {
   CameraCalibration calibration;  ///< name and intrinsics of the images that are written
   Camera camera;                  ///< the same
-  Camera recorded;                ///< of the recorded images
+  Camera recorded;                ///< camera of the recorded images
   bool resampled = false;         ///< whether they differ
 };
 
@@ -31,7 +31,7 @@ struct Photo {
 
 struct PhotoSet {
   std::vector<PhotoCamera> cameras;
-  std::vector<Photo> photos;          ///< by camera, then frame
+  std::vector<Photo> photos;          ///< ordered by camera, then frame
   Rigid3d world_from_scene;           ///< Scene's world in the set's
   std::string world;                  ///< what the axes of the set's world are
   std::vector<std::string> left_out;  ///< what the set cannot say, or says in another way

@@ -59,7 +59,7 @@ std::optional<std::string> mesh_obstacle() { return std::nullopt; }
 TriangleMesh surface_mesh(const TsdfVolume& volume, std::size_t least_triangles, ThreadPool& pool) {
   std::vector<openvdb::Vec3s> points;
   std::vector<openvdb::Vec4I> quads;
-  // Within the pool's own threads: OpenVDB takes those of its caller.
+  // Runs within the pool's own threads: OpenVDB takes its caller's threads.
   pool.run(1, [&](int) { openvdb::tools::volumeToMesh(*as_grid(volume), points, quads); });
 
   TriangleMesh mesh;

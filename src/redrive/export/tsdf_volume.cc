@@ -81,7 +81,7 @@ void add_blocks(const DepthImage& image, double range_m, double block_m, double 
 /// An image as seen from the world.
 struct Viewpoint {
   const DepthImage* image;
-  Rigid3d camera_from_world;  ///< of the middle row
+  Rigid3d camera_from_world;  ///< pose of the middle row
   Eigen::Vector3d position, axis;
 
   explicit Viewpoint(const DepthImage& of) : image(&of) {

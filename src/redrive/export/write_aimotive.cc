@@ -55,7 +55,7 @@ void write_boxes(const fs::path& folder, const Recording& drive, std::int64_t ea
     std::vector<Box> boxes = drive.reader->read_boxes(file);
     const auto frame = std::ranges::lower_bound(drive.frames, file.frame_id, {}, &FramePose::id);
     if (frame == drive.frames.end() || frame->id != file.frame_id) continue;
-    // A file has one time: the boxes' own, or that of the frame.
+    // A file has one time: the boxes' own, or the frame's.
     const bool same =
         std::ranges::all_of(boxes, [&](const Box& box) { return box.t_ns == boxes.front().t_ns; });
     const std::int64_t t_ns = same && !boxes.empty() ? boxes.front().t_ns : frame->t_ns;

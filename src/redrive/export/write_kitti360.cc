@@ -25,7 +25,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int kMaxInstances = 999;  // of a class
+constexpr int kMaxInstances = 999;  // instances of a class, at most
 constexpr double kExact_m = 1e-6;
 
 std::string formatted(const char* format, auto... values) {
@@ -84,7 +84,7 @@ PhotoCamera rectified(const CameraCalibration& recorded) {
   return camera;
 }
 
-using Slots = std::map<std::string, const RecordedCamera*>;  ///< by folder: image_00 to image_03
+using Slots = std::map<std::string, const RecordedCamera*>;  ///< key: folder, image_00 to image_03
 
 /// Gives each camera a folder of its kind: its own name's, else the next from left to right.
 Slots assign_slots(const Recording& drive, DriveNotes* notes) {

@@ -54,8 +54,10 @@ constexpr float kMaxAlpha = 0.99f;
 constexpr float kMinTransmittance = 1e-3f;  ///< blending ends below
 constexpr float kNearPlane_m = 0.2f;        ///< nearer means are not drawn
 constexpr float kSigmaSpread = 1.7320508f;  ///< k: exact for the third moments of a Gaussian
-constexpr float kMaxSpread = 0.3f;          ///< of a sigma point from the mean, of its distance
-constexpr float kMaxLogDistance = 0.5f;     ///< of a Gaussian at a pixel, from that of its mean
+/// largest offset of a sigma point from the mean, as a part of its distance
+constexpr float kMaxSpread = 0.3f;
+/// largest difference of a Gaussian's log distance at a pixel from its mean's
+constexpr float kMaxLogDistance = 0.5f;
 constexpr float kMaxRangeError = 0.5f;      ///< errors of log(t / range) beyond count as this
 constexpr float kMinCompensation2 = 1e-4f;  ///< least det / filtered det
 
@@ -63,7 +65,7 @@ constexpr float kMinCompensation2 = 1e-4f;  ///< least det / filtered det
 template <class M>
 struct GaussianPose {
   typename M::Real rotation[9];  ///< camera_from_world, row-major
-  typename M::Real centre[3];    ///< of the camera in the world
+  typename M::Real centre[3];    ///< position of the camera in the world
 };
 
 /// A projected Gaussian and what its adjoint needs.
@@ -88,7 +90,7 @@ struct ProjectedGaussian {
   Real opacity;       ///< sigmoid of the logit
   Real transparency;  ///< 1 - opacity, without its rounding
   Real alpha;         ///< opacity at the mean: times the filter's compensation
-  Real direction[3];  ///< of the mean from the camera, world, unit
+  Real direction[3];  ///< direction of the mean from the camera, world, unit
   Real colour[3];     ///< before the clamp at 0
 };
 
@@ -281,7 +283,7 @@ REDRIVE_LANES void project_gaussian_adjoint(const PlainCamera& camera, const Gau
   project_adjoint<M>(camera, p[0], p[1], p[2], gradient.mean[0], gradient.mean[1], d_point);
   const Real by_length = gradient.length / at.length;
   for (int k = 0; k < 3; ++k) d_point[k] = d_point[k] + by_length * p[k];
-  Real d_q[3][3];  // by the entries of the Gaussian's rotation
+  Real d_q[3][3];  // derivatives with respect to the Gaussian's rotation matrix
   for (int j = 0; j < 3; ++j) {
     const Real step = at.spread[j] * at.scale[j], per = half / at.spread[j];
     const Real d_u = d_d[j][0] * per, d_v = d_d[j][1] * per;

@@ -30,7 +30,7 @@ std::string exif(bool big_endian) {
     type == 3 ? (put(value, 2), put(0, 2)) : put(value, 4);
   };
   put(42, 2), put(8, 4);            // the first directory
-  put(1, 2), entry(0x8769, 4, 26);  // that of EXIF
+  put(1, 2), entry(0x8769, 4, 26);  // the one of EXIF
   put(0, 4);                        // no further one; now at 26
   put(2, 2), entry(0x9207, 3, 5), entry(0xA405, 3, 26), put(0, 4);
   const std::string body = std::string("Exif\0\0", 6) + tiff;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Derivatives of the loss with respect to a ray's origin and direction, from those of its samples.
+// Derivatives of the loss with respect to a ray's origin and direction, from its samples'
+// derivatives.
 #pragma once
 
 #include "redrive/kernels/nerf_stages.h"
@@ -7,8 +8,8 @@
 namespace redrive::kernels {
 
 /// Adds one ray's derivatives: d_origin += scale sum d_x_s, d_direction += scale sum t_s d_x_s,
-/// from those of its samples' positions in the unit cube x_s = (origin + t_s direction - center)
-/// scale. Coordinate k of d_x_s is d_position[k * stride + s]. Sums in double, in order.
+/// from the derivatives of its samples' positions in the unit cube x_s = (origin + t_s direction -
+/// center) scale. Coordinate k of d_x_s is d_position[k * stride + s]. Sums in double, in order.
 template <class T>
 void add_ray_gradient(const UnitFromWorld& unit_from_world, int n_rays, const Samples& samples,
                       int ray, const T* d_position, std::size_t stride,

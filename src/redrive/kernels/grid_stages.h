@@ -119,7 +119,7 @@ class GridStages {
   // ---- volume/
   virtual void sample_uniform(const Rays& rays, const UniformSampling& how,
                               std::span<float> edges) = 0;
-  /// Draws new intervals from those of `from` and their weights [n_rays, from.per_ray].
+  /// Draws new intervals from the intervals of `from` and their weights [n_rays, from.per_ray].
   virtual void sample_pdf(int n_rays, const Intervals& from, std::span<const float> weights,
                           const PdfSampling& how, std::span<float> edges) = 0;
 
@@ -175,8 +175,8 @@ class GridStages {
   /// per level; pixel_angle as in contract.
   virtual void sky(const HashGrid& grid, const Rays& rays, std::span<const float> pixel_angle,
                    std::span<float> colour) = 0;
-  /// Adds to d_table and, unless it is empty, to d_direction [3, n]. The sky's colour is that
-  /// written by `sky`; opacity [n] and d_rgb [3, n] are those of the composed colours.
+  /// Adds to d_table and, unless it is empty, to d_direction [3, n]. The sky's colour is the colour
+  /// that `sky` wrote; opacity [n] and d_rgb [3, n] belong to the composed colours.
   virtual void sky_backward(const HashGrid& grid, const Rays& rays,
                             std::span<const float> pixel_angle, std::span<const float> colour,
                             std::span<const float> opacity, std::span<const float> d_rgb,
@@ -199,9 +199,9 @@ class GridStages {
                             std::span<const float> opacity, std::span<float> depth) = 0;
 
   // ---- optim/
-  /// Turns d_rgb of the squared error (Backend::photometric_loss) into that of the Huber loss,
+  /// Turns d_rgb of the squared error (Backend::photometric_loss) into d_rgb of the Huber loss,
   /// weighted by ray, with respect to the colours before exposure. Adds the derivatives with
-  /// respect to the gains' parameters to d_appearance, including those of their regulariser
+  /// respect to the gains' parameters to d_appearance, including their regulariser's
   /// (gain_regulariser). loss: the Huber loss, a mean over rays and channels, plus the regulariser;
   /// squares [n]: squared error of each ray, mean over its channels.
   virtual void huber_loss(const ColourLossInput& colours, std::span<float> d_rgb,

@@ -65,7 +65,7 @@ class NerfStages {
   virtual void network_forward(const NerfField& field, const Rays& rays, const Samples& samples,
                                std::span<float> raw) = 0;
   /// Adds the gradients with respect to the parameters to `gradients` [n_parameters] and, where
-  /// wanted, those of the rays to `of_rays`; d_raw as raw. Recomputes the forward pass.
+  /// wanted, the gradients of the rays to `of_rays`; d_raw as raw. Recomputes the forward pass.
   virtual void network_backward(const NerfField& field, const Rays& rays, const Samples& samples,
                                 std::span<const float> d_raw, std::span<float> gradients,
                                 const RayGradients& of_rays) = 0;

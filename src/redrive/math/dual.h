@@ -42,7 +42,7 @@ struct Dual {
     return a;
   }
 
-  // Order is that of the values: branches go where the plain number would go.
+  // Orders by the values: branches go where the plain number would go.
   friend auto operator<=>(const Dual& a, const Dual& b) { return a.value <=> b.value; }
 
   friend Dual sqrt(const Dual& a) {

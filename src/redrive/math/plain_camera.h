@@ -17,7 +17,7 @@ struct PlainCamera {
   /// Square of the undistorted radius up to which points count; the radial polynomial is constant
   /// beyond. Ends where the model folds, or somewhat outside the image.
   float max_radius2 = 1e9f;
-  float min_cosine = 0;  ///< of directions that count, to the optical axis
+  float min_cosine = 0;  ///< least cosine between the optical axis and directions that count
   int width = 0, height = 0;
   /// Projects point[3] (any length > 0) to normalised[2], pixel = f normalised + c, with their
   /// derivatives jacobian[2][3]; false outside the valid region.

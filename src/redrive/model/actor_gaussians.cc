@@ -22,7 +22,7 @@ namespace {
 constexpr std::size_t kSightedPerRange = 256;
 constexpr std::size_t kFewReturns = 500;  ///< so many more are put on the box
 constexpr float kMirrorApart_m = 0.15f;   ///< a mirrored point has no return within it
-constexpr double kCore = 0.7;             ///< of the box, which hides what is behind
+constexpr double kCore = 0.7;             ///< part of the box, which hides what is behind
 
 /// A training view of the object and where its camera is then.
 struct Sighting {

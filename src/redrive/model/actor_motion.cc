@@ -9,8 +9,8 @@
 namespace redrive {
 namespace {
 
-constexpr float kSmoothing = 0.02f, kDecay = 0.002f;  // of an update
-constexpr double kAtKey = 0.25;  // of the way between keys: nearer images are of one key
+constexpr float kSmoothing = 0.02f, kDecay = 0.002f;  // factors of an update
+constexpr double kAtKey = 0.25;  // part of the way between keys: nearer images move one key
 
 /// Returns the later key's share in the derivative by a motion.
 float share_of_later(const MovingObject::KeyTime& at) {

@@ -36,10 +36,10 @@ void add_motion_gradient(const GaussianPoseGradient<NumberMath<double>>& d_pose,
                          const Eigen::Vector3d& camera, std::span<const float> motions,
                          const MovingObject::KeyTime& at, std::span<float> d_motions);
 
-/// A step of Adam on a track's corrections, of the keys that have a gradient, and of their
-/// smoothing towards those of the neighbouring keys and towards 0, within the bounds. Keys that
-/// never had one, of images that are held out, lie between their neighbours. All spans: [keys,
-/// kMotionSize]. rate: of translations, metres; a tenth of it, in rad, of rotations.
+/// A step of Adam on a track's corrections: keys that have a gradient move by it, and all are
+/// smoothed towards the neighbouring keys and towards 0, within the bounds. Keys that never had
+/// one, because their images are held out, lie between their neighbours. All spans: [keys,
+/// kMotionSize]. rate: for translations, metres; a tenth of it, in rad, for rotations.
 void update_motions(AdamStep step, float rate, std::span<const float> gradients,
                     std::span<float> motions, std::span<float> first_moment,
                     std::span<float> second_moment);

@@ -16,7 +16,7 @@
 namespace redrive {
 namespace {
 
-constexpr float kChildOffset = 0.75f;  // of the parent's standard deviation, to either side
+constexpr float kChildOffset = 0.75f;  // in standard deviations of the parent, to either side
 constexpr float kChildScale = 0.6f, kChildOtherScale = 0.92f;  // along the axis, along the others
 
 /// Position on a Morton curve through space contracted by its logarithm.

@@ -23,17 +23,19 @@ struct DensifyOptions {
   std::size_t target = 0;     ///< number of Gaussians afterwards, at most
   float min_opacity = 0.01f;  ///< less is removed; 0: unused ones alone
   std::size_t spare = 0;      ///< unused places at the end of the world's, which count as Gaussians
-  float min_scale = 6e-4f;    ///< of the largest axis, of the distance: smaller ones are not split
-  /// By actor: half sides of the box around its origin in which its Gaussians stay, but for its
-  /// shadow, metres; those outside are removed. Empty: no bounds.
+  /// least size of the largest axis, as a part of the distance: smaller Gaussians are not split
+  float min_scale = 6e-4f;
+  /// One per actor: half sides of the box around its origin in which its Gaussians stay, but for
+  /// its shadow, metres; Gaussians outside are removed. Empty: no bounds.
   std::span<const Eigen::Vector3f> actor_bounds;
   float ahead_m = kShadow_m;  ///< ahead of the box on the road, where they stay, too
 };
 
 /// Where the Gaussians of the world and of each actor are: in blocks of their own.
 struct GaussianLayout {
-  std::size_t world = 0;                 ///< number of Gaussians of the world, from the first block
-  std::vector<std::int64_t> actor_ends;  ///< by actor: the end of its blocks, which follow
+  std::size_t world = 0;  ///< number of Gaussians of the world, from the first block
+  /// one per actor: the end of its blocks, which follow the world's
+  std::vector<std::int64_t> actor_ends;
 
   std::size_t world_blocks() const { return gaussian_blocks(world); }
   std::size_t first_block(std::size_t actor) const {
@@ -52,8 +54,8 @@ void write_blocks(std::span<const GaussianList> lists, const GaussianLayout& lay
 /// Splits Gaussians along their longest axis into two, drawn without replacement with probabilities
 /// proportional to their summed error (the row kDistanceRow of the moments), and removes
 /// transparent ones. Sets the summed errors to 0. Parents keep their second moments, children start
-/// without first moments. numbers: after those of the Gaussians others, which stay; moments: of the
-/// Gaussians (GaussianUpdate::moments). Deterministic in key. Gaussians stay in the world or with
+/// without first moments. numbers: the Gaussians' and after them others, which stay; moments: the
+/// Gaussians' (GaussianUpdate::moments). Deterministic in key. Gaussians stay in the world or with
 /// their actor.
 void densify(const DensifyOptions& options, std::uint64_t key, GaussianLayout* layout,
              Buffer<float>* numbers, Buffer<std::uint32_t>* moments);

@@ -18,7 +18,7 @@ namespace redrive {
 namespace {
 
 constexpr std::size_t kTail = 5;
-constexpr float kLeastLogit = -4.59512f;  // of an opacity of 0.01
+constexpr float kLeastLogit = -4.59512f;  // logit of an opacity of 0.01
 
 /// Uniform in [-1, 1).
 float uniform(std::uint64_t key, std::uint64_t i) { return 2 * random_unit(key, i) - 1; }

@@ -36,12 +36,12 @@ enum class FillPixel : std::uint8_t { kKnown, kUnknown, kFill, kEmpty };
 
 /// Places of the world that moving objects hide in all images.
 struct HiddenPlaces {
-  std::vector<std::size_t> gaussians;  ///< of the world
+  std::vector<std::size_t> gaussians;  ///< Gaussians of the world
   struct Hole {
     std::size_t view;
     std::vector<FillPixel> pixels;  ///< [height, width]
   };
-  std::vector<Hole> holes;  ///< of the views that would show hidden Gaussians
+  std::vector<Hole> holes;  ///< holes in the views that would show hidden Gaussians
 };
 
 /// Finds the Gaussians of the world that no image sees, but would see without its moving objects.

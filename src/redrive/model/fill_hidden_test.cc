@@ -107,7 +107,7 @@ TEST(FillHidden, ContinuesWhatIsSeenAround) {
     const bool was_wrong = wrong.rgb[3 * i + 1] < 0.2f;
     hidden += was_wrong;
     // A new Gaussian shows up to two standard deviations, 2.8 pixels or 0.28 m, beside its mean,
-    // and the colours change by 0.1 a metre; the rest is what of the wrong ones shines through.
+    // and the colours change by 0.1 a metre; the rest shines through from the wrong ones.
     for (int c = 0; c < 3; ++c)
       EXPECT_NEAR(filled.rgb[3 * i + c], expected.rgb[3 * i + c], 0.04) << i;
     // A membrane of inverse distances leaves a plane by the curvature of 1 / cos, 0.7 % here.

@@ -14,7 +14,7 @@ namespace {
 
 static_assert(std::endian::native == std::endian::little, "as the file");
 
-constexpr int kRestCoefficients = 3;  // of degree 1, a channel
+constexpr int kRestCoefficients = 3;  // coefficients of degree 1 in each channel
 
 std::string ply_header(std::size_t n, int sh_degree, std::span<const std::string> comments) {
   std::string text = "ply\nformat binary_little_endian 1.0\n";

@@ -35,8 +35,8 @@ struct Point {
 };
 using Points = std::vector<Point>;
 
-constexpr float kPointOpacity = 0.5f, kRandomOpacity = 0.1f;  ///< of first Gaussians
-constexpr std::size_t kPointsPerRange = 4096;                 ///< of a thread
+constexpr float kPointOpacity = 0.5f, kRandomOpacity = 0.1f;  ///< opacity of first Gaussians
+constexpr std::size_t kPointsPerRange = 4096;  ///< points that a thread takes at a time
 
 /// Points for nanoflann.
 struct PointSet {

@@ -24,8 +24,8 @@ struct GridModel final : RayModel {
   HashGridConfig proposal{5, 1, 16, 512, 17};
   HashGridConfig sky{4, 4, 8, 256,
                      15};  ///< over directions; three features are colours, summed over the levels
-  float huber_delta = 0.2f;     ///< of colours in [0, 1], optim/photometric_loss.h; 2 and more:
-                                ///< squared error
+  /// threshold for colours in [0, 1], optim/photometric_loss.h; 2 and more: squared error
+  float huber_delta = 0.2f;
   AppearanceConfig appearance;  ///< exposure of each camera over time
   float background =
       0;  ///< grey behind rays where sky.n_levels is 0 and the batch has no background
@@ -36,7 +36,7 @@ struct GridModel final : RayModel {
   float histogram_padding = 0.1f;               ///< volume/ray_intervals.h
   float sparsity_weight = 0;                    ///< optim/sparsity_loss.h
   double proposal_opacity_weight = 0.1;         ///< optim/proposal_loss.h
-  float range_weight = 0.03f;                   ///< of the LiDAR loss, optim/range_loss.h
+  float range_weight = 0.03f;                   ///< weight of the LiDAR loss, optim/range_loss.h
   /// Standard deviation of a return in the LiDAR loss: at first wide enough to find surfaces, at
   /// the end the uncertainty of a return's range and time.
   float first_range_spread_m = 1, last_range_spread_m = 0.1f;
@@ -45,14 +45,14 @@ struct GridModel final : RayModel {
   /// Rays below this proposal opacity count as empty: at most two and a half steps of 255.
   float min_active_opacity = 0.01f;
   float keep_probability =
-      1 / 16.0f;                ///< of an empty ray in training, so that new surfaces can appear
+      1 / 16.0f;                ///< for an empty ray in training, so that new surfaces can appear
   double max_batch_factor = 2;  ///< maximum rays of a step, as a multiple of batch_rays
   float initial_density = 0.36787944f;  ///< 1 / contraction.half_m: a mean free path of e half_m
   int warm_up_steps = 100;
-  float beta2 = 0.99f, epsilon = 1e-15f;  ///< of Adam: Mueller et al. 2022, section 4
+  float beta2 = 0.99f, epsilon = 1e-15f;  ///< Adam's: Mueller et al. 2022, section 4
   double active_fraction = 1;             ///< moving average of the fraction of active rays
   float min_proposal_footprint =
-      0;  ///< of a proposal sample's volume, in lengths of its interval (GridStages::contract)
+      0;  ///< for a proposal sample's volume, in lengths of its interval (GridStages::contract)
 
   const char* method() const override { return "grid"; }
   std::string describe() const override;
@@ -68,8 +68,8 @@ struct GridModel final : RayModel {
   std::size_t size() const override { return offset(kParts); }
   std::vector<ModelTensor> tensors() const override;
   void initialize(std::uint64_t seed) override;
-  /// Returns the gradients of the networks: those of the field's grid are computed through them,
-  /// and those of the other grids cannot overflow.
+  /// Returns the gradients of the networks: the gradients of the field's grid are computed through
+  /// them, and the other grids' cannot overflow.
   std::span<const float> sentinels(std::span<const float> gradients) const override {
     return gradients.subspan(offset(kNetwork), part_size(kNetwork));
   }
@@ -92,7 +92,7 @@ struct GridModel final : RayModel {
   enum LossSlot { kColourLoss, kSparsityLoss, kLidarLoss, kProposalLoss };
   enum Part { kFieldGrid, kNetwork, kProposalGrid, kSkyGrid, kAppearance, kParts };
   kernels::HashGrid grid(
-      Part which) const;  ///< of `parameters`: kFieldGrid, kProposalGrid or kSkyGrid
+      Part which) const;  ///< part of `parameters`: kFieldGrid, kProposalGrid or kSkyGrid
   kernels::GridNetwork network() const { return {field, density_scale(), part(kNetwork)}; }
 
  private:
@@ -134,7 +134,7 @@ struct GridModel final : RayModel {
                           std::span<double> losses, Workspace* workspace) const;
   void configure_bounded();
   std::size_t part_size(int part) const;
-  std::size_t offset(int part) const;  ///< of the part in `parameters`
+  std::size_t offset(int part) const;  ///< offset of the part in `parameters`
   std::span<const float> part(Part part) const {
     return parameters.span().subspan(offset(part), part_size(part));
   }

@@ -155,7 +155,7 @@ TEST(GridModelGradients, OfTheSparsityLossMatchIt) {
   GridModel model;
   make_tiny(model);
   const RayBatch batch = tiny_batch(8);
-  const auto added = [&](const auto& of) {  // by the sparsity loss
+  const auto added = [&](const auto& of) {  // added by the sparsity loss
     model.sparsity_weight = 0.5f;
     const auto with = of();
     model.sparsity_weight = 0;

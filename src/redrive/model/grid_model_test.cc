@@ -144,7 +144,7 @@ TEST(GridModel, AnEmptyFieldShowsTheSky) {
   make_empty(model);
   float* const sky =
       &model.parameters[model.size() - hash_grid_size(model.sky) - model.appearance.size()];
-  const float colour[4] = {0.5f, -1, 2, 1000};  // of a level; the fourth feature is unused
+  const float colour[4] = {0.5f, -1, 2, 1000};  // features of a level; the fourth is unused
   for (std::size_t i = 0; i < hash_grid_size(model.sky); ++i) sky[i] = colour[i % 4];
   const RayBatch batch = tiny_batch(5);
   const Rendering rendered(model, batch);

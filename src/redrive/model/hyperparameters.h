@@ -57,7 +57,7 @@ struct HyperparameterValue {
   Hyperparameter what;
   std::string text;
   bool whole = false;    ///< an integer
-  bool is_list = false;  ///< of integers
+  bool is_list = false;  ///< a list of integers
 };
 std::vector<HyperparameterValue> hyperparameter_values(Configurable& numbers);
 

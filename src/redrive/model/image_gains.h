@@ -28,9 +28,9 @@ struct ImageGains {
   AppearanceConfig appearance;  ///< exposure of each camera at each frame
   ShadingConfig shading;
   float exposure_rate = 0.3f, exposure_decay = 0.02f;
-  float exposure_share = 0.2f;  ///< of a change that all images of the camera take
+  float exposure_share = 0.2f;  ///< share of a change that all images of the camera take
   float shading_rate = 0.2f;
-  float shading_threshold = 0.02f;  ///< of soft thresholding: of log gains
+  float shading_threshold = 0.02f;  ///< soft threshold of log gains
 
   std::size_t size() const { return appearance.size() + shading.size(); }
 

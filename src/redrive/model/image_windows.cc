@@ -10,7 +10,7 @@
 namespace redrive {
 namespace {
 
-constexpr double kQuarterShare = 2.0 / 3;  // of the steps at less than full size
+constexpr double kQuarterShare = 2.0 / 3;  // share of the steps at less than full size
 
 }  // namespace
 

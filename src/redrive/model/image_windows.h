@@ -16,8 +16,8 @@ struct ImageWindow {
 
 /// Images of one size with their windows.
 struct ImageLevel {
-  std::vector<Camera> cameras;       ///< of the rig
-  std::vector<ImageWindow> windows;  ///< of the training views
+  std::vector<Camera> cameras;       ///< cameras of the rig
+  std::vector<ImageWindow> windows;  ///< windows of the training views
 };
 
 /// Sizes that images are drawn in: the whole one, half of it, a quarter.

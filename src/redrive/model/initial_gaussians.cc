@@ -25,8 +25,8 @@ constexpr float kFar = 6;             ///< radius of the sky, in distances of th
 constexpr float kSkyBelow = 0.03f;    ///< the sky of a drive ends this far below the horizon (sine)
 constexpr double kShareOfMost = 0.6;  ///< one kind of points has at most this of max_gaussians
 constexpr float kPointSize = 0.5f;    ///< standard deviation, of the distance to the nearest points
-/// Opacity of points that may be floaters: those of image tracks near occlusion boundaries, and
-/// those above returns. Training fits the background through them and removes them.
+/// Opacity of points that may be floaters: points of image tracks near occlusion boundaries, and
+/// points above returns. Training fits the background through them and removes them.
 constexpr float kUncertainOpacity = 0.1f;
 constexpr float kTrackPointSize = 0.3f;  ///< likewise smaller than kPointSize
 
@@ -46,9 +46,9 @@ Points points_of(const PointCloud& cloud) {
 void move_onto_planes(const Points& returns, const NearestCamera& cameras, ThreadPool& pool,
                       Points* points) {
   constexpr std::size_t kPlaneReturns = 8;
-  constexpr float kNear = 0.05f;      // of the distance: the returns lie around the point
-  constexpr float kMoved = 0.05f;     // of the distance: at most, along the ray
-  constexpr float kThickness = 0.1f;  // of a plane, of its smaller extent
+  constexpr float kNear = 0.05f;      // part of the distance: the returns lie around the point
+  constexpr float kMoved = 0.05f;     // largest part of the distance that it moves along the ray
+  constexpr float kThickness = 0.1f;  // thickness of a plane, as a part of its smaller extent
   if (returns.size() < kPlaneReturns) return;
   const PointSet set{returns};
   PointTree tree(3, set, nanoflann::KDTreeSingleIndexAdaptorParams(16));
@@ -67,7 +67,8 @@ void move_onto_planes(const Points& returns, const NearestCamera& cameras, Threa
                             ray = point.position - point.seen_from;
       const float along = normal.dot(ray);
       if (std::fabs(along) < 1e-3f * ray.norm()) continue;
-      const float change = normal.dot(mean - point.position) / along;  // of the ray's length
+      // as a part of the ray's length
+      const float change = normal.dot(mean - point.position) / along;
       if (std::fabs(change) < kMoved) point.position += change * ray;
     }
   });
@@ -155,7 +156,7 @@ std::vector<std::optional<Eigen::Vector3f>> colours_of(
   std::vector<std::optional<Eigen::Vector3f>> colours(positions.size());
   std::vector<std::vector<std::size_t>> of_first(n);  // points by their first view
   for (std::size_t i = 0; i < positions.size(); ++i) of_first[i * step % n].push_back(i);
-  std::vector<std::size_t> left;  // that have begun and have no colour
+  std::vector<std::size_t> left;  // begun and without a colour
   // Twice through the views, so that few images are needed at a time.
   std::vector<std::vector<std::pair<std::size_t, Eigen::Vector3f>>> seen(at_once);
   for (std::size_t turn = 0; turn < 2 * n; turn += at_once) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// First Gaussians of a scene, from all points that there are: LiDAR returns and points of
+// First Gaussians of a scene, from every available point source: LiDAR returns and points of
 // reconstructions, coloured by the images, and points triangulated from image tracks.
 #pragma once
 
@@ -14,8 +14,9 @@ struct InitialGaussianOptions {
   int max_gaussians = 400000;  ///< a random choice of more is kept
   int sky = 6000;              ///< on a sphere around the scene
   int random = 100000;         ///< in the cube of a bounded scene without points
-  float extruded = 0.08f;      ///< of the LiDAR returns high above the road, one more above
-  bool tracks = true;          ///< uses points of image tracks
+  /// share of the LiDAR returns high above the road that get one more above
+  float extruded = 0.08f;
+  bool tracks = true;  ///< uses points of image tracks
 };
 
 /// Returns the first Gaussians, in random order. Deterministic in seed; the number of threads

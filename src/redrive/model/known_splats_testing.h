@@ -117,7 +117,7 @@ inline Rigid3d pose(const Eigen::Vector3d& centre, const Eigen::Vector3d& turn) 
 /// Images of known Gaussians by a pinhole, two fisheyes and a rolling shutter.
 struct KnownScene : SplatScene {
   SplatModel truth;
-  std::vector<Image8> held_out;  ///< by view
+  std::vector<Image8> held_out;  ///< one per view
 
   explicit KnownScene(int n = 120, double size = 1) {
     const int w = static_cast<int>(64 * size), h = static_cast<int>(48 * size);
@@ -166,7 +166,7 @@ struct KnownScene : SplatScene {
       image.rgb.push_back(static_cast<std::uint8_t>(std::lround(255 * x)));
     return image;
   }
-  /// Of the held-out images.
+  /// PSNR of the held-out images.
   double psnr_db(kernels::Backend& backend, const SplatModel& model) const {
     double squares = 0, n = 0;
     std::size_t next = 0;

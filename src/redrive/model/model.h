@@ -34,7 +34,7 @@ class SurfacePlanes;
 /// Training data that a step samples rays, images or tiles from.
 struct TrainingSet {
   const Scene& scene;  ///< cameras and their current poses
-  ViewImages images;   ///< by view: colours, alpha, mask; those of held-out views are not used
+  ViewImages images;  ///< one per view: colours, alpha, mask; images of held-out views are not used
   const LidarReturns& lidar;
   const PixelSampler& pixels;                ///< batches of rays through pixels
   const LidarSampler* lidar_rays = nullptr;  ///< batches of rays to returns; null: no LiDAR
@@ -60,19 +60,19 @@ struct StepUpdate {
 
 /// One rank's part of a training step.
 struct StepRequest {
-  std::uint64_t seed = 0;          ///< of the start in use
+  std::uint64_t seed = 0;          ///< seed of the start in use
   std::int64_t step = 0;           ///< from 0
-  double progress = 0;             ///< of the run, 0..1
+  double progress = 0;             ///< progress of the run, 0..1
   std::uint64_t pixels_drawn = 0;  ///< in the order of the epochs, by earlier steps
   const Buffer<float>* error_map =
-      nullptr;  ///< of the cells of TrainingSet::pixels; where the model uses it
+      nullptr;  ///< errors of the cells of TrainingSet::pixels; where the model uses it
   /// Number of pixels to draw uniformly, without other samples; 0: the method's training batch.
   int pixels = 0;
   bool pose_gradients = false;              ///< requests StepOutput::views
   bool colour_variance = false;             ///< requests StepOutput::colour_variance
   int rank = 0, world_size = 1;             ///< all ranks draw equally many pixels
   const StepUpdate* update = nullptr;       ///< null: the step computes all gradients
-  const SurfacePlanes* surfaces = nullptr;  ///< of TrainingSet::lidar; null: none
+  const SurfacePlanes* surfaces = nullptr;  ///< planes of TrainingSet::lidar; null: none
 };
 
 /// Outputs of a step beside its StepSums and gradients.
@@ -88,8 +88,9 @@ struct StepOutput {
   std::span<const std::uint32_t> cells;
   std::span<const float> squared_errors;
   std::vector<ViewGradient>
-      views;                   ///< derivative of the loss with respect to the pose of each view
-  double colour_variance = 0;  ///< of the targets about their mean, averaged over the channels
+      views;  ///< derivative of the loss with respect to the pose of each view
+  /// variance of the targets about their mean, averaged over the channels
+  double colour_variance = 0;
 };
 
 /// A part of the loss.
@@ -132,7 +133,7 @@ struct StepBuffers {
 };
 
 struct ExportOptions {
-  int sh_degree = 1;  ///< of the colours' spherical harmonics, at most: 0 or 1
+  int sh_degree = 1;  ///< degree of the colours' spherical harmonics, at most: 0 or 1
   /// Object whose Gaussians are written instead of the world's, in the axes of its box
   /// (scene/actor_body.h); one that the model draws. Null: none.
   const MovingObject* actor = nullptr;
@@ -159,7 +160,7 @@ class Model : public Configurable {
   virtual void configure(const Scene& scene) = 0;
 
   // ---- Parameters
-  virtual std::size_t size() const = 0;                    ///< of `parameters`
+  virtual std::size_t size() const = 0;                    ///< size of `parameters`
   virtual std::size_t max_size() const { return size(); }  ///< upper bound during training
   virtual std::vector<ModelTensor> tensors() const = 0;    ///< tile `parameters`, in order
   virtual void initialize(

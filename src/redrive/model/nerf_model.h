@@ -18,7 +18,7 @@ struct NerfModel final : RayModel {
   UnitFromWorld unit_from_world;
 
   int networks() const { return fine_samples > 0 ? 2 : 1; }
-  std::span<const float> network(int index) const;  ///< of `parameters`: 0 coarse, 1 fine
+  std::span<const float> network(int index) const;  ///< part of `parameters`: 0 coarse, 1 fine
   kernels::NerfField field(int index) const { return {config, unit_from_world, network(index)}; }
 
   std::vector<std::int64_t> milestones;  ///< steps; empty: fractions of all steps

@@ -13,8 +13,9 @@ namespace redrive {
 
 namespace {
 
-constexpr std::size_t kReturnsOfChunk = 4096;    // some milliseconds of a spinning LiDAR
-constexpr std::int64_t kApart_ns = 150'000'000;  // of a return and an image that shows it, at most
+constexpr std::size_t kReturnsOfChunk = 4096;  // some milliseconds of a spinning LiDAR
+// maximum time between a return and an image that uses it
+constexpr std::int64_t kApart_ns = 150'000'000;
 
 }  // namespace
 
@@ -38,8 +39,9 @@ std::vector<ReturnTimes::Range> ReturnTimes::ranges(std::int64_t first_ns,
 
 std::vector<RangePixel> find_range_pixels(const TrainingSet& data, const ReturnTimes& times,
                                           std::size_t of_view) {
-  constexpr int kCell = 8;          // pixels
-  constexpr float kBehind = 0.14f;  // of the distance: farther is hidden, as a logarithm
+  constexpr int kCell = 8;  // pixels
+  // a return farther by this part of the distance is hidden, as a logarithm
+  constexpr float kBehind = 0.14f;
   // Poses that are refined meanwhile would make the result depend on when it is computed.
   const Scene& scene = data.initial ? *data.initial : data.scene;
   const View& view = scene.views[of_view];
@@ -59,7 +61,7 @@ std::vector<RangePixel> find_range_pixels(const TrainingSet& data, const ReturnT
                       static_cast<float>(std::log(seen->in_camera.norm()))};
   };
   std::vector<MovingBox> boxes;
-  std::vector<std::pair<std::int64_t, Rigid3d>> actors;  // by id: world_from_actor
+  std::vector<std::pair<std::int64_t, Rigid3d>> actors;  // key: id; world_from_actor
   for (const MovingObject& actor : scene.actors)
     if (const auto world_from_actor = actor.world_from_box(t_ns)) {
       boxes.push_back({actor.id, world_from_actor->inverse(Eigen::Isometry), actor.size_m / 2});

@@ -34,9 +34,9 @@ class ReturnTimes {
   std::vector<Chunk> chunks_;
 };
 
-/// Returns the LiDAR returns that a view's image shows: those of about the time of its exposure, so
-/// that what moves is where it was, and not behind nearer ones. A pixel has the first of its
-/// returns alone. `times`: of data.lidar. Poses are those that training began with
+/// Returns the LiDAR returns that a view's image shows: returns near the time of its exposure, so
+/// that what moves is where it was, and not behind nearer ones. A pixel has only the first of its
+/// returns. `times`: times of data.lidar. Poses are the poses that training began with
 /// (TrainingSet::initial). Returns on moving objects are where the object is by then.
 std::vector<RangePixel> find_range_pixels(const TrainingSet& data, const ReturnTimes& times,
                                           std::size_t of_view);

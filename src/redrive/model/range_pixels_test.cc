@@ -130,7 +130,8 @@ TEST(RangePixels, ReturnsOnAnObjectMoveAlongWithIt) {
   LidarScene scene;
   scene.scene.actors = {leaving()};
   scene.lidar.on_objects.push_back({3, 0, Eigen::Vector3f(-2, 0.5f, 0)});  // on its rear
-  scene.lidar.on_objects.push_back({4, 0, Eigen::Vector3f(-2, 0.5f, 0)});  // of nobody
+  // an object that does not exist
+  scene.lidar.on_objects.push_back({4, 0, Eigen::Vector3f(-2, 0.5f, 0)});
   for (const std::size_t view : {0u, 1u}) {
     const std::vector<RangePixel> found = scene.pixels(view);
     ASSERT_EQ(found.size(), 1u);

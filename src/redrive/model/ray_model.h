@@ -31,14 +31,14 @@ struct RayModel : Model {
   int lidar_rays = 0;                            ///< additional rays per step and rank
   double initial_rate = 5e-4, rate_gamma = 0.5;  ///< learning rate and its decay
 
-  virtual int samples_per_ray() const = 0;  ///< that a batch keeps in memory
+  virtual int samples_per_ray() const = 0;  ///< samples that a batch keeps in memory
   /// Rays of the next step, which may depend on the fraction of active rays, and their upper bound.
   virtual int rays_per_step() const { return batch_rays; }
   virtual int max_rays_per_step() const { return batch_rays; }
   int n_error_rays() const { return static_cast<int>(error_rays * rays_per_step()); }
 
   /// Writes losses to workspace->sums() and adds their derivatives to gradients [size()]. Random
-  /// numbers are those of (seed, step), from batch.first_ray on.
+  /// numbers follow from (seed, step), from batch.first_ray on.
   virtual RayGradientsOutput gradients(kernels::Backend& backend, const RayBatch& batch,
                                        std::uint64_t seed, std::int64_t step,
                                        std::span<float> gradients, Workspace* workspace) const = 0;
@@ -72,8 +72,8 @@ struct RayModel : Model {
 /// Returns the maximum number of rays rendered at a time.
 int max_tile_rays(const RayModel& model);
 
-/// Draws the step's batch. uniform, error_rays: of this rank. The uniform rays of all ranks
-/// together are those of a single backend.
+/// Draws the step's batch. uniform, error_rays: this rank's. The uniform rays of all ranks together
+/// are the uniform rays of a single backend.
 void draw_batch(const PixelSampler& sampler, int uniform, int error_rays,
                 const StepRequest& request, RayBatch* batch);
 

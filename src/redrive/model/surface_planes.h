@@ -17,9 +17,9 @@ namespace redrive {
 
 /// The plane through the neighbourhood of a return.
 struct SurfacePlane {
-  Eigen::Vector3f mean = Eigen::Vector3f::Zero();    ///< of the neighbours, world metres
+  Eigen::Vector3f mean = Eigen::Vector3f::Zero();    ///< mean of the neighbours, world metres
   Eigen::Vector3f normal = Eigen::Vector3f::Zero();  ///< unit, of either sign
-  float radius_m = 0;                                ///< of the neighbourhood; 0: not planar
+  float radius_m = 0;                                ///< radius of the neighbourhood; 0: not planar
 };
 
 /// Planes of a scene in metres.
@@ -41,7 +41,7 @@ class SurfacePlanes {
 
  private:
   Points points_;
-  std::vector<SurfacePlane> planes_;  ///< by point
+  std::vector<SurfacePlane> planes_;  ///< one per point
   PointSet set_{points_};
   PointTree tree_;
 };

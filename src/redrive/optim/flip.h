@@ -148,7 +148,7 @@ inline FlipFilters flip_filters() {
     double sum = 0;
     const auto taps = flip_gaussian<FlipFilters::kColourRadius>(sigma_px, &sum);
     const double weight =
-        a * std::sqrt(std::numbers::pi / b) * sum * sum;  // of the two-dimensional kernel
+        a * std::sqrt(std::numbers::pi / b) * sum * sum;  // sum of the two-dimensional kernel
     filters.colour[t] = {channel, static_cast<float>(weight), taps};
     weights[channel] += weight;
   }
@@ -175,7 +175,7 @@ inline FlipFilters flip_filters() {
   filters.second = derivative([](int x) { return x * x / (kSigma_px * kSigma_px) - 1; });
 
   const volatile float one =
-      1;  // cube roots at run time, as those of pixels: a compiler's are rounded otherwise
+      1;  // cube roots at run time, as for pixels: a compiler's are rounded otherwise
   filters.largest = std::pow(flip_hyab(flip_hunt_lab({0, one, 0}), flip_hunt_lab({0, 0, one})),
                              kFlipColourExponent);
   return filters;

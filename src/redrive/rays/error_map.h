@@ -80,10 +80,10 @@ inline CellSample sample_cell(std::span<const float> pixels, std::span<const flo
 }
 
 /// Weight of a ray's loss if a `share` of the rays is drawn by the error map: the uniform
-/// probability of its pixel over that of both strategies together (balance heuristic, Veach and
-/// Guibas 1995), so that the loss remains approximately the mean over all pixels. The other
-/// candidates are assumed to have the mean error. In [1 / (1 - share + share * kCellCandidates), 1
-/// / (1 - share)].
+/// probability of its pixel over the probability under both strategies together (balance heuristic,
+/// Veach and Guibas 1995), so that the loss remains approximately the mean over all pixels. The
+/// other candidates are assumed to have the mean error. In [1 / (1 - share + share *
+/// kCellCandidates), 1 / (1 - share)].
 inline float balance_heuristic_weight(float error, float mean_error, float share) {
   const float relative = (error + kMinCellError) / mean_error;
   const float as_often = kCellCandidates * relative / (relative + kCellCandidates - 1);

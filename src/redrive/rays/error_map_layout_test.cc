@@ -52,9 +52,9 @@ double rate(const ErrorMapLayout& cells, const std::vector<float>& errors, int d
   return static_cast<double>(drawn) / draws;
 }
 
-/// Returns the expected rate of one of n cells whose weight is w times that of each other one: k of
-/// the candidates are this cell with binomial probability, and it is then chosen with probability k
-/// w / (k w + the weight of the others).
+/// Returns the expected rate of one of n cells whose weight is w times every other cell's: k of the
+/// candidates are this cell with binomial probability, and it is then chosen with probability k w /
+/// (k w + the weight of the others).
 double expected_rate(double w, double n) {
   if (w == 0) return 0;
   double rate = 0;

@@ -21,7 +21,7 @@ struct RayTable {
   std::vector<std::uint32_t> pixel;  ///< y * width + x, ascending
   std::vector<float> direction;      ///< [pixel.size(), 3]
   float pixel_angle = 0;  ///< angle of a pixel's side, rad: square root of the mean solid angle
-  Camera camera;          ///< whose pixels these are
+  Camera camera;          ///< camera of these pixels
 };
 RayTable make_ray_table(const Camera& camera, int threads = 1);
 
@@ -125,7 +125,7 @@ class PixelSampler {
   const Scene& scene_;
   std::uint64_t seed_;
   std::vector<RayTable> tables_;  ///< one per camera of the rig
-  std::vector<UsedPixels> used_;  ///< of the pools that use part of a table
+  std::vector<UsedPixels> used_;  ///< pixels of the pools that use part of a table
   ErrorMapLayout cells_;          ///< one image per training view
   // Storage of source_'s spans:
   std::vector<RayTableSpans> table_spans_;

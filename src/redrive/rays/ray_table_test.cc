@@ -90,7 +90,7 @@ TEST_F(RaysTest, RaysOfAViewHitTheProjectedPoints) {
 TEST_F(RaysTest, RollingShutterRowsStartAtTheirExposurePose) {
   const RayTable table = make_ray_table(scene_.rig[1].camera);
   const auto at = [](double x) { return Rigid3d(Eigen::Translation3d(x, 0, 0)); };
-  const ShutterPoses poses({at(0), at(16)});  // of 16 rows
+  const ShutterPoses poses({at(0), at(16)});  // 16 rows
   RayBatch rays;
   view_rays(table, poses, entries_from(0, table.pixel.size()), &rays);
   ASSERT_EQ(rays.n, 24 * 16);

@@ -15,7 +15,7 @@ BlockCache::~BlockCache() {
   if (thread_.joinable()) thread_.join();
 }
 
-/// Returns the block that is there as the one used last; null where it is not.
+/// Returns the block if it is loaded, and marks it as used last; null otherwise.
 std::shared_ptr<const LoadedBlock> BlockCache::find(int block) {
   const auto found = std::ranges::find(entries_, block, &Entry::first);
   if (found == entries_.end()) return nullptr;

@@ -30,7 +30,8 @@ constexpr std::size_t kLeastCachedBlocks = 3;
 /// Safe to use from several threads.
 class BlockCache {
  public:
-  /// Called on the thread that needs the block or on that of prefetch(), for two blocks at a time.
+  /// Called on the thread that needs the block or on the thread of prefetch(), for two blocks at a
+  /// time.
   using Load = std::function<std::shared_ptr<const LoadedBlock>(int block)>;
 
   /// `bytes`: the blocks used longest ago are let go beyond it, but for kLeastCachedBlocks.
@@ -48,7 +49,7 @@ class BlockCache {
   /// left to get().
   void prefetch(int block);
 
-  std::uint64_t bytes() const;  ///< of the blocks that are there
+  std::uint64_t bytes() const;  ///< bytes of the loaded blocks
   std::size_t size() const;     ///< their number
 
  private:
@@ -63,7 +64,7 @@ class BlockCache {
   std::condition_variable changed_;
   std::list<Entry> entries_;  ///< latest first
   std::set<int> loading_;
-  std::optional<int> wanted_;  ///< by prefetch()
+  std::optional<int> wanted_;  ///< set by prefetch()
   bool ends_ = false;
   std::thread thread_;  ///< begins with the first prefetch()
 };

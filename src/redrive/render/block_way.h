@@ -25,11 +25,11 @@ class BlockWay {
   /// A point of the way.
   struct Place {
     std::size_t frame = 0;  ///< nearest one
-    double along_m = 0;     ///< of the nearest point of the way, from the first frame
+    double along_m = 0;     ///< position of the nearest point along the way, from the first frame
   };
 
-  /// positions: of the frames in the drive's world, in their order, at least one; last_core: by
-  /// block the index of the last frame of its core, ascending, that of the last block is the last
+  /// positions: the frames' in the drive's world, in their order, at least one; last_core: for each
+  /// block the index of the last frame of its core, ascending; the last block ends with the last
   /// frame. A border is half way between the frames of two cores.
   BlockWay(std::span<const Eigen::Vector3d> positions, std::span<const std::size_t> last_core);
 
@@ -59,7 +59,7 @@ class BlockWay {
   };
 
   std::vector<Eigen::Vector3d> positions_;
-  std::vector<double> along_m_;  ///< by frame
+  std::vector<double> along_m_;  ///< one per frame
   std::vector<std::size_t> last_core_;
   std::vector<double> borders_m_;  ///< between blocks i and i + 1
   std::vector<Chunk> chunks_;

@@ -32,7 +32,7 @@ Motion velocity_at(const std::vector<PathKey>& keys, std::size_t i) {
     return between(keys[k], keys[k + 1]) / duration(k);
   };
   if (last == 1) return mean(0);
-  // A parabola's mean velocity is that of its ends' mean.
+  // A parabola's mean velocity is the mean of its end velocities.
   if (i == 0) return 2 * mean(0) - velocity_at(keys, 1);
   if (i == last) return 2 * mean(last - 1) - velocity_at(keys, last - 1);
   return (mean(i - 1) * duration(i) + mean(i) * duration(i - 1)) / (duration(i - 1) + duration(i));

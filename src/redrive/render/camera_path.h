@@ -30,8 +30,9 @@ struct CameraPath {
   std::vector<PathKey> keys;  ///< at least one; times increase
   double fps = 24;            ///< images a second
   double seconds = 0;         ///< duration; the keys' times are scaled to it
-  std::string camera;         ///< of the run, whose lens and exposure the images have; may be empty
-  std::optional<Camera> lens;  ///< of a path without such a camera, for a field of view of 90 deg
+  std::string camera;  ///< camera of the run, whose lens and exposure the images have; may be empty
+  /// lens of a path without such a camera, for a field of view of 90 deg
+  std::optional<Camera> lens;
 
   /// Number of images: round(seconds * fps), at least 1. They are spread evenly from the first key
   /// to the last.
@@ -41,11 +42,11 @@ struct CameraPath {
 };
 
 /// Interpolates at time t_s, clamped to the keys' times. Positions follow a cubic Hermite curve
-/// whose velocity at a key is that of the parabola through it and its neighbours (Overhauser; with
-/// even times Catmull-Rom), at the ends that of the parabola through the next two. Rotations follow
-/// the same curve of rotation vectors (Kim, Kim, Shin, SIGGRAPH 1995: cumulative Bezier basis). So
-/// velocities are continuous, and motions of constant acceleration are reproduced exactly. The
-/// field of view is linear.
+/// whose velocity at a key is the velocity of the parabola through it and its neighbours
+/// (Overhauser; with even times Catmull-Rom), at the ends of the parabola through the next two.
+/// Rotations follow the same curve of rotation vectors (Kim, Kim, Shin, SIGGRAPH 1995: cumulative
+/// Bezier basis). So velocities are continuous, and motions of constant acceleration are reproduced
+/// exactly. The field of view is linear.
 PathKey interpolate_path(const std::vector<PathKey>& keys, double t_s);
 
 /// Returns `lens` with another vertical field of view, (height / 2) / tan(fov / 2) as its f.
@@ -67,8 +68,8 @@ CameraPath path_of_file(const CameraPathFile& file, const Recording& recording, 
 PathKey path_key(const PathKeyframe& keyframe, const Recording& recording, const Scene& scene,
                  const std::filesystem::path& file, std::size_t index);
 
-/// Returns one exposure for the whole path, so that nothing flickers: that of `camera`, an index in
-/// the rig, at the scene's frame nearest to the middle of the path.
+/// Returns one exposure for the whole path, so that nothing flickers: the exposure of `camera`, an
+/// index in the rig, at the scene's frame nearest to the middle of the path.
 Exposure path_exposure(const CameraPath& path, const Scene& scene, int camera);
 
 }  // namespace redrive

@@ -49,7 +49,7 @@ std::size_t first_from(const std::vector<std::int64_t>& ascending, std::int64_t 
 }  // namespace
 
 std::int64_t DividedDrive::time_of(const Exposure& exposure) const {
-  constexpr std::int64_t kRounding_ns = 1'000'000;  // of an hour in single precision
+  constexpr std::int64_t kRounding_ns = 1'000'000;  // rounding of an hour in single precision
   const std::int64_t at_ns = t_ns.front() + std::llround(1e9 * double(exposure.t_s));
   const std::int64_t frame_ns = t_ns[first_from(t_ns, at_ns - kRounding_ns)];
   return std::abs(frame_ns - at_ns) <= kRounding_ns ? frame_ns : at_ns;
@@ -93,7 +93,7 @@ LogGains DividedModel::mean_log_gains(int block) const {
 }
 
 /// Returns the log gains of an exposure as a field of the drive's mean brightness would have them:
-/// those of the block whose core holds its time.
+/// the gains of the block whose core holds its time.
 LogGains DividedModel::drive_log_gains(const Exposure& exposure) const {
   if (drive_gains_ && drive_gains_->first.camera == exposure.camera &&
       drive_gains_->first.t_s == exposure.t_s)

@@ -19,12 +19,12 @@ namespace redrive {
 /// What a DividedModel knows of its drive.
 struct DividedDrive {
   std::vector<std::string> cameras;      ///< as Scene::rig
-  std::vector<std::int64_t> ids, t_ns;   ///< of the frames
+  std::vector<std::int64_t> ids, t_ns;   ///< ids and times of the frames
   std::vector<std::string> block_names;  ///< for messages
   BlockWay way;
   SeamExposure seams;
 
-  /// Returns the time of an exposure; near a frame that of the frame, without rounding.
+  /// Returns the time of an exposure; near a frame the frame's time, without rounding.
   std::int64_t time_of(const Exposure& exposure) const;
   /// Returns the block whose core has the first frame from at_ns on, or the last one.
   int block_at_time(std::int64_t at_ns) const;
@@ -51,11 +51,11 @@ class DividedModel final : public Model {
   bool uses_lidar() const override { return like_->uses_lidar(); }
   bool draws_actors() const override { return like_->draws_actors(); }
 
-  /// Draws an object that a block did not train on, such as one that an edit moved there, as the
-  /// block has it that gave it most Gaussians. Blends colours and opacity by BlockWay::weights at
+  /// Draws an object that a block did not train on, such as one that an edit moved there, by the
+  /// Gaussians of the block that gave it most. Blends colours and opacity by BlockWay::weights at
   /// the camera's middle row, depth also by opacity. An exposure at a time that a block did not
-  /// train on is that of the block that did, at the same brightness (train/seam_exposure.h). Throws
-  /// what loading a block throws.
+  /// train on is the exposure of the block that did, at the same brightness
+  /// (train/seam_exposure.h). Throws what loading a block throws.
   void render_to(kernels::Backend& backend, const RayTable& rays,
                  const ShutterPoses& world_from_camera, const Exposure& exposure,
                  RenderedImage* image) const override;
@@ -108,7 +108,7 @@ class DividedModel final : public Model {
   /// The Gaussians of an object, of the block that has most of them.
   struct Body {
     std::shared_ptr<const ActorBody> gaussians;  ///< null: no block has any
-    LogGains log_gains{};                        ///< of that block
+    LogGains log_gains{};                        ///< log gains of that block
   };
   const Body& body_of(std::int64_t id) const;
   /// Returns the body to draw in a block, and multiplies `gain` by what makes it equally bright;
@@ -127,9 +127,10 @@ class DividedModel final : public Model {
   std::unique_ptr<Model> like_;
   DividedDrive drive_;
   mutable BlockCache cache_;
-  mutable std::map<std::int64_t, Body> bodies_;  ///< by id, of those that a block borrowed
-  mutable std::optional<double> last_along_m_;   ///< of the camera rendered last
-  mutable std::optional<std::pair<Exposure, LogGains>> drive_gains_;  ///< of the last exposure
+  mutable std::map<std::int64_t, Body> bodies_;  ///< key: id of each one that a block borrowed
+  mutable std::optional<double> last_along_m_;   ///< place of the camera rendered last
+  /// the last exposure and its gains
+  mutable std::optional<std::pair<Exposure, LogGains>> drive_gains_;
   mutable RenderedImage neighbour_;  ///< memory of a neighbouring block's image
 };
 

@@ -32,8 +32,8 @@ struct SensorMotion {
   Rigid3d world_from_sensor(std::int64_t t_ns) const;
 };
 
-/// The axes of a scan's points: those of the sensor or of the body at the time of each point, or
-/// the world of the scene, where points are motion compensated.
+/// The axes of a scan's points: the sensor's or the body's at the time of each point, or the world
+/// of the scene, where points are motion compensated.
 enum class PointAxes { kSensor, kBody, kWorld };
 
 struct ScanOptions {
@@ -42,7 +42,7 @@ struct ScanOptions {
 };
 
 struct LidarScan {
-  std::vector<LidarRecord> points;                ///< by time; intensity 0
+  std::vector<LidarRecord> points;                ///< sorted by time; intensity 0
   std::size_t transparent = 0, out_of_range = 0;  ///< firings without a return, and why
 };
 

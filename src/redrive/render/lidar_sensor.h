@@ -23,12 +23,12 @@ struct LidarFirings {
 
 /// A spinning LiDAR. All its beams fire together at each azimuth step.
 struct SpinningLidar {
-  std::vector<double> elevation_deg;  ///< of the beams, upwards
-  int azimuth_steps = 1800;           ///< of a revolution
+  std::vector<double> elevation_deg;  ///< elevations of the beams, upwards
+  int azimuth_steps = 1800;           ///< firings in a revolution
   double rate_hz = 10;                ///< revolutions a second
 
   /// Returns a revolution that begins behind, turns clockwise seen from above and looks ahead at
-  /// t_ns, as that of KITTI.
+  /// t_ns, like KITTI's.
   LidarFirings revolution(std::int64_t t_ns) const;
 };
 
@@ -41,15 +41,15 @@ inline constexpr const char* kBeamsRule =
     "must be recorded, N beams, N:MIN:MAX (N beams from MIN to MAX degrees) or elevations E1,E2,.. "
     "in degrees; at most 256 within -90..90, e.g. 64 or 64:-24.8:2";
 
-/// Returns the firings of the recorded revolution of a frame: those of which a return is recorded,
+/// Returns the firings of the recorded revolution of a frame: firings with a recorded return,
 /// without returns on the vehicle itself; of several revolutions the one whose middle is nearest to
 /// the frame. Nothing where the recording has no revolution or no pose of the frame, or none of the
-/// points has a pose. Axes are those of Recording::body_from_lidar, which must be known. InputError
-/// for a damaged file.
+/// points has a pose. Axes are those that Recording::body_from_lidar describes, which must be
+/// known. InputError for a damaged file.
 std::optional<LidarFirings> recorded_firings(const Recording& recording, const Scene& scene,
                                              std::int64_t frame_id, ThreadPool& pool);
 
-/// Axes of a LiDAR (x forward, y left, z up) in those of a camera that looks ahead.
+/// Returns the axes of a LiDAR (x forward, y left, z up) in the axes of a camera that looks ahead.
 Rigid3d camera_from_lidar_axes();
 
 }  // namespace redrive

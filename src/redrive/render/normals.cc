@@ -12,7 +12,7 @@
 namespace redrive {
 namespace {
 
-constexpr int kRadius = 3;  // of the window, pixels
+constexpr int kRadius = 3;  // radius of the window, pixels
 constexpr float kLeastOpacity = 0.5f;
 constexpr double kSameSurface = 0.05;  // difference of distance, of the distance
 

@@ -10,7 +10,7 @@
 namespace redrive {
 namespace {
 
-constexpr float kLength = 4;  // of the rays to the second plane, metres
+constexpr float kLength = 4;  // length of the rays to the second plane, metres
 
 /// Image of the plane normal . x = -distance on pixels left of `edge`, and of one that faces the
 /// camera's pixels at kLength metres on the others; 0 where a ray misses.

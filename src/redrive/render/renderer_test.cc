@@ -76,7 +76,7 @@ std::unique_ptr<NerfModel> nerf_model(int fine_samples) {
   return made;
 }
 
-/// Every pixel has its own direction except those of column 7, which have none.
+/// Every pixel has its own direction except in column 7, which has none.
 RayTable make_table(int width, int height) {
   RayTable table;
   table.width = width;

@@ -16,8 +16,8 @@ namespace redrive {
 
 /// The axes along which a camera is shifted.
 enum class ShiftAxes {
-  kBody,    ///< of the body: x forward, y left, z up
-  kCamera,  ///< of the camera: x right, y down, z forward
+  kBody,    ///< body axes: x forward, y left, z up
+  kCamera,  ///< camera axes: x right, y down, z forward
   kLocal    ///< level: z up (normal of the WGS84 ellipsoid at the car), x the heading's horizontal
             ///< part, y left
 };
@@ -42,13 +42,13 @@ Exposure exposure_at(const Recording& recording, const Scene& scene, const std::
 
 /// Returns the level axes at the body's position, in the world: columns x, y, z of
 /// ShiftAxes::kLocal. Nothing where the pose is not on the Earth (6.2e6 to 6.6e6 m from its centre)
-/// or the heading is vertical. The normal is taken as that of the ellipsoid through the point,
-/// within 1e-6 rad of the geodetic one for heights up to 1 km.
+/// or the heading is vertical. The normal is taken as the normal of the ellipsoid through the
+/// point, within 1e-6 rad of the geodetic one for heights up to 1 km.
 std::optional<Eigen::Matrix3d> world_from_local_axes(const Rigid3d& global_from_world,
                                                      const Rigid3d& world_from_body);
 
-/// Returns the world's direction up, of length 1: z where the world is metric, else that of the
-/// mean camera.
+/// Returns the world's direction up, of length 1: z where the world is metric, else the mean
+/// camera's.
 Eigen::Vector3d up_in_world(const Scene& scene);
 
 /// Returns world_from_camera of a camera on the body, translated by shift_m along `axes`. Throws
@@ -61,8 +61,8 @@ Rigid3d shifted_camera(const Rigid3d& global_from_world, const Rigid3d& world_fr
 /// positive to the left, then by pitch about the camera's x axis, positive upwards.
 Rigid3d turned_sensor(const Rigid3d& body_from_sensor, double yaw_rad, double pitch_rad);
 
-/// Returns a camera of one's own, which exposes at the time of the frame and whose name is that of
-/// no camera of the run; nothing where the run has no camera of the lens's name.
+/// Returns a camera of one's own, which exposes at the time of the frame and whose name no camera
+/// of the run has; nothing where the run has no camera of the lens's name.
 std::optional<RigCamera> mounted_camera(const Mount& mount, const Lens& lens, const Scene& scene);
 
 /// Returns the cameras of a poses file: its own as recorded, or with `like_run` undistorted (except

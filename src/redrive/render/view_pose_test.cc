@@ -122,7 +122,7 @@ class Requested : public testing::Test {
   }
   Scene scene;
   Recording recording;
-  std::vector<CameraCalibration> cameras;  // of the poses file
+  std::vector<CameraCalibration> cameras;  // cameras of the poses file
 };
 
 TEST_F(Requested, PrefersAbsolutePosesUnlessAskedForShifts) {
@@ -149,8 +149,8 @@ TEST_F(Requested, ShiftsThePoseOfTheCamerasOwnExposure) {
   EXPECT_NEAR(position(view).norm(), 0, kTolerance_m);
 }
 
-// The file's calibration replaces the run's entirely: its offset counts, not that of the run's
-// camera of this name.
+// The file's calibration replaces the run's entirely: its offset counts, not the offset of the
+// run's camera of this name.
 TEST_F(Requested, UsesTheTimeOffsetOfThePosesFilesCamera) {
   scene.rig[0].time_offset_ns = 25;
   cameras.emplace_back();

@@ -19,7 +19,7 @@
 namespace redrive {
 namespace {
 
-constexpr std::size_t kPointsShown = 4000;  // of a camera's residuals
+constexpr std::size_t kPointsShown = 4000;  // residuals shown of a camera, at most
 
 std::string number(const char* format, ...) __attribute__((format(printf, 1, 2)));
 std::string number(const char* format, ...) {

@@ -50,7 +50,7 @@ TEST(AlignPage, RotationsHaveOneNameInTableAndCurves) {
   EXPECT_THAT(html, HasSubstr("<th>roll deg</th><th>pitch deg</th><th>yaw deg</th>"));
   EXPECT_THAT(html, HasSubstr("<td>unobservable</td><td>+0.000 \u00b1 0.000</td>"
                               "<td>+0.500 \u00b1 0.050</td>"));
-  // By curve: value, and two standard deviations below and above it.
+  // For each curve: value, and two standard deviations below and above it.
   EXPECT_THAT(script, HasSubstr("\n0.0666667 0 0 0 0 0 0 0.5 0.4 0.6\n"));
   EXPECT_LT(script.find("title 'roll'"), script.find("title 'pitch'"));
   EXPECT_LT(script.find("title 'pitch'"), script.find("title 'yaw'"));

@@ -22,11 +22,11 @@
 namespace redrive {
 namespace {
 
-constexpr std::size_t kRowsShown = 100;   // of the table
-constexpr double kFarthestBox_m = 80;     // of boxes in images
+constexpr std::size_t kRowsShown = 100;   // rows of the table, at most
+constexpr double kFarthestBox_m = 80;     // boxes drawn in images, at most so far away
 constexpr double kClear_m = 20;           // a nearer object is as good to see
-constexpr double kParkedCounts = 0.2;     // of a moving object
-constexpr int kFineBits = 4;              // of pixels
+constexpr double kParkedCounts = 0.2;     // weight of a parked object; a moving one has 1
+constexpr int kFineBits = 4;              // fractional bits of pixels
 constexpr std::size_t kLabelsAbove = 40;  // more would hide the tracks
 const cv::Scalar kMoving(255, 140, 0), kParked(90, 170, 255), kShadow(0, 0, 0);  // RGB
 

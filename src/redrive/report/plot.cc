@@ -26,7 +26,7 @@ constexpr int kLabelledEpochs = 6;      // more labels would overlap
 
 /// The differences between the two plots.
 struct Axis {
-  const char* name;  ///< of the files
+  const char* name;  ///< name of the files
   const char* label;
   std::string setup;  ///< gnuplot lines
   double MetricsRow::*value;

@@ -18,7 +18,7 @@ namespace redrive {
 constexpr int kPlotWidth_px = 1000;
 
 struct PlotAxes {
-  std::string name;  ///< of the files: <name>.gnuplot, <name>.png
+  std::string name;  ///< name of the files: <name>.gnuplot, <name>.png
   std::string x_label, y_label;
   int height_px = 560;
 };
@@ -28,7 +28,8 @@ int height_with_cameras(std::size_t cameras);
 std::string plot_preamble(const PlotAxes& axes);
 /// Quotes any text as a string of a script.
 std::string gnuplot_string(const std::string& text);
-/// Returns axis ranges to scale: those of a box with a margin, widened to the plot's aspect ratio.
+/// Returns axis ranges to scale: the ranges of a box with a margin, widened to the plot's aspect
+/// ratio.
 std::string equal_axes(const Eigen::AlignedBox2d& shown, double margin);
 /// Returns the colour of curve `index`, of distinct hue: "#1f4e8c".
 std::string plot_colour(std::size_t index);

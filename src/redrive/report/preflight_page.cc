@@ -18,7 +18,7 @@
 namespace redrive {
 namespace {
 
-constexpr double kNearest_m = 2, kFarthest_m = 80;  // of LiDAR's colours
+constexpr double kNearest_m = 2, kFarthest_m = 80;  // range of the LiDAR's colours
 constexpr double kLidarAround_s = 0.06;             // about a revolution
 constexpr std::size_t kLidarShown = 6000;           // points: more would hide the image
 constexpr std::size_t kTriedShown = 6;

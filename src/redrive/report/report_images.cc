@@ -90,7 +90,7 @@ ImageRow camera_image_row(const Run& run, kernels::Backend& backend, int camera,
   const Image8 original = scored_image(run, view);
   const RayTable table = make_ray_table(rig.camera);
   const auto render_shifted = [&](ShiftAxes axes, double x_m) {
-    std::vector<Rigid3d> keys;  // of the image's own shutter
+    std::vector<Rigid3d> keys;  // poses of the image's own shutter
     for (const Rigid3d& world_from_body :
          view.by_row.empty() ? std::vector{view.world_from_body} : view.by_row)
       keys.push_back(shifted_camera(run.scene.global_from_world, world_from_body,

@@ -24,7 +24,7 @@ struct ImageRow {
 };
 
 constexpr double kPerturbation_m = 0.5;  ///< shift of the extrinsic along x
-constexpr int kDifferenceGain = 4;       ///< of difference images
+constexpr int kDifferenceGain = 4;       ///< factor of difference images
 
 /// Returns the training view that the figures show for a camera of the rig: drawn at random by the
 /// run's seed.

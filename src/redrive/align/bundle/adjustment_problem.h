@@ -20,7 +20,7 @@ namespace redrive {
 struct TriangulatedTrack {
   int track = 0;
   InverseDepthPoint point;
-  std::vector<std::uint8_t> used;  ///< by observation
+  std::vector<std::uint8_t> used;  ///< one per observation
   std::vector<Eigen::Vector2d> errors;
 };
 

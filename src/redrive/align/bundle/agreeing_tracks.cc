@@ -13,7 +13,7 @@ namespace {
 constexpr double kMinSigma_px = 0.05;  // lower bound of the noise of an image
 constexpr double kContradicted = 0.5;  // share of a frame's observations that agree with its pose:
                                        // below, it begins again between its neighbours
-constexpr int kMostRestarts = 2;       // of a frame
+constexpr int kMostRestarts = 2;       // restarts of a frame, at most
 
 /// All tracks that can be triangulated with the present corrections, by track.
 std::vector<TriangulatedTrack> triangulate_tracks(const RigModel& model,

@@ -31,7 +31,8 @@ constexpr double kMaxTied_m = 40;      // distance of points that are tied to su
 constexpr double kUnsupported = 0.25;  // share of a frame's observations that agree with its pose
 constexpr double kMuchLarger = 5;      // times the median correction: no measure of the usual ones
 constexpr int kLeastRounds = 4;
-constexpr double kConvergedSigmas = 0.1;  // of a pose: a round's change that counts as converged
+// A round has converged when it changes poses by less than this part of their sigma.
+constexpr double kConvergedSigmas = 0.1;
 constexpr double kNear = 10;  // times the least change below: standard deviations may exceed it
 constexpr double kConverged_m = 1e-3, kConverged_rad = 3e-5,
                  kConverged_s = 1e-4;  // least change of a round that counts

@@ -41,8 +41,9 @@ struct UnobservableTimeOffset {
 
 struct BundleOptions {
   BundlePriors priors;
-  bool intrinsics = false;     ///< whether to estimate focal length and principal point
-  std::vector<bool> readouts;  ///< by camera, whether to estimate the readout; empty: of none
+  bool intrinsics = false;  ///< whether to estimate focal length and principal point
+  /// one per camera: whether to estimate the readout; empty: none is estimated
+  std::vector<bool> readouts;
   PlaneOptions planes;
   std::vector<UnobservableTimeOffset> held_offsets;  ///< known to be unobservable
   bool fixed_cameras = false;  ///< whether extrinsics and time offsets keep their initial values
@@ -78,12 +79,12 @@ struct ImageResidual {
 
 struct BundleResult {
   std::vector<CameraFit> cameras;
-  std::vector<ImageResidual> residuals;             ///< of the inliers
+  std::vector<ImageResidual> residuals;             ///< inliers only
   int tracks = 0, lidar_points = 0, patches = 0;    ///< inliers
   double initial_lidar_rms_m = 0, lidar_rms_m = 0;  ///< distance of LiDAR points to their planes
-  std::vector<int> ties_of_camera;         ///< by camera: points tied to surfaces of the LiDAR
-  std::vector<ContrastFit> contrast;       ///< by camera; empty: not computed
-  std::vector<int> observations_in_frame;  ///< by frame
+  std::vector<int> ties_of_camera;         ///< one per camera: points tied to surfaces of the LiDAR
+  std::vector<ContrastFit> contrast;       ///< one per camera; empty: not computed
+  std::vector<int> observations_in_frame;  ///< one per frame
   /// Indices of frames whose observations contradict every pose that was tried: they stand between
   /// their neighbours, and what the covariance says of them is not so.
   std::vector<int> unsupported_frames;
@@ -99,8 +100,8 @@ struct BundleResult {
   Eigen::MatrixXd covariance;
   Eigen::MatrixXd robust_covariance;  ///< ReducedCovariance::robust, in the same order
   Eigen::VectorXd variance;           ///< ReducedCovariance::variance, likewise
-  /// By camera: the index of its time offset and its readout in these; nothing where they were not
-  /// estimated.
+  /// One per camera: the index of its time offset and its readout in these; nothing where they were
+  /// not estimated.
   std::vector<std::optional<int>> offset_index, readout_index;
 };
 

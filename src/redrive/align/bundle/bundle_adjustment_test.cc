@@ -221,8 +221,8 @@ TEST(Bundle, UnobservableReadoutsKeepTheirInitialValue) {
   EXPECT_FALSE(result.camera_corrections[0].readout_sigma_s);
 }
 
-// The scale is that of the egomotion: 6 cm RMS over 12 m with a correlation of a second leave 1
-// %, 3 cm RMS of position.
+// The scale is the egomotion's: 6 cm RMS over 12 m with a correlation of a second leave 1 %, 3 cm
+// RMS of position.
 TEST(Bundle, RefinesPosesFromOneCameraWithoutLidar) {
   SyntheticOptions options = short_drive();
   options.lidar_points = 0;
@@ -248,8 +248,8 @@ SyntheticRig rolled_camera(SyntheticOptions options, double roll_deg) {
   return rig;
 }
 
-// The road and the walls that the camera sees are those of the LiDAR: 0.3 degrees lift a point 5 m
-// to the side by 2.6 cm.
+// The camera sees the same road and walls as the LiDAR: 0.3 degrees lift a point 5 m to the side by
+// 2.6 cm.
 TEST(Bundle, PointsOnLidarSurfacesTellRollOnAStraightDrive) {
   const SyntheticRig rig = rolled_camera(short_drive(), 0.3);
   const AlignResult result = aligned(rig);

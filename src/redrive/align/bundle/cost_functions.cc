@@ -155,7 +155,7 @@ class ReprojectionCost final : public ceres::SizedCostFunction<2, 6, 6, 6, 1, 1,
   double offset_s_, readout_s_, after_middle_;
   Eigen::Vector2d pixel_;
   double sigma_px_;
-  Matrix3d axes_;    // the point's axes, in those of the initial body
+  Matrix3d axes_;    // the point's axes in the initial body's axes
   Vector3d anchor_;  // likewise
 };
 
@@ -238,7 +238,7 @@ class PointOnSurfaceCost final : public ceres::SizedCostFunction<1, 6, 6, 3> {
  private:
   LocalMotion motion_;
   SurfaceElement surface_;
-  Matrix3d axes_;    // the point's axes, in those of the initial body
+  Matrix3d axes_;    // the point's axes in the initial body's axes
   Vector3d anchor_;  // likewise
 };
 

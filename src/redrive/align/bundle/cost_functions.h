@@ -30,7 +30,7 @@ struct InverseDepthPoint {
 struct SurfaceElement {
   Eigen::Vector3d in_body = Eigen::Vector3d::Zero(),
                   normal = Eigen::Vector3d::UnitZ();  ///< unit
-  double sigma_m = 0;                                 ///< of image points' distances from it
+  double sigma_m = 0;  ///< standard deviation of image points' distances from it
 };
 
 /// Stands for the residual where a camera does not see the point.

@@ -23,9 +23,9 @@ std::vector<int> doubtful_frames(const std::vector<FrameSupport>& support, doubl
 /// Nothing where all frames are listed.
 void place_between_neighbours(const std::vector<int>& frames, RigModel* model);
 
-/// Standard deviations of a pose that place_between_neighbours interpolated, beyond those of its
-/// neighbours: RMS deviations of the poses of other frames from such interpolations. `listed`: as
-/// there; `frame`: one of them. Infinite where there is no such other frame.
+/// Standard deviations of a pose that place_between_neighbours interpolated, beyond its neighbours'
+/// own: RMS deviations of the poses of other frames from such interpolations. `listed`: as there;
+/// `frame`: one of them. Infinite where there is no such other frame.
 Vector6d interpolation_sigma(const RigModel& model, const std::vector<int>& listed, int frame);
 
 }  // namespace redrive

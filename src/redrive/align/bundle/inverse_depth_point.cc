@@ -16,7 +16,8 @@ constexpr double kBehindInfinity = -0.01;  // 1/m: the noise of distant points m
 using Terms = std::vector<std::unique_ptr<ceres::CostFunction>>;
 
 struct Parameters {
-  std::vector<std::array<const double*, 7>> of;  // by observation; the last is the point's
+  // one per observation; the last parameter is the point's
+  std::vector<std::array<const double*, 7>> of;
 };
 
 Terms terms_of(const RigModel& model, const ExposureMotions& times, const Track& track,

@@ -20,7 +20,7 @@ class ExposureMotions {
 
  private:
   const RigModel& model_;
-  std::vector<std::vector<LocalMotion>> motions_;  ///< by camera and frame
+  std::vector<std::vector<LocalMotion>> motions_;  ///< [camera][frame]
 };
 
 /// The point that minimises the reprojection errors under a Cauchy loss of 2 sigma_px[camera]:

@@ -11,8 +11,9 @@ namespace {
 constexpr double kNear_m = 1;           // distance of a point to a return of its patch
 constexpr double kPointSigma_m = 0.01;  // deviation of a point from its surface, beside the noise
 
-constexpr double kCorner_m = 0.5;       // of a point to a return of a patch that faces elsewhere,
-constexpr double kSameDirection = 0.9;  // by this cosine
+// A point this near to a return of a patch that faces elsewhere lies in a corner
+constexpr double kCorner_m = 0.5;
+constexpr double kSameDirection = 0.9;  // cosine above which two patches face the same way
 
 using Key = std::array<std::int64_t, 3>;
 

@@ -16,9 +16,10 @@ namespace redrive {
 
 struct LidarTie {
   std::size_t point = 0;   ///< index of the image point
-  std::int64_t t_ns = 0;   ///< of the return nearest to the point
+  std::int64_t t_ns = 0;   ///< time of the return nearest to the point
   SurfaceElement surface;  ///< its patch, at the point
-  double distance_m = 0;   ///< of the point from the surface by the present corrections, signed
+  /// signed distance of the point from the surface under the present corrections
+  double distance_m = 0;
 };
 
 /// The position of a point in the world; nothing beyond max_m from its anchor.

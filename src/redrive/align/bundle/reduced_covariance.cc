@@ -20,15 +20,15 @@ constexpr double kMinFraction = 0.2;  // lower bound: less curvature comes from 
 /// The gradient of one row, which belongs to an eliminated block.
 struct RowTerms {
   int group = -1;
-  std::vector<std::pair<int, double>> gradient;  ///< by parameter of the rig
-  Eigen::Vector3d own;                           ///< by those of the block
+  std::vector<std::pair<int, double>> gradient;  ///< key: parameter of the rig
+  Eigen::Vector3d own;  ///< derivatives with respect to the block's own parameters
 };
 
 /// One eliminated block: its own part of the normal matrix, that with the rig, and its rows.
 struct Eliminated {
   double curvature = 1;  ///< as a fraction of the normal matrix: curvature_fractions
   Eigen::Matrix3d own = Eigen::Matrix3d::Zero();
-  std::map<int, Eigen::Vector3d> with_rig;  ///< by parameter of the rig
+  std::map<int, Eigen::Vector3d> with_rig;  ///< key: parameter of the rig
   std::vector<RowTerms> rows;
 };
 
@@ -77,7 +77,7 @@ class GroupGradients {
   std::map<int, Eigen::VectorXd> sums_;
 };
 
-/// By row; -1: none.
+/// One per row; -1: none.
 std::vector<int> groups_of_rows(const ceres::Problem& problem,
                                 const std::vector<ceres::ResidualBlockId>& blocks,
                                 const ResidualGroups& groups) {
@@ -90,8 +90,8 @@ std::vector<int> groups_of_rows(const ceres::Problem& problem,
   return of_row;
 }
 
-/// By row: the curvature of the robust loss as a fraction of its weight, averaged over all
-/// residuals of that loss, since the curvature of a single outlier is negative. 1 without a loss;
+/// One per row: the curvature of the robust loss as a fraction of its weight, averaged over all
+/// residuals with that loss, since the curvature of a single outlier is negative. 1 without a loss;
 /// 3/4 for normal errors and a Cauchy loss of 2 sigma.
 std::vector<double> curvature_fractions(const ceres::Problem& problem,
                                         const std::vector<ceres::ResidualBlockId>& blocks,
@@ -100,7 +100,7 @@ std::vector<double> curvature_fractions(const ceres::Problem& problem,
     double weight = 0, curvature = 0;
   };
   std::map<const ceres::LossFunction*, Sums> of_loss;
-  std::vector<const ceres::LossFunction*> losses;  // by row
+  std::vector<const ceres::LossFunction*> losses;  // one per row
   for (const ceres::ResidualBlockId id : blocks) {
     const ceres::LossFunction* const loss = problem.GetLossFunctionForResidualBlock(id);
     const int rows = problem.GetCostFunctionForResidualBlock(id)->num_residuals();

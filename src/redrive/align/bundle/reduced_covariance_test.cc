@@ -130,8 +130,8 @@ TEST(ReducedCovariance, AccountsForCorrelatedResidualsOfAGroup) {
 }
 
 // A number is measured at 60 points, four times each with the same error of one sigma, under a
-// Cauchy loss of scale two. The stated covariance is that of repetitions. (With the loss's weights
-// as curvature it would be three quarters of that.)
+// Cauchy loss of scale two. The stated covariance equals the covariance of repetitions. (With the
+// loss's weights as curvature it would be three quarters of it.)
 TEST(ReducedCovariance, AgreesWithRepetitionsUnderRobustLosses) {
   constexpr int kRepetitions = 400, kPoints = 60, kEach = 4;
   testing::SyntheticNoise noise(23);
@@ -168,8 +168,8 @@ TEST(ReducedCovariance, AgreesWithRepetitionsUnderRobustLosses) {
       << "400 repetitions measure a standard deviation to 3.5 %";
 }
 
-// Residuals that happen to agree, as those of a few points do, do not lower the variance.
-// Unmeasured parameters have one of 1e12.
+// Residuals that happen to agree, as with few points, do not lower the variance. Unmeasured
+// parameters have one of 1e12.
 TEST(ReducedCovariance, IsNoLessThanThatOfIndependentResiduals) {
   std::array<double, 2> value{};
   std::array<double, 3> point{};

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // A drive through a street of points and walls, without images, with known ground truth. Between
-// frames the true motion is that of a RigModel through the true poses, so that the model is exact.
+// frames the true motion is the motion of a RigModel through the true poses, so that the model is
+// exact.
 #pragma once
 
 #include <cmath>
@@ -33,12 +34,12 @@ struct SyntheticOptions {
   double pose_noise_m = 0.06, pose_noise_rad = 0.12 * kRadiansPerDegree;  ///< RMS about each axis
   double noise_px = 0.2, noise_m = 0.02;
   double yaw_rad = 0.15 * kRadiansPerDegree;  ///< error of the first camera's calibration
-  double offset_s = 0.012;                    ///< of the second camera; not in its calibration
-  double readout_s = 0;                       ///< of all cameras; not in their calibration
+  double offset_s = 0.012;                    ///< the second camera's; not in its calibration
+  double readout_s = 0;                       ///< all cameras'; not in their calibration
   bool straight = false;                      ///< at constant velocity, without bumps and sway
   bool joined = true;  ///< a point is one track of all cameras that see it, else one per camera
   bool on_surfaces = true;  ///< near points are on the LiDAR's road and walls, else between them
-  std::vector<int> cameras{0, 1, 2};  ///< of front pinhole, left fisheye, right fisheye
+  std::vector<int> cameras{0, 1, 2};  ///< front pinhole, left fisheye, right fisheye
 };
 
 class SyntheticNoise {
@@ -138,7 +139,7 @@ inline SyntheticRig make_synthetic_rig(const SyntheticOptions& options = {}) {
   const auto street_from_body = [&](std::int64_t t_ns) {
     return street_from_world * true_motion.motion_at(t_ns).world_from_body;
   };
-  /// At the image's time plus that of the row relative to the middle one.
+  /// At the image's time plus the row's time relative to the middle row.
   const auto camera_from_street_at = [&](const CameraCalibration& camera, int f,
                                          std::int64_t later_ns) {
     const std::int64_t t_ns =

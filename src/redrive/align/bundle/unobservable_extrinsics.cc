@@ -12,7 +12,8 @@ namespace redrive {
 namespace {
 
 constexpr double kSignificantSigmas = 3;  // standard deviations
-constexpr double kMaxSigma_m = 0.02, kMaxSigma_rad = 0.1 * kRadiansPerDegree;  // of these
+// largest sigma of an extrinsic that counts as observable
+constexpr double kMaxSigma_m = 0.02, kMaxSigma_rad = 0.1 * kRadiansPerDegree;
 // Errors that observations share: lens models, shapes of surfaces, a LiDAR's own calibration.
 constexpr double kMotion_rad = 0.02 * kRadiansPerDegree,  // rotation of camera against car
     kMotion_m = 0.002,                                    // motion across the driving direction

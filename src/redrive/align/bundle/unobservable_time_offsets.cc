@@ -43,8 +43,8 @@ struct OffsetEstimate {
   }
 };
 
-/// The estimate relative to the mean of the others, of which there is at least one. Its variance is
-/// that of independent residuals, scaled as the robust variance of the offset itself is.
+/// The estimate relative to the mean of the others, at least one. Its variance is the variance of
+/// independent residuals, scaled like the robust variance of the offset itself.
 OffsetEstimate against_others(const Eigen::MatrixXd& covariance,
                               const std::vector<OffsetEstimate>& offsets,
                               const OffsetEstimate& offset) {

@@ -28,7 +28,7 @@ constexpr double kLevel_px = 20;    // sd over which the image's contrast is nor
 constexpr float kMinAround = 0.1f;  // fraction of the surroundings with LiDAR returns
 constexpr float kNoise = 1;         // grey levels: weaker contrast is not amplified
 constexpr double kFine_px = 1.2;    // low-pass of the image
-constexpr int kSteps = 20;          // of the search, to each side
+constexpr int kSteps = 20;          // steps of the search to each side
 constexpr int kPeak = 4;            // steps to each side that a peak is fitted to
 // Largest jackknife deviations over images. Along the road, features of LiDAR and image may differ
 // by kMinAlong_m however many agree.

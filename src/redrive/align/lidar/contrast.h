@@ -16,7 +16,7 @@ namespace redrive {
 
 /// Input of fit_time_offsets.
 struct ContrastData {
-  const RigImages& images;                  ///< of any size; larger ones give a finer estimate
+  const RigImages& images;                  ///< any size; larger ones give a finer estimate
   const std::vector<LidarSample>& samples;  ///< all of the drive
 };
 
@@ -26,8 +26,9 @@ struct ContrastFit {
   /// Correlation of both contrasts, -1..1, over time offsets kContrastStep_s apart around the
   /// model's present one.
   std::vector<double> correlation;
-  bool observable = false;           ///< whether there is a peak on which all images agree
-  double offset_s = 0, sigma_s = 0;  ///< of the peak, with the rest of the model fixed
+  bool observable = false;  ///< whether there is a peak on which all images agree
+  /// position and sigma of the peak, with the rest of the model fixed
+  double offset_s = 0, sigma_s = 0;
   double now() const { return correlation[correlation.size() / 2]; }
 };
 constexpr double kContrastStep_s = 2e-3;

@@ -20,8 +20,9 @@ constexpr double kClosestEdge_m = 2, kFarthestEdge_m = 60;
 constexpr int kEdgeCell_px = 2;
 constexpr int kMaxCells = 3;  // between the two returns of an edge
 constexpr double kMinRatio = 4.0 / 3, kMinStep_m = 1;
-constexpr double kSameSurface = 0.08;  // of the distance, to the next return of a surface
-constexpr double kSmooth_px = 1;       // sd of the filter before gradients
+// largest step between neighbouring returns of one surface, as a part of the distance
+constexpr double kSameSurface = 0.08;
+constexpr double kSmooth_px = 1;                          // sd of the filter before gradients
 constexpr std::array<double, 4> kBeside_px{4, 6, 8, 10};  // from an edge to its parallels
 constexpr double kStep_px = 0.5;
 constexpr int kMinParallels = 4;

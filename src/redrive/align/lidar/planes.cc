@@ -20,7 +20,7 @@ constexpr int kMinTimes = 3;
 constexpr std::size_t kMaxSamplesOfPatch =
     40;  // more points of one patch add little: they share its roughness
 constexpr double kMinSigma_m = 0.005;
-constexpr double kMinInliers = 0.75;  // of a cell's points that have to lie on its plane
+constexpr double kMinInliers = 0.75;  // share of a cell's points that have to lie on its plane
 
 using Key = std::array<std::int64_t, 3>;
 

@@ -76,8 +76,8 @@ struct PlaneParameters {
 struct PlanarPatch {
   PlaneParameters plane;
   std::vector<int> samples;  ///< on it, by index
-  double sigma_m = 0;  ///< of their distances (errors of the poses, range noise, roughness); at
-                       ///< least 5 mm
+  /// sigma of their distances (errors of the poses, range noise, roughness); at least 5 mm
+  double sigma_m = 0;
 };
 
 /// Finds patches with the present corrections. Each has samples at three times at least 50 ms

@@ -18,12 +18,14 @@ using Eigen::Vector3d;
 using Eigen::Vector3i;
 using Matrix6 = Eigen::Matrix<double, 6, 6>;
 
-constexpr double kPixel_m = 0.5, kUpright_m = 0.7;  // of the view from above
+constexpr double kPixel_m = 0.5, kUpright_m = 0.7;  // pixel and least height of the view from above
 constexpr double kTurn_rad = 1 * kRadiansPerDegree;
-constexpr double kCell_m = 1, kThinned_m = 0.5;  // of planes; of the points moved onto them
+// cells of planes; cells of the points moved onto them
+constexpr double kCell_m = 1, kThinned_m = 0.5;
 constexpr int kMinCellPoints = 8;
-constexpr double kMaxPlane_m = 0.1;                   // deviation of points from their plane
-constexpr double kOnPlane_m = 0.15, kNoise_m = 0.05;  // of points that fit; of a cell
+constexpr double kMaxPlane_m = 0.1;  // deviation of points from their plane
+// distance of a point that fits; noise of a cell
+constexpr double kOnPlane_m = 0.15, kNoise_m = 0.05;
 constexpr double kLeastSigma_m = 0.02, kLeastSigma_rad = 0.03 * kRadiansPerDegree;
 constexpr double kUnknown_m = 3, kUnknown_rad = 3 * kRadiansPerDegree;  // without any surface
 constexpr double kSeen_m = 25, kAboveGround_m = 0.4;
@@ -174,12 +176,13 @@ Cells cells_of(const PointMap& points) {
   Cells cells;
   for (const Vector3d& p : points) {
     const Vector3i at = cell_of(p, kCell_m);
-    const Vector3d inside = p - kCell_m * at.cast<double>();  // of small numbers
+    // relative to the cell, so that numbers stay small
+    const Vector3d inside = p - kCell_m * at.cast<double>();
     Cell& cell = cells[key_of(at)];
     cell.n += 1;
     cell.sum += inside;
     cell.squares += inside * inside.transpose();
-    cell.plane.mean = kCell_m * at.cast<double>();  // of its corner until all are added
+    cell.plane.mean = kCell_m * at.cast<double>();  // the corner until all points are added
   }
   for (auto& [key, cell] : cells) {
     const Vector3d mean = cell.sum / cell.n;

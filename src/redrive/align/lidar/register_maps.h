@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Registers LiDAR points of one pass of a place with those of another: upright surfaces seen from
-// above are correlated over all shifts within a bound (Olson, "Real-Time Correlative Scan
-// Matching", 2009), and points are then moved onto the planes of the other pass (point to plane;
-// Chen and Medioni 1992).
+// Registers the LiDAR points of two passes of a place: upright surfaces seen from above are
+// correlated over all shifts within a bound (Olson, "Real-Time Correlative Scan Matching", 2009),
+// and points are then moved onto the planes of the other pass (point to plane; Chen and Medioni
+// 1992).
 #pragma once
 
 #include <optional>
@@ -18,12 +18,12 @@ namespace redrive {
 /// Points in metres, in the axes of the body at the middle of a stretch of the way.
 using PointMap = std::vector<Eigen::Vector3d>;
 
-constexpr double kMapReach_m = 40;  ///< of points that count, horizontally
+constexpr double kMapReach_m = 40;  ///< horizontal distance up to which points count
 
 struct MapRegistration {
   Rigid3d target_from_source = Rigid3d::Identity();
-  /// Of the source's pose, in its axes: translation (m), rotation (rad). Large along what the
-  /// surfaces do not tell. At least (2 cm)^2 and (0.03 degrees)^2.
+  /// Covariance of the source's pose, in its axes: translation (m), rotation (rad). Large along
+  /// what the surfaces do not constrain. At least (2 cm)^2 and (0.03 degrees)^2.
   Eigen::Matrix<double, 6, 6> covariance = Eigen::Matrix<double, 6, 6>::Zero();
   double overlap = 0;  ///< part of the source's points that lie where the target has some
   /// Part of the source's points above the ground, within 25 m of both places, that lie on surfaces

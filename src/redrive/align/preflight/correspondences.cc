@@ -17,7 +17,7 @@ constexpr double kMaxEpipolar_px = 1;
 // Least mean square of the gradient in its weaker direction, of 2 grey levels a pixel, in OpenCV's
 // unit: its derivatives are 32 times too large, their squares 2^20 times too small.
 constexpr double kMinEigenvalue = 2.0 * 2.0 * 32 * 32 / (1 << 20);
-constexpr double kQuality = 0.005;  // of a corner, against the image's best
+constexpr double kQuality = 0.005;  // quality of a corner, relative to the image's best
 
 std::vector<cv::Mat> pyramid_of(const cv::Mat& grey) {
   std::vector<cv::Mat> pyramid;

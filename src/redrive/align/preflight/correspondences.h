@@ -19,7 +19,7 @@ struct Correspondence {
 struct CorrespondenceOptions {
   double min_driven_m = 1.2;  ///< distance driven between two images,
   int max_frames = 4;         ///< limited to these frames
-  int pairs = 16;             ///< of images, spread over the drive
+  int pairs = 16;             ///< pairs of images, spread over the drive
   int points_per_image = 250;
   double margin_s = 0.1;  ///< images this close to the first and last pose are not used
 };
@@ -33,7 +33,7 @@ std::vector<Correspondence> find_correspondences(const RigImages& images, int ca
 struct PairGeometry {
   Rigid3d b_from_a;
   Eigen::Vector3d up_in_a;  ///< unit, of the body
-  double height_m = 0;      ///< of camera a above the plane the vehicle stands on
+  double height_m = 0;      ///< height of camera a above the plane the vehicle stands on
 };
 
 /// Distance in pixels of image b between the observed point and the nearest projection of the ray

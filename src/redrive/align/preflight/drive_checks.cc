@@ -14,7 +14,7 @@
 namespace redrive {
 namespace {
 
-constexpr int kBlack = 2;       // of 255
+constexpr int kBlack = 2;       // largest grey value of a black image, 0..255
 constexpr int kBlackRoot = 23;  // the same in the square root of brightness: sqrt(2 * 255)
 constexpr std::size_t kReturns = 20'000;
 constexpr double kFewReturns = 0.001;  // share
@@ -23,7 +23,7 @@ constexpr double kFocalFactor = 1.5;   // EXIF is rounded and of film in another
 /// Views of one camera by time.
 struct CameraViews {
   int camera = 0;
-  std::vector<std::pair<std::int64_t, Rigid3d>> camera_from_world;  ///< by t_ns
+  std::vector<std::pair<std::int64_t, Rigid3d>> camera_from_world;  ///< ascending by t_ns
 };
 
 std::vector<CameraViews> views_by_camera(const Scene& scene) {

@@ -15,12 +15,12 @@ constexpr double kMinFlow_px = 1.5;
 constexpr double kScan_ms = 100, kScanStep_ms = 5;
 constexpr double kGood_px = 1;  // median error; pose noise of 6 cm and 0.12 degrees makes up to 0.5
 constexpr double kUsable_px = 2;  // correctable by redrive align
-constexpr double kFactor = 2.5;   // by which a hypothesis has to lower the error
+constexpr double kFactor = 2.5;   // factor by which a hypothesis has to lower the error
 constexpr double kMutualFactor =
     1.3;  // the same if each of two cameras fits the other's extrinsics
 constexpr double kSynchronous_ms = 5, kAlignable_ms = 30;
 constexpr double kObservableFactor = 1.4;  // ratio of the scan's ends to its minimum
-constexpr double kScanFactor = 0.8;        // by which the scan's minimum has to be lower,
+constexpr double kScanFactor = 0.8;        // factor by which the scan's minimum has to be lower,
 constexpr double kSigmas = 2;  // or standard deviations from 0: a false "usable" costs little
 constexpr std::size_t kMinOfPair = 10;  // points of two images
 constexpr double kNearTie = 1.25;       // ratio of errors whose hypotheses are named together
@@ -153,7 +153,7 @@ class Checker {
     return t_s >= -0.001 && t_s <= end_s + 0.001;
   }
 
-  /// By correspondence; NaN for images without poses.
+  /// One per correspondence; NaN for images without poses.
   std::vector<double> errors(const Setup& setup) const {
     std::vector<double> all;
     all.reserve(correspondences_.size());
@@ -413,7 +413,8 @@ bool Preflight::passes() const {
 
 ClockCheck check_clock(const Recording& recording) {
   ClockCheck check;
-  std::vector<std::pair<double, double>> times_s;  // of the frame, of the middle of its revolution
+  // time of the frame, time of the middle of its scan
+  std::vector<std::pair<double, double>> times_s;
   const auto& files = recording.lidar_files;
   const std::size_t step = std::max<std::size_t>(1, files.size() / 8);
   for (std::size_t i = 0; i < files.size(); i += step) {

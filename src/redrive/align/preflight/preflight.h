@@ -50,12 +50,12 @@ struct TimeOffsetEstimate {
   double offset_ms = 0,
          sigma_ms =
              0;  ///< relative to the recorded offset; one standard deviation, infinite if unknown
-  bool by_lidar = false;  ///< by the LiDAR's contrast; otherwise by the images
+  bool by_lidar = false;  ///< whether the LiDAR's contrast gave it; otherwise the images
 };
 
 /// Two images whose points agree far less with the poses than in most pairs.
 struct OddPair {
-  std::int64_t first_id = 0, last_id = 0;  ///< of the frames
+  std::int64_t first_id = 0, last_id = 0;  ///< ids of the first and the last frame
   double error_px = 0;                     ///< median
 };
 
@@ -63,22 +63,22 @@ struct CameraCheck {
   std::string name;
   Verdict verdict = Verdict::kCannotTell;
   Fault fault = Fault::kNone;
-  std::string why;                 ///< a sentence
-  int points = 0;                  ///< compared
-  double flow_px = 0;              ///< median displacement of the points
-  int scale = 1;                   ///< all pixels are those of an image downscaled by this factor
-  std::vector<OddPair> odd_pairs;  ///< by frame
+  std::string why;     ///< a sentence
+  int points = 0;      ///< compared
+  double flow_px = 0;  ///< median displacement of the points
+  int scale = 1;  ///< factor by which images are downscaled; all pixels are of the smaller image
+  std::vector<OddPair> odd_pairs;  ///< sorted by frame
   std::vector<Hypothesis> tried;   ///< "as recorded" first, then in ascending order of error
   std::vector<ScanPoint> scan;     ///< over time offsets relative to the recorded one
-  double offset_ms = 0;            ///< of the scan's minimum, by a parabola
+  double offset_ms = 0;            ///< position of the scan's minimum, from a parabola
   double offset_error_px = 0;      ///< there
-  double offset_sigma_ms =
-      0;  ///< of offset_ms, by the jackknife over pairs of images; infinite for less than four
+  /// sigma of offset_ms, from the jackknife over pairs of images; infinite for less than four
+  double offset_sigma_ms = 0;
   bool offset_observable = false;  ///< whether the scan has a minimum, which needs turns or bumps
   std::vector<ContrastPoint> contrast;  ///< with the LiDAR, over time offsets relative to the
                                         ///< recorded one; empty: not computed
-  std::optional<TimeOffsetEstimate> by_lidar;  ///< of its peak, if observable
-  std::optional<EdgeScore> edges;  ///< of the LiDAR's depth; nothing without a dense LiDAR
+  std::optional<TimeOffsetEstimate> by_lidar;  ///< the contrast's peak, if observable
+  std::optional<EdgeScore> edges;  ///< edges of LiDAR depth; nothing without a dense LiDAR
 
   /// The scan's minimum, observable or not.
   TimeOffsetEstimate by_images() const { return {offset_ms, offset_sigma_ms, false}; }
@@ -122,7 +122,7 @@ Preflight check_recording(const Recording& recording, const RigImages& images,
                           const std::vector<LidarSample>& lidar, ThreadPool& pool,
                           const CorrespondenceOptions& options = {});
 
-/// Compares the times of LiDAR revolutions with those of the frames that they are named after.
+/// Compares the times of LiDAR scans with the times of the frames that they are named after.
 ClockCheck check_clock(const Recording& recording);
 
 }  // namespace redrive

@@ -11,7 +11,8 @@ namespace redrive {
 namespace {
 
 constexpr int kStreetFrames = 30;
-enum Camera4 { kFrontLong, kFront, kLeft, kRight };  // of the street, by name
+// cameras of the street in the order of their names
+enum Camera4 { kFrontLong, kFront, kLeft, kRight };
 
 /// The street's first two seconds, as its files have them: poses with noise, the left fisheye 12 ms
 /// early.

@@ -11,8 +11,8 @@ namespace redrive {
 namespace {
 
 constexpr std::size_t kMinForSigma = 4;  // pairs of images
-constexpr double kBottom =
-    1.12;  // of the least error: wide enough for several points, narrow enough for a parabola
+// factor of the least error: wide enough for several points, narrow enough for a parabola
+constexpr double kBottom = 1.12;
 
 }  // namespace
 

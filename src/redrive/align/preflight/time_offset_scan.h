@@ -24,8 +24,8 @@ struct OffsetErrors {
 /// Median of a non-empty vector, which it reorders.
 double median_of(std::vector<double>* values);
 
-/// Medians by offset of all points except those of the pair `without`, for offsets at which at
-/// least kMinPoints have poses.
+/// Median error at each offset over all points but the points of the pair `without`, for offsets at
+/// which at least kMinPoints have poses.
 std::vector<ScanPoint> error_scan(const OffsetErrors& errors, int without = -1);
 
 /// The minimum of a non-empty scan. Its error is the least one. Its offset is the vertex of a

@@ -17,10 +17,10 @@ namespace redrive {
 
 struct RigImages {
   Scene scene;  ///< all cameras and frames at full size: its indices are the recording's
-  /// By camera: the factor by which its images are downscaled. All pixels are those of the
+  /// One per camera: the factor by which its images are downscaled. All pixels are pixels of the
   /// downscaled image.
   std::vector<int> factor;
-  std::vector<Camera> model;  ///< of the downscaled images
+  std::vector<Camera> model;  ///< models of the downscaled images
   /// [camera][frame]; empty where there is no image. [height, width] 8 bits, the square root of
   /// brightness, so that noise is as strong in dark as in bright regions.
   std::vector<std::vector<cv::Mat>> grey;

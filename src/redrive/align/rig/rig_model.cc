@@ -34,7 +34,7 @@ Slope slope_at(const std::vector<Frame>& frames, int frame) {
   const double h_before = static_cast<double>(frames[middle].t_ns - frames[middle - 1].t_ns),
                h_after = static_cast<double>(frames[middle + 1].t_ns - frames[middle].t_ns),
                all = h_before + h_after;
-  // The slope changes evenly from the middle of the first interval to that of the second one.
+  // The slope changes evenly from the middle of the first interval to the middle of the second.
   const double at = frame < middle   ? -h_before / all
                     : frame > middle ? 1 + h_after / all
                                      : h_before / all;

@@ -4,7 +4,7 @@
 //   body_from_sensor = initial [exp(epsilon), eta]
 //   Row v of an image of frame f is exposed at t_f + offset + ((v + 1/2) / height - 1/2) readout.
 // Between the frames the body moves smoothly through its corrected poses: a cubic Hermite spline
-// whose slopes are those of parabolas through three frames. Linear interpolation would cut the
+// whose slopes are the slopes of parabolas through three frames. Linear interpolation would cut the
 // corners of a car that pitches and steers by 0.02 degrees at 15 Hz, and time offsets would absorb
 // the error. Within a round of the adjustment the change of the corrections is linear in time
 // between two frames; the next round starts from a smooth motion again. The world is the initial
@@ -40,7 +40,7 @@ struct RigModelCamera {
 
 /// The motion around a time t without corrections: (t + s) -> world_from_body [exp(angular_velocity
 /// s), velocity s] between the frames `segment` and `segment` + 1. Their corrections are added with
-/// weights that are linear in time; that of the second frame is weight + s / duration_s.
+/// weights that are linear in time; the second frame's weight is weight + s / duration_s.
 struct LocalMotion {
   int segment = 0;
   double weight = 0, duration_s = 1;

@@ -12,15 +12,15 @@ namespace redrive {
 namespace {
 
 constexpr double kCalibrationError_rad = 0.02,
-                 kCalibrationError_m = 0.5;  // of the recorded calibration
+                 kCalibrationError_m = 0.5;  // largest error of the recorded calibration
 constexpr double kWidestSearch_px = 40, kNarrowSearch_px = 5;
 constexpr double kMinScale = 0.6,
                  kMaxScale = 4;          // pixels of the first camera per pixel of the other
 constexpr double kMinCorrelation = 0.7;  // at whole pixels; registration requires more
 constexpr double kAmbiguous =
-    0.08;  // by how much the best position has to exceed any other, in the wide search
+    0.08;  // margin by which the best position has to exceed any other, in the wide search
 constexpr std::size_t kMinMatches = 20;
-constexpr int kSampledFrames = 16;       // of the first pass
+constexpr int kSampledFrames = 16;       // frames that the first pass looks at
 constexpr std::size_t kWidePoints = 40;  // a frame and pair in the first pass
 constexpr double kMaxCorrection_rad = 0.08,
                  kMaxCorrection_m = 1.5;  // beyond, matches agree by chance
@@ -38,7 +38,7 @@ struct Match {
   PatchFit fit;                ///< in the other camera
   Eigen::Vector2d from_guess;  ///< offset from the predicted position
   RayPair rays;
-  double depth_m;  ///< of the first camera
+  double depth_m;  ///< depth in the first camera
 };
 
 /// Two cameras of the rig; points of the first are searched for in the second.
@@ -102,7 +102,7 @@ class CrossCameraMatcher {
     sources_ = std::move(of_camera);
   }
 
-  /// By pair; every step-th frame.
+  /// One list per pair; every step-th frame.
   std::vector<std::vector<Match>> match_all(const std::vector<CameraPair>& pairs, int step) {
     const int chunks = (images_.frames() + step - 1) / step;
     std::vector<std::vector<std::vector<Match>>> of_frame(

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Rejects observations that do not agree with the epipolar geometry of most points of their images,
-// which are those of the static world.
+// which belong to the static world.
 #pragma once
 
 #include "redrive/align/rig/rig_images.h"

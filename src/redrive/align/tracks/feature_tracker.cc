@@ -16,8 +16,8 @@ constexpr double kNearest_px = 4;  // points closer than this are duplicates
 constexpr double kForwardBackward_px =
     1;  // error of Lucas-Kanade forward and backward; registration is finer
 constexpr double kRegister_px = 3;  // largest correction of Lucas-Kanade by registration
-constexpr double kLargestScale =
-    1.6;  // of a patch relative to its first one; beyond, the last patch becomes the reference
+// scale of a patch relative to its first one; beyond, the last patch becomes the reference
+constexpr double kLargestScale = 1.6;
 constexpr double kFar_m = 1e5;
 constexpr float kCornerLevels =
     1.5f;  // least gradient of a corner in its weaker direction, grey levels per pixel

@@ -93,7 +93,7 @@ std::optional<PatchFit> fit_patch(const Patch& patch, const SmoothImage& image,
                                   double max_move_px) {
   using Vector8f = Eigen::Matrix<float, 8, 1>;
   const auto& weights = window();
-  double sum = 0, sum_w = 0, sum_sq = 0;  // of the patch
+  double sum = 0, sum_w = 0, sum_sq = 0;  // sums over the patch
   for (std::size_t i = 0; i < patch.size(); ++i) {
     sum_w += weights[i];
     sum += weights[i] * patch[i];

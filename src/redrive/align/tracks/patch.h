@@ -35,9 +35,10 @@ std::optional<Patch> sample_patch(const SmoothImage& image, const Eigen::Vector2
 
 struct PatchFit {
   Eigen::Vector2d pixel;
-  Eigen::Matrix2d warp;    ///< pixels of the image per pixel of the patch
-  double correlation = 0;  ///< of the patch and the image in it, -1..1, weighted as the fit is
-  double sigma_px = 0;     ///< standard deviation of the pixel from the residuals: large on an edge
+  Eigen::Matrix2d warp;  ///< pixels of the image per pixel of the patch
+  /// correlation of the patch and the image in it, -1..1, weighted like the fit
+  double correlation = 0;
+  double sigma_px = 0;  ///< standard deviation of the pixel from the residuals: large on an edge
 };
 
 /// Fits image(pixel + warp offset) = gain patch(offset) + shift from a start within a few pixels.

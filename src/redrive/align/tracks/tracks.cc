@@ -15,10 +15,10 @@ namespace {
 
 constexpr int kWidest = 800;  // wider images are also tracked at a smaller size: noise averages
                               // out, and blurred features become sharp
-constexpr double kSame_px =
-    4;  // of the smaller image: tracks this close in one image are of the same point
+// distance in pixels of the smaller image: tracks this close in one image show the same point
+constexpr double kSame_px = 4;
 
-/// Tracks of the full images and new ones of the smaller images, in pixels of the smaller ones.
+/// Tracks of the full images and new ones of the smaller images, in pixels of the smaller images.
 std::vector<Track> track_at_both_sizes(const RigImages& full, const RigImages& small, int camera,
                                        const TrackOptions& options, Progress* progress) {
   std::vector<Track> tracks = track_features(full, camera, options, progress);

@@ -17,7 +17,7 @@ namespace redrive {
 struct Observation {
   int camera = 0;         ///< index into Recording::cameras
   int frame = 0;          ///< index into Recording::frames
-  Eigen::Vector2d pixel;  ///< of the image as recorded; integer coordinates are pixel centres
+  Eigen::Vector2d pixel;  ///< pixel of the image as recorded; integer coordinates are pixel centres
   double sigma_px = 0.1;  ///< standard deviation of the pixel from the image around it, for weights
 };
 
@@ -29,13 +29,14 @@ struct Track {
 struct TrackOptions {
   int points_per_image =
       300;  ///< number of features that are tracked at a time, spread over the image
-  double min_correlation = 0.85;      ///< of a patch with the track's first one, -1..1
+  /// least correlation of a patch with the track's first one, -1..1
+  double min_correlation = 0.85;
   double max_sigma_px = 0.15;         ///< largest sigma_px of an observation
   double relaxed_max_sigma_px = 0.3;  ///< the same for cameras with few such points
   int few = 50;                       ///< observations per image, fewer are few
   double max_epipolar_error_px =
       1;                        ///< from the relative pose that most tracks of two images agree on
-  int min_observations = 3;     ///< of a track, >= 2
+  int min_observations = 3;     ///< least number of observations in a track, >= 2
   std::filesystem::path masks;  ///< folder of masks (static_masks); empty: they are computed
 };
 

@@ -53,7 +53,8 @@ struct Engine {
   std::unique_ptr<NerfNetwork> network;
   std::vector<std::unique_ptr<NerfChunk>> chunks;
   std::vector<ChunkMemory> memory;
-  std::vector<std::unique_ptr<FrontToBack>> front_to_back;  ///< by chunk; made when first rendering
+  /// one per chunk; made when first rendering
+  std::vector<std::unique_ptr<FrontToBack>> front_to_back;
 };
 
 class CpuNerfStages final : public PlainNerfStages {
@@ -177,7 +178,7 @@ class CpuNerfStages final : public PlainNerfStages {
   }
 
   /// Shares whole tiles out among the chunks, evenly, and calls visit(chunk, range) for blocks of
-  /// at most block_rays of them; those of a chunk are consecutive and in order, on one thread.
+  /// at most block_rays rays; the blocks of a chunk are consecutive and in order, on one thread.
   template <class Visit>
   void for_each_block(Engine& engine, int n_rays, int block_rays, const Visit& visit) {
     const std::int64_t tiles = (n_rays + engine.rays_per_tile - 1) / engine.rays_per_tile;
@@ -216,8 +217,8 @@ class CpuNerfStages final : public PlainNerfStages {
                                   keep, raw, stride);
   }
 
-  /// The adjoint of forward_tile: adds to the chunk's gradients and, where they are wanted, to
-  /// those of the tile's rays.
+  /// The adjoint of forward_tile: adds to the chunk's gradients and, where they are wanted, to the
+  /// gradients of the tile's rays.
   static void backward_tile(Engine& engine, int chunk, const NerfField& field, int n_rays,
                             const Samples& samples, RayRange tile, const float* d_raw, int stride,
                             const RayGradients& of_rays) {

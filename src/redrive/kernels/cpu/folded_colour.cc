@@ -21,12 +21,12 @@ constexpr int kLanes = 8, kRows = 4, kColumns = 2 * kLanes;
 constexpr int kMaxSteps = 512;  // the widest network
 
 /// out[m][n] += sum over k, ascending, of a(m, k) b(k, n) for columns [n, n + 16); rows a multiple
-/// of 4. Every network of this backend needs AVX2; without FMA the sums are those of plain loops.
-/// (SSE2 alone takes twice as long: 1 ms a batch.)
+/// of 4. Every network of this backend needs AVX2; without FMA the sums equal plain loops. (SSE2
+/// alone takes twice as long: 1 ms a batch.)
 [[gnu::target("avx2")]] void add_panel(const Matrix& a, const Matrix& b, int rows, int n, int steps,
                                        float* out, std::ptrdiff_t out_stride) {
-  alignas(32) float panel[kMaxSteps][kColumns];  // of b, side by side: its rows would compete for
-                                                 // the same cache sets
+  // rows of b, side by side: in place they would compete for the same cache sets
+  alignas(32) float panel[kMaxSteps][kColumns];
   for (int k = 0; k < steps; ++k)
     for (int c = 0; c < kColumns; ++c) panel[k][c] = b.data[k * b.row + (n + c) * b.column];
   for (int m = 0; m < rows; m += kRows) {

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Folds the linear feature layer into the colour layer, its only reader:
 //   colour([Wf h + bf, gamma(d)]) = ReLU((Wc Wf) h + Wd gamma(d) + (bc + Wc bf)),
-// Wc and Wd the two parts of colour.weight. Folding costs width^3 / 2 multiply-adds per batch and
-// saves width^2 per sample and pass: 11 % of all at width 256. The gradient G of the folded weight
-// (g of the bias) gives those of both layers exactly:
+// Wc and Wd are the two parts of colour.weight. Folding costs width^3 / 2 multiply-adds per batch
+// and saves width^2 per sample and pass: 11 % of all at width 256. The gradient G of the folded
+// weight (g of the bias) gives the gradients of both layers exactly:
 //   dWf = Wc^T G,  dbf = Wc^T g,  dWc = G Wf^T + g bf^T.
 #pragma once
 

@@ -91,8 +91,8 @@ void nerf_sample_forward(const NerfConfig& config, const T* parameters, const T 
 }
 
 /// Adds d loss / d parameters of this sample to `gradients`. d_raw: d loss / d raw; activations:
-/// those of its forward pass. Writes d_position [3], d loss / d position, unless null. The colour's
-/// dependence on the direction is ignored.
+/// from the sample's forward pass. Writes d_position [3], d loss / d position, unless null. The
+/// colour's dependence on the direction is ignored.
 template <class T>
 void nerf_sample_adjoint(const NerfConfig& config, const T* parameters, const NerfActivations<T>& a,
                          const T d_raw[4], T* gradients, T* d_position = nullptr) {

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The oracle: every stage as plain loops over the scalar functions, on one thread. Spans hold
-// float, everything between them is double, so that its rounding is far below that of the other
-// backends.
+// float, everything between them is double, so that its rounding is far below the other backends'.
 #include <vector>
 
 #include "redrive/kernels/check_sizes.h"

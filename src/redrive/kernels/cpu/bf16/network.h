@@ -60,7 +60,7 @@ class Chunk final : public NerfChunk {
  private:
   const Network& network_;
   int max_samples_;
-  int kept_samples_ = 0;  ///< of the last forward pass, 0 if it kept nothing
+  int kept_samples_ = 0;  ///< samples of the last forward pass, 0 if it kept nothing
   Buffer<std::byte> storage_;
   ChunkMemory memory_;
 };

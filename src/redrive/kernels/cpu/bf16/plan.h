@@ -65,8 +65,9 @@ struct ChunkMemory {
   std::uint32_t* mask[kRgb] = {};         ///< [out_blocks][n][32 samples], bit = neuron active
   Bf16 *d_next[2] = {}, *d_keep[2] = {};  ///< gradients, alternating between layers
   Bf16 *d_rgb_next = nullptr, *d_rgb_keep = nullptr;
-  float* d_gamma[2] = {};  ///< of gamma(x), by the skip and by layer 0: [n][position_blocks] C
-                           ///< blocks, rows = samples
+  /// derivatives of gamma(x), from the skip and from layer 0: [n][position_blocks] C blocks, rows =
+  /// samples
+  float* d_gamma[2] = {};
   float* d_weight = nullptr;
   float* d_bias = nullptr;
   bool fresh = true;  ///< d_weight is uninitialised: the first visit overwrites instead of adding

@@ -175,11 +175,11 @@ class ReferenceNetwork {
   }
 
   /// d: concatenated gradients of the outputs of `layers`; all layers begin with the same inputs,
-  /// the first has the most. Adds the gradients of their weights and biases; returns that of the
-  /// common inputs.
+  /// the first has the most. Adds the gradients of their weights and biases; returns the gradient
+  /// of the common inputs.
   std::vector<float> adjoint(const Trace& trace, const std::vector<int>& layers,
                              const std::vector<float>& d, std::span<double> gradients) const {
-    std::vector<float> d_rounded;  // of whole blocks of outputs, as kTiles sums them
+    std::vector<float> d_rounded;  // whole blocks of outputs, as kTiles sums them
     std::vector<const float*> rows;
     std::size_t output = 0;
     for (const int layer : layers) {

@@ -36,15 +36,15 @@ class Fp32Chunk final : public NerfChunk {
   const Fp32Network& network_;
   const Fp32Kernels& kernels_;
   int max_samples_;
-  int count_ = 0, samples_ = 0;  ///< of the tile; padded to whole vectors
+  int count_ = 0, samples_ = 0;  ///< size of the tile; samples are padded to whole vectors
   // Activations in panels (fp32_kernels.h), each [features, samples].
   Buffer<float> position_, direction_, ray_direction_;
   std::array<Buffer<float>, kNerfHidden> hidden_;
   Buffer<float> colour_, density_, rgb_;
   Buffer<float> d_front_, d_back_, d_density_,
       d_rgb_;  ///< adjoints, made as the first backward needs them
-  std::array<Buffer<float>, 2>
-      d_gamma_;  ///< of gamma(x), by the skip layer and by the first; made when first wanted
+  /// derivatives of gamma(x), from the skip layer and from the first; made when first wanted
+  std::array<Buffer<float>, 2> d_gamma_;
   Buffer<float> transposed_;
   Buffer<float> gradients_;
 };

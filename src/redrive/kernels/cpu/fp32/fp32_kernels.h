@@ -52,8 +52,8 @@ struct Fp32Kernels {
   void (*bias_gradient)(const float* d_out, int outputs, int samples, float* gradient);
   /// gamma of `count` points, point[d * stride + n], into rows 0 .. 3+6 octaves of out [out_rows,
   /// samples] in panels; the other rows, and the points from `count` on, are 0 (gamma of the
-  /// origin, for the latter). sin and cos of octave l+1 are computed from those of l (angle
-  /// doubling), restarting from the point at octave 5, where the error has grown to 4e-6.
+  /// origin, for the latter). sin and cos of octave l+1 follow from octave l (angle doubling),
+  /// restarting from the point at octave 5, where the error has grown to 4e-6.
   void (*encode)(const float* point, std::size_t stride, int count, int octaves, int out_rows,
                  int samples, float* out);
   /// positional_encoding_adjoint (field/positional_encoding.h) of gamma as `encode` left it, rows

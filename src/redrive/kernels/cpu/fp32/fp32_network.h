@@ -23,7 +23,7 @@ struct PackedLayer {
   int outputs = 0;  ///< padded
   std::size_t gradient =
       0;  ///< offset of the weight's gradient [outputs, k1 + k2] in a chunk's buffer
-  std::size_t bias_gradient = 0;  ///< of the bias's [outputs, lanes]
+  std::size_t bias_gradient = 0;  ///< offset of the bias's [outputs, lanes]
   Buffer<float> plain;            ///< [outputs, k1 + k2] row-major
   Buffer<float> forward;          ///< plain, packed for DenseLayer
   Buffer<float> bias;             ///< [outputs]
@@ -46,7 +46,7 @@ class Fp32Network final : public NerfNetwork {
 
   NerfConfig config_;
   const Fp32Kernels& kernels_;
-  int position_rows_, direction_rows_;  ///< of the encodings, padded
+  int position_rows_, direction_rows_;  ///< rows of the encodings, padded
   std::array<PackedLayer, kFp32Layers> layers_;
   /// The transposes for d_in = W^T d_out, packed for DenseLayer: of trunk 1..7 (index as layers_;
   /// the skip layer's part for h only), of [colour; density] with respect to h (kFp32Colour) and of

@@ -187,7 +187,7 @@ TEST_P(Fp32NetworkTest, PropagatesNaN) {
   ThreadPool pool(1);
   const auto network = GetParam().second(problem.shape.config);
   problem.parameters[nerf_layer(problem.shape.config, 0).weight] =
-      NAN;  // of every sample's first hidden unit
+      NAN;  // in every sample's first hidden unit
   network->pack(problem.parameters, pool);
   const auto chunk = network->make_chunk(problem.samples);
   std::vector<float> raw(4 * problem.samples, 0.0f);
@@ -195,8 +195,7 @@ TEST_P(Fp32NetworkTest, PropagatesNaN) {
   for (const float x : raw) EXPECT_TRUE(std::isnan(x));
 }
 
-// gamma(p) from exact arguments: the error is that of the doubling alone, far outside the unit cube
-// too.
+// gamma(p) from exact arguments: the error is the doubling's alone, far outside the unit cube too.
 TEST_P(Fp32NetworkTest, EncodingIsExactFarOutsideTheUnitCube) {
   const Fp32Kernels& kernels =
       GetParam().first == Isa::kAvx2 ? avx2::kFp32Kernels : avx512::kFp32Kernels;

@@ -206,7 +206,7 @@ REDRIVE_INLINE void load_features(const GridNetworkTile& tile, int first, int co
   }
 }
 
-/// The inverse: stores a block of rows, its first one that of a level, by samples.
+/// The inverse: stores a block of rows sample by sample; its first row belongs to a level.
 template <int kFeatures>
 REDRIVE_INLINE void store_features(const Sums<kBlock>& sums, float* to, std::size_t level_stride,
                                    int count) {

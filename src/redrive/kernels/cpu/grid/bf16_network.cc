@@ -12,8 +12,9 @@ namespace {
 
 /// Activations of one tile. Rows are allocated for the backward pass only.
 struct Activations {
-  int samples;                                  ///< whole strips
-  Layer features, hidden, geometry, colour[2];  ///< rows of the harmonics follow those of geometry
+  int samples;  ///< whole strips
+  /// rows of the harmonics follow the rows of geometry
+  Layer features, hidden, geometry, colour[2];
   Layer d_out, d_wide, d_wider, d_geometry, d_hidden;
   float *of_ray, *density;  ///< [width][16 rays], [32 samples]
   std::int32_t* ray_of;     ///< [samples]

@@ -235,7 +235,7 @@ class CpuGridStages final : public PlainGridStages {
       visit(kernels_, PackedNetwork(network).weights());
   }
 
-  /// visit(chunk, first ray, rays, scratch) for tiles of whole rays; those of a chunk are
+  /// visit(chunk, first ray, rays, scratch) for tiles of whole rays; the tiles of a chunk are
   /// consecutive and in order.
   template <class Visit>
   void for_each_tile(const GridNetwork& network, int n_rays, int per_ray, const Visit& visit) {
@@ -260,7 +260,8 @@ class CpuGridStages final : public PlainGridStages {
   const GridKernels& kernels_;
   const GridBf16Kernels* const bf16_;  ///< the networks', unless they are fp32
   ThreadPool& pool_;
-  Buffer<float> scratch_[kChunksPerBatch];  ///< of the networks, by chunk; kept from call to call
+  /// scratch of the networks, one per chunk; kept from call to call
+  Buffer<float> scratch_[kChunksPerBatch];
 };
 
 }  // namespace

@@ -14,7 +14,7 @@ struct Cells {
   Vi corner[3];
   Vf fraction[3], level_weight;
   unsigned counts;  ///< bit j: the level has a weight above 0 for point j
-  Vu row[4];        ///< of pair p: at y + (p & 1), z + (p >> 1)
+  Vu row[4];        ///< rows of pair p: at y + (p & 1), z + (p >> 1)
   bool wraps;       ///< whether any pair wraps around
 };
 
@@ -136,9 +136,9 @@ REDRIVE_INLINE void add_pair(float* rows, std::uint32_t mask, std::uint32_t row,
 /// The part of Cells for loops over single points.
 struct StoredCells {
   alignas(64) std::uint32_t row[4][kLanes];
-  alignas(64) float weight[4][kLanes];  ///< of a pair: interpolation weights along y and z times
-                                        ///< the level's weight
-  alignas(64) float x[kLanes];          ///< interpolation weight of a pair's far vertex
+  /// for each pair: interpolation weights along y and z times the level's weight
+  alignas(64) float weight[4][kLanes];
+  alignas(64) float x[kLanes];  ///< interpolation weight of a pair's far vertex
 };
 
 REDRIVE_INLINE void store_cells(const Cells& cells, StoredCells* out) {
@@ -212,7 +212,7 @@ void encode_rows_backward(const GridLevel& level, const GridPoints& points, cons
   typedef typename RowOf<kFeatures>::Pair Pair;
   StoredCells stored;
   Vi before[3] = {splat_int(-1), splat_int(-1), splat_int(-1)};
-  Pair sum[4]{};  // of the run of points in one cell; adds zeros to rows 0 and 1 at the start
+  Pair sum[4]{};  // sums over a run of points in one cell; adds zeros to rows 0 and 1 at the start
   std::uint32_t row[4]{};
   bool wraps = false, counted = false;
   for (std::size_t i = 0; i < points.n; i += kLanes, d_out += kLanes * kFeatures) {
