@@ -87,7 +87,7 @@ try {
   await page.keyboard.up("w");
   assert.ok((await at())[0] > before[0], "W moves ahead: x of the first body pose");
 
-  // A world whose direction up is not z, as that of photographs: R moves and the mouse turns so.
+  // A world whose direction up is not z, as in sets of photographs: R moves and the mouse turns so.
   const up = [0, 0.6, 0.8];
   const html = fs.readFileSync(file, "utf8");
   assert.ok(html.includes("<title>run - redrive</title>"));

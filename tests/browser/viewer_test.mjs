@@ -154,7 +154,7 @@ const tests = {
     await page.waitForFunction(
       () => /^[1-9]\d* of 18 training images/.test(document.getElementById("seen").textContent));
     await page.mouse.click(box.x + (u + 0.1) * box.width, box.y + v * box.height);
-    // Until it is answered, the panel is that of the first point.
+    // Until it is answered, the panel shows the first point.
     await page.waitForFunction(
       (first) => window.redriveView.picked.pixel[0] !== first, {}, picked.pixel[0]);
     assert.match(await text(page, "point"), /to the point before/);
@@ -202,7 +202,7 @@ const tests = {
     const x = await page.$eval("#mount-x", (field) => Number(field.value));
     await page.keyboard.press("ArrowUp");
     await page.waitForFunction((least) => window.redriveView.state.mount.x > least, {}, x);
-    await settled(page); // its address is that of the state
+    await settled(page);  // its address has the state
     const address = page.url();
     await page.reload();
     await page.waitForFunction(() => window.redriveView?.state?.mount);
@@ -291,7 +291,7 @@ const tests = {
     await page.click("#path-save");
     assert.match(await text(page, "path-note"), /exists/);
 
-    // Its last image is that of its last key.
+    // Its last image is the image of its last key.
     const command = await text(page, "path-command");
     assert.equal(command,
       `redrive render ${run} --path ${run}/paths/left.json --out left.mp4`);

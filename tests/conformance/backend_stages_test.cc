@@ -160,7 +160,7 @@ TEST_P(BackendStages, SamplesStratified) {
 
 TEST_P(BackendStages, SamplesHierarchical) {
   // The inverse of the coarse density is steep where it vanishes, so no tolerance is useful: the
-  // result must equal that of the scalar function bit by bit.
+  // result must equal the scalar function's bit by bit.
   const auto backend = make(), ref = make_ref_backend();
   for (const BatchSize& size : batch_sizes())
     for (const int extra : {1, 64, 128})
@@ -449,7 +449,7 @@ TEST_P(BackendStages, RendersAndTrainsRays) {
       backend->nerf().render_rays(nerf.field(), batch.rays(), batch.sampling(), rendered.out());
       ASSERT_TRUE(all_near(rendered.rgb, value, allowed));
       std::vector<float> gradients(nerf.parameters.size()), composed_gradients(gradients.size());
-      std::vector<float> d_rays[2], composed_d_rays[2];  // of origins, directions
+      std::vector<float> d_rays[2], composed_d_rays[2];  // derivatives of origins, directions
       for (std::vector<float>* one :
            {&d_rays[0], &d_rays[1], &composed_d_rays[0], &composed_d_rays[1]})
         one->assign(3 * size.n_rays, 0.0f);

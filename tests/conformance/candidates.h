@@ -25,7 +25,7 @@ constexpr bool kSanitized = false;
 
 struct Candidate {
   std::string name;        ///< "ref", or an instruction set of the cpu backend
-  std::optional<Isa> isa;  ///< of the cpu backend
+  std::optional<Isa> isa;  ///< instruction set of the cpu backend
 
   bool is_oracle() const { return name == "ref"; }
   double roundoff() const {

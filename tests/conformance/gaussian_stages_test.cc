@@ -114,7 +114,8 @@ struct Result {
   RasterCounts counts;
   RasterImage image;
   std::vector<float> gradients;
-  std::vector<GaussianPoseGradient<NumberMath<double>>> poses;  ///< of the world and of each part
+  /// poses of the world and of each part
+  std::vector<GaussianPoseGradient<NumberMath<double>>> poses;
 };
 
 Result run(Backend& backend, const GaussianCase& c) {

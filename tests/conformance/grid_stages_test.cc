@@ -60,7 +60,7 @@ struct Rows {
 };
 
 TEST_P(GridStagesTest, SampleUniform) {
-  // The result must equal that of the scalar function bit by bit.
+  // The result must equal the scalar function's bit by bit.
   const auto backend = make(), ref = make_ref_backend();
   for (const BatchSize& size : batch_sizes())
     for (const bool jitter : {false, true})
@@ -139,8 +139,8 @@ TEST_P(GridStagesTest, Contract) {
             return reach * of_u[i % n] + 5 * u * std::max(1.0, double(std::abs(expected[i])));
           }));
       // The cube root is accurate to 1e-5, and volumes below 1e-30 count as 1e-30. To that add cube
-      // roots of ten more roundings and of the factor's error by that of u; the factor contains
-      // powers of m up to 4/3.
+      // roots of ten more roundings and of the factor's error by the error of u; the factor
+      // contains powers of m up to 4/3.
       ASSERT_TRUE(all_near(
           footprint, [&](auto i) { return expected_footprint[i]; },
           [&](std::size_t i) {
@@ -293,7 +293,7 @@ TEST_P(GridStagesTest, Encode) {
             return 12 * u *
                    weights[i / config.features_per_level % n][i / config.features_per_level / n];
           }));
-      // Points with a stride: the first ones of a larger array.
+      // Points with a stride: the first points of a larger array.
       if (n < 7) continue;
       std::vector<float> of_first(n / 2 * config.outputs(), NAN);
       backend->grid().encode({config, table}, at.points().first(n / 2), of_first);
@@ -576,7 +576,8 @@ TEST_P(GridStagesTest, Weights) {
       const std::size_t first = std::size_t(ray) * size.per_ray;
       const Transmittance transmittance(rows.of(ray), &density[first], size.per_ray);
       for (int i = 0; i < size.per_ray; ++i) {
-        // Without its own optical depth: the relative error of 1 - exp(-x) is at most that of x.
+        // Without its own optical depth: the relative error of 1 - exp(-x) is at most the error of
+        // x.
         const double error = (i > 0 ? transmittance.error[i - 1] : 0) + kExponentialError + 4 * u;
         ASSERT_NEAR(weights[first + i], expected[first + i], error * expected[first + i] + kTiny)
             << "ray " << ray << ", " << i;

@@ -293,8 +293,8 @@ class NerfOracle {
   }
 
   /// Adds the variances of the gradient of one sample with d_raw = vector: `coherent` = (sum of
-  /// factors)^2 times those of its own error, `repeated` = N * sum of factor^2 times those of the
-  /// sums.
+  /// factors)^2 times the variances of its own error, `repeated` = N * sum of factor^2 times the
+  /// variances of the sums.
   void backward_variance(const std::array<double, 4>& vector, double coherent, double repeated,
                          Expected* out) {
     const auto adjoint = [&](int layer, Uncertain d) {

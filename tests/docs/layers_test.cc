@@ -134,7 +134,7 @@ struct Library {
   bool complete = true;  ///< no variable among what it depends on
 };
 
-/// By name, from each redrive_library(NAME ... DEPENDS ...).
+/// Returns all libraries by name, from each redrive_library(NAME ... DEPENDS ...).
 std::map<std::string, Library> all_libraries() {
   const std::regex definition(R"(redrive_library\(\s*(\w+)([^)]*)\))"),
       dependency(R"(redrive::(\w+))");

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Drives divided into blocks: trained by one process and by those of mpirun, killed and resumed.
+// Drives divided into blocks: trained by one process and by the processes of mpirun, killed and
+// resumed.
 #include <signal.h>
 #include <unistd.h>
 
@@ -244,7 +245,7 @@ TEST_F(BlocksEndToEnd, TwoProcessesTrainOneRunTogether) {
   ASSERT_EQ(resumed.exit_code, kExitOk) << resumed.out << resumed.err;
   expect_same_end(whole, again);
 
-  // Twice the rays of a step are other steps than those of one process.
+  // Twice the rays of a step make other steps than one process.
   const fs::path alone = trained("alone", steps);
   EXPECT_FALSE(bit_equal(load_checkpoint(alone / "checkpoint.safetensors").model->parameters,
                          load_checkpoint(whole / "checkpoint.safetensors").model->parameters));

@@ -231,7 +231,7 @@ TEST_F(EndToEnd, RendersTheImagesOfAPosesFile) {
   const ProgramResult ended =
       redrive({"render", run.string(), "--poses", poses.string(), "--out", out.string()});
   ASSERT_EQ(ended.exit_code, kExitOk) << ended.err;
-  // The absolute pose is that of frame 102: the same image as of frame 102 without a shift.
+  // The absolute pose is frame 102's: the same image as frame 102 without a shift.
   EXPECT_EQ(read_image(out / "x/absolute.png").rgb, read_image(out / "frame.png").rgb);
   EXPECT_EQ(read_image(out / "shifted.jpg").width, 40);
 }

@@ -15,7 +15,7 @@ using ::testing::AllOf;
 using ::testing::HasSubstr;
 
 constexpr const char* kDividedCamera = "F_MIDLONGRANGECAM_CL";
-// Of 24.8 m; the camera is 2 m ahead of the body, so at the border around frame 1020.
+// The drive has 24.8 m; the camera is 2 m ahead of the body, so at the border around frame 1020.
 constexpr const char *kInFirst = "1005", *kInSecond = "1042", *kAtBorder = "1020";
 
 class Divided : public EndToEnd {

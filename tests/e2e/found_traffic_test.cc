@@ -94,7 +94,7 @@ TEST_F(FoundTraffic, IsListedByInspect) {
   EXPECT_EQ(read_json(masks / "moving.json").at("objects").size(), objects.size());
 }
 
-// A moving.json of --masks, which needs no mask, is that of all blocks.
+// A moving.json of --masks, which needs no mask, holds for all blocks.
 TEST_F(FoundTraffic, IsDrawnByTheBlocksThatSeeIt) {
   const fs::path whole = folder_ / "whole", given = folder_ / "given", run = folder_ / "run";
   ASSERT_EQ(train(whole, {}).exit_code, kExitOk);

@@ -46,7 +46,7 @@ class TrafficEndToEnd : public EndToEnd {
     return read_image(out);
   }
 
-  mutable std::string printed_;  ///< by the last rendering
+  mutable std::string printed_;  ///< output of the last rendering
 };
 
 }  // namespace redrive::testing

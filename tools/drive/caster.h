@@ -31,13 +31,14 @@ enum class Shape : std::uint8_t { kTriangle, kBox, kCylinder, kEllipsoid };
 struct Primitive {
   Shape shape = Shape::kBox;
   Material material = Material::kMetal;
-  std::uint32_t seed = 0;                                                     ///< of its texture
+  std::uint32_t seed = 0;  ///< seed of its texture
   Eigen::Vector3f colour{0.3f, 0.3f, 0.3f}, second_colour{0.3f, 0.3f, 0.3f};  ///< linear RGB
   /// Corners of a triangle. Else a: the centre; b: half the size along the own axes, which are the
   /// world's turned by the yaw about z. A cylinder is upright with radius b.x().
   Eigen::Vector3d a = Eigen::Vector3d::Zero(), b = a, c = a;
   double cos_yaw = 1, sin_yaw = 0;
-  double road_s_m = 0, road_length_m = 0;  ///< of ground: the part of the road that it belongs to
+  /// on the ground: the part of the road that it belongs to
+  double road_s_m = 0, road_length_m = 0;
 };
 
 struct Hit {

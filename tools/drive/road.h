@@ -13,7 +13,7 @@
 namespace redrive::drive {
 
 // The cross-section, metres to either side of the centre line.
-constexpr double kLaneEdge_m = 3.2;      ///< of the two lanes; parking bays beyond
+constexpr double kLaneEdge_m = 3.2;      ///< edge of the two lanes; parking bays beyond
 constexpr double kKerb_m = 5.4;          ///< pavement beyond
 constexpr double kPavementEdge_m = 9.0;  ///< houses beyond
 constexpr double kVergeEdge_m = 36;

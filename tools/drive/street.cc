@@ -13,7 +13,7 @@ namespace {
 using Eigen::Vector3d;
 using Eigen::Vector3f;
 
-constexpr double kGroundPiece_m = 3,  // whole metres: those of Road::knot
+constexpr double kGroundPiece_m = 3,  // whole metres: pieces of Road::knot
     kHouseLot_m = 13, kTreeLot_m = 9, kCarLot_m = 6, kLampLot_m = 28, kClutterLot_m = 4;
 
 /// Random numbers of one lot of the road.
@@ -282,7 +282,7 @@ class Furnisher {
 
   const Road& road_;
   unsigned seed_;
-  double first_m_, last_m_;  ///< of what is furnished: a loop once
+  double first_m_, last_m_;  ///< ends of what is furnished: a loop once
   std::vector<Primitive> made_;
 };
 

@@ -48,8 +48,8 @@ class CameraRays {
 
   int width() const { return width_; }
   int height() const { return height_; }
-  /// Unit directions in camera axes, [height * width * kSamples] and those of the pixels' centres
-  /// [height * width]; zero outside the valid region of the lens.
+  /// Unit directions in camera axes, [height * width * kSamples], and the directions of the pixels'
+  /// centres [height * width]; zero outside the valid region of the lens.
   const std::vector<Eigen::Vector3f>& samples() const { return samples_; }
   const std::vector<Eigen::Vector3d>& centres() const { return centres_; }
   /// Angle between neighbouring samples in the middle of the image.

@@ -28,8 +28,9 @@ using nlohmann::json;
 
 constexpr std::int64_t kFirstId = 1000, kFirstTime_ns = 5'000'000'000'000, kFrame_ns = 100'000'000;
 static_assert(kFrame_ns * kFrameRate_hz == 1e9);
-constexpr double kBehind_m = 120, kAhead_m = 350;  // of the street before and after the drive
-constexpr int kLidarSteps = 360;                   // azimuths of a revolution, which takes 0.1 s
+// length of the street before and after the drive
+constexpr double kBehind_m = 120, kAhead_m = 350;
+constexpr int kLidarSteps = 360;  // azimuths of a revolution, which takes 0.1 s
 constexpr double kLidarRange_m = 100, kLidarNear_m = 1;
 
 std::string file_name(const std::string& camera, int frame, const char* ending) {
@@ -128,7 +129,7 @@ std::vector<CameraCalibration> true_rig(const DriveOptions& options) {
                          double roll) {
     return Mount{{forward, left, up}, yaw, pitch, roll}.body_from_sensor();
   };
-  // Lenses and places as those of tools/street, in proportion.
+  // Lenses and places as in tools/street, in proportion.
   std::vector<CameraCalibration> rig{
       {"F_MIDLONGRANGECAM_CL",
        "opencv_pinhole",

@@ -21,7 +21,7 @@ struct DriveOptions {
   int cameras = 2;       ///< 2: front pinholes; 4: and Mei fisheyes to both sides
   double size = 1;       ///< factor on the images' sides, which are 640 x 352
   double loop_m = 0;     ///< length of a road that meets itself, a multiple of 3; 0: it never does
-  double drift = 0;      ///< of the egomotion: part of the way that it errs by after 400 m
+  double drift = 0;      ///< drift of the egomotion: part of the way that it errs by after 400 m
   double exposure = 0;   ///< RMS of the images' exposure about its mean, stops
   int lidar_beams = 16;  ///< 0: no LiDAR
   double lidar_noise_m = 0.02;
@@ -40,7 +40,7 @@ Rigid3d body_from_lidar();
 /// The world that the drive sees, and the way through it.
 World make_world(const DriveOptions& options);
 double time_s(int frame);         ///< since the first frame
-std::int64_t time_ns(int frame);  ///< of the recording's clock
+std::int64_t time_ns(int frame);  ///< time on the recording's clock
 std::int64_t frame_id(int frame);
 
 /// Sets of shifted views: name and shift in body axes.

@@ -19,12 +19,13 @@ namespace redrive {
 namespace {
 
 constexpr std::size_t kMaxBodyGaussians = 1'000'000;
-constexpr double kMaxBody_m = 100;  // of a mean from the origin, and of a side of the box
-constexpr double kMaxNumber = 1e6;  // of colours and quaternions
+// largest distance of a mean from the origin, and largest side of the box
+constexpr double kMaxBody_m = 100;
+constexpr double kMaxNumber = 1e6;  // bound of colours and quaternions
 constexpr double kMaxLogScale = 5;  // 150 m; less than -20 is nothing
 constexpr double kMostOpaque = 15;  // logit
 constexpr double kWithinSize = 0.98;
-constexpr double kDistance_m = 1;  // of kDistanceRow: it does not train
+constexpr double kDistance_m = 1;  // value of kDistanceRow: it does not train
 constexpr const char* kPositionRule = "must be metres from the centre of the box, at most 100";
 constexpr const char* kScaleRule = "must be the logarithm of metres, at most 5";
 constexpr std::string_view kClassComment = "redrive class ", kSizeComment = "redrive size_m ";
@@ -32,7 +33,7 @@ constexpr std::string_view kClassComment = "redrive class ", kSizeComment = "red
 /// Columns of the properties, in the order of property_names().
 enum Column { kX, kDc = 3, kOpacity = 6, kScale, kRotation = 10, kRest = 14 };
 
-/// Returns the properties to read; those of f_rest, if any, are the coefficients of degree 1.
+/// Returns the properties to read; if there are any f_rest, they are the coefficients of degree 1.
 std::vector<std::string> property_names(const PlyVertices& ply) {
   std::vector<std::string> names = {"x",      "y",       "z",       "f_dc_0",  "f_dc_1",
                                     "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2",
@@ -124,11 +125,12 @@ ActorBody parse_ply(std::string_view bytes, const std::filesystem::path& file) {
 
 /// The bytes of an SPZ, decompressed: numbers of one kind after the other.
 struct Spz {
-  static constexpr std::size_t kHeader = 16, kMostBytes = 65;  ///< of a Gaussian
+  /// bytes of the header; bytes of a Gaussian, at most
+  static constexpr std::size_t kHeader = 16, kMostBytes = 65;
   std::string bytes;
   std::uint32_t version = 0, n = 0;
-  int bits = 0;               ///< fractional ones of positions
-  std::size_t harmonics = 0;  ///< of a channel
+  int bits = 0;               ///< fractional bits of positions
+  std::size_t harmonics = 0;  ///< coefficients in each channel
 
   std::uint32_t at(std::size_t offset, std::size_t count) const {
     std::uint32_t number = 0;

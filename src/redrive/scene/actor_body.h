@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The Gaussians of an object without its track: what `redrive export --actor` writes and an edit
-// puts on another track. Axes are those of the object's box: origin in its centre, x forward, y
+// puts on another track. Axes are the axes of the object's box: origin in its centre, x forward, y
 // left, z up, metres.
 #pragma once
 
@@ -20,7 +20,7 @@ namespace redrive {
 
 struct ActorBody {
   std::string type;                                  ///< MovingObject::type; may be empty
-  Eigen::Vector3d size_m = Eigen::Vector3d::Zero();  ///< of its box: length, width, height
+  Eigen::Vector3d size_m = Eigen::Vector3d::Zero();  ///< size of its box: length, width, height
   std::size_t n = 0;                                 ///< Gaussians
   Buffer<float> numbers;                             ///< their blocks (field/gaussian.h)
 };

@@ -76,7 +76,7 @@ TEST(ActorBody, HasTheNumbersOfTheFileUpToDegreeOne) {
       EXPECT_EQ(at(i, kQuaternionRow + 3), 2);
       EXPECT_EQ(at(i, kOpacityRow), 0.75f);
       EXPECT_NEAR(at(i, kColourRow + 1), 0.5 + 2 * kC0, 1e-6);
-      // Green's coefficients of degree 1 are those of y, z, x, with the signs of the basis.
+      // Green's coefficients of degree 1 follow y, z, x, with the signs of the basis.
       const double first = 0.1 * (rest / 3);
       const double expected[3] = {-kC1 * (first + 0.2), -kC1 * first, kC1 * (first + 0.1)};
       for (int axis = 0; axis < 3; ++axis)

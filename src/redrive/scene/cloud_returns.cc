@@ -16,8 +16,8 @@ constexpr float kHiddenRange = 0.95f;
 
 struct AssignedPoint {
   std::uint32_t origin = 0;
-  bool seen = false;       ///< by the origin, as the cloud says
-  std::uint64_t cell = 0;  ///< of directions from the origin
+  bool seen = false;       ///< seen from the origin, as the cloud says
+  std::uint64_t cell = 0;  ///< cell of directions from the origin
   float range_m = 0;
 };
 

@@ -107,7 +107,7 @@ using BodyOfFile =
     std::function<std::shared_ptr<const ActorBody>(const std::filesystem::path& file)>;
 
 /// Shows other Gaussians, which stand where the own ones stood: on its own track the centre of a
-/// higher box is higher. A track of the edit is that of the centre.
+/// higher box is higher. A track of the edit places the centre.
 void set_body(const ActorChange& change, const std::vector<MovingObject>& own,
               const BodyOfFile& body_of_file, MovingObject* actor) {
   Eigen::Vector3d size_m;

@@ -26,12 +26,12 @@ void check_added(const TrafficEdit& edit, bool draws_actors);
 /// Returns shift_m and turn_deg of a change: box_from_moved_box.
 Rigid3d own_motion(const ActorChange& change);
 
-/// Returns the object of an option. UsageError where the scene has no such object; it lists those
-/// that there are.
+/// Returns the object of an option. UsageError where the scene has no such object; it lists the
+/// scene's objects.
 const MovingObject& find_actor(const Scene& scene, const char* option, std::int64_t id);
 
 /// Keeps the objects of --actors: all, none, or ids "3,17". UsageError where the scene has no such
-/// object; it lists those that there are.
+/// object; it lists the scene's objects.
 void select_actors(std::string_view chosen, Scene* scene);
 
 }  // namespace redrive

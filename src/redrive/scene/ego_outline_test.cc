@@ -41,7 +41,7 @@ class EgoOutline : public ::testing::Test {
       for (int y = 0; y < camera_.height; ++y)
         for (int x = 0; x < camera_.width; ++x) {
           float& value = grey.at<float>(y, x);
-          value += static_cast<float>(4 * noise(n, y * 1000 + x));  // of the sensor
+          value += static_cast<float>(4 * noise(n, y * 1000 + x));  // sensor noise
           if (y >= bonnet[x]) {
             value = x % 40 == 20 ? 20 : value - 100;
             continue;

@@ -19,10 +19,10 @@ using Eigen::Vector3d;
 using Eigen::Vector3f;
 
 constexpr float kNeighbours_m = 0.5f;
-constexpr std::size_t kLeastPoints = 3;  // of a cluster
+constexpr std::size_t kLeastPoints = 3;  // points of a cluster, at least
 // Beams of a sparse LiDAR are up to 3 degrees apart.
 constexpr float kLink_m = 0.6f, kLinkPerRange = 0.03f;
-constexpr float kLongest_m = 15;  // of a cluster: a bus
+constexpr float kLongest_m = 15;  // length of a cluster, at most: a bus
 
 constexpr double kFastest_m_per_s = 40;
 constexpr double kGate_m = 1.5;  // between a predicted position and a cluster
@@ -211,7 +211,7 @@ void extend(const std::vector<Sweep>& sweeps, bool later, std::vector<Cluster>* 
     const double ns = (later ? k : -k) * 1e9 * kSweep_s;
     auto cluster = cluster_at(end.centre + ns * m_per_ns, half, sweeps[s], s);
     if (!cluster) return;
-    // Places are those of its own time.
+    // Places belong to the cluster's own time.
     cluster->centre = end.centre + static_cast<double>(cluster->t_ns - end.t_ns) * m_per_ns;
     clusters->insert(later ? clusters->end() : clusters->begin(), *cluster);
   }

@@ -25,12 +25,12 @@ namespace redrive {
 std::vector<MovingObject> find_moving_objects(const LidarReturns& returns,
                                               const MovingObjects& annotated, ThreadPool& pool);
 
-/// Adds objects that were found in a later part of a drive to those of the parts before, with ids
-/// below theirs. One that is at the place of another at most of their common times is that one: its
-/// boxes go on with the later track.
+/// Adds objects that were found in a later part of a drive to the objects of the parts before, with
+/// ids below theirs. One that is at the place of another at most of their common times is that one:
+/// its boxes go on with the later track.
 void join_found(std::vector<MovingObject> later, std::vector<MovingObject>* objects);
 
-/// Returns those of the type "FOUND".
+/// Returns the objects of the type "FOUND".
 std::vector<MovingObject> found_objects(const MovingObjects& moving);
 
 }  // namespace redrive

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A real set of photographs; skipped where it is missing. The expected values are those of its
+// A real set of photographs; skipped where it is missing. The expected values are from its
 // SOURCE.md.
 #include <numbers>
 

@@ -62,7 +62,7 @@ struct ImageCache::Impl {
   };
   struct Entry {
     ImagePointer image;        ///< null while it is decoded, and after an error
-    std::exception_ptr error;  ///< of Load
+    std::exception_ptr error;  ///< what Load threw
     std::uint64_t bytes = 0;   ///< counted in statistics.bytes
     Rank rank{};               ///< in `ranks` once it is decoded
   };
@@ -112,8 +112,8 @@ struct ImageCache::Impl {
     return key.half ? options.image_bytes / 4 : options.image_bytes;
   }
 
-  /// Lets images go until that of `key` fits, those alone that the plan does not use before `from`.
-  /// Returns false if it does not fit then.
+  /// Evicts images until `key` fits, only images that the plan does not use before `from`. Returns
+  /// false if it does not fit then.
   bool make_room(const ImageKey& key, std::uint64_t from) {
     for (auto last = ranks.end(); statistics.bytes + bytes_of(key) > options.bytes;) {
       if (last == ranks.begin() || (--last)->next_use < from) return false;

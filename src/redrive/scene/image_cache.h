@@ -32,8 +32,9 @@ Image8 halved(const Image8& image);
 std::uint64_t image_bytes(const Image8& image);
 
 struct ImageCacheOptions {
-  std::uint64_t bytes = 0;  ///< that images take at most, unless more of them are in use at once
-  std::uint64_t image_bytes = 0;  ///< of the largest image, at full size
+  /// bytes that images take at most, unless more of them are in use at once
+  std::uint64_t bytes = 0;
+  std::uint64_t image_bytes = 0;  ///< bytes of the largest image, at full size
   int decoders = 1;               ///< background threads; 0: none
 };
 
@@ -71,10 +72,10 @@ class ImageCache {
   std::unique_ptr<Impl> impl_;
 };
 
-/// The images of a scene's training views: all in memory, or those of a cache. Refers to either.
+/// The images of a scene's training views: all in memory, or in a cache. Refers to either.
 class ViewImages {
  public:
-  /// images[i] belongs to scene.views[i]; those of held-out views are empty.
+  /// images[i] belongs to scene.views[i]; images of held-out views are empty.
   ViewImages(const std::vector<Image8>& images) : all_(&images) {}
   explicit ViewImages(ImageCache& cache) : cache_(&cache) {}
 

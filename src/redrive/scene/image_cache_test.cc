@@ -18,7 +18,7 @@ using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 
 constexpr int kSide = 4;
-constexpr std::uint64_t kBytes = 3 * kSide * kSide;  // of an image
+constexpr std::uint64_t kBytes = 3 * kSide * kSide;  // bytes of an image
 
 Image8 image_of(int view) {
   return {kSide, kSide, std::vector<std::uint8_t>(kBytes, static_cast<std::uint8_t>(view)), {}, {}};

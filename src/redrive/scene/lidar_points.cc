@@ -16,7 +16,7 @@ namespace {
 constexpr std::size_t kReturnsPerRange = 16384;
 constexpr std::size_t kReturnsAtOnce = std::size_t{1} << 19;  ///< each image is read once for them
 constexpr std::size_t kNearestViews =
-    32;  // of a cloud's origin; further ones hardly see its points
+    32;  // origins of a cloud's points, at most; further ones hardly see its points
 // Views of each camera nearest in time that may see a return, and then further ones: what a camera
 // passes it saw ahead of it before.
 constexpr int kViewsInTime = 2, kMoreViewsInTime = 24;
@@ -26,9 +26,9 @@ struct ColourView {
   const Camera* camera;
   std::size_t view;
   ShutterPoses world_from_camera;
-  Rigid3d camera_from_world;  ///< of the middle row
+  Rigid3d camera_from_world;  ///< pose of the middle row
   Eigen::Vector3d position_in_world_m;
-  std::int64_t t_ns;  ///< of the middle row's exposure
+  std::int64_t t_ns;  ///< exposure of the middle row
 
   std::optional<std::size_t> pixel_of(const Eigen::Vector3d& in_world) const {
     const auto seen = project_shutter(*camera, world_from_camera, camera_from_world, in_world);
@@ -92,7 +92,7 @@ class Colouring {
 
 /// A return whose colour is searched.
 struct Uncoloured {
-  std::size_t i;          ///< of the return
+  std::size_t i;          ///< index of the return
   int tried = 0;          ///< views, of those that may see it
   int seen_by = -1;       ///< the next of them that it projects into; -1: none is left
   std::size_t pixel = 0;  ///< there
@@ -160,7 +160,7 @@ PointCloud lidar_points(const Scene& scene, const ViewImages& images, const Lida
         find_views(std::span(points).subspan(from, to - from));
       });
       std::erase_if(points, [](const Uncoloured& point) { return point.seen_by < 0; });
-      // By view, so that each image is read once.
+      // One list per view, so that each image is read once.
       std::vector<std::vector<std::uint32_t>> of_view(scene.views.size());
       for (std::size_t k = 0; k < points.size(); ++k)
         of_view[colouring.view(points[k].seen_by).view].push_back(static_cast<std::uint32_t>(k));

@@ -53,14 +53,14 @@ std::vector<std::uint8_t> mark_repeated(const std::vector<LidarPoint>& points,
 
 /// Selects revolutions. Does not apply to point clouds.
 struct LidarSelection {
-  std::function<bool(std::int64_t frame_id)> frame;  ///< of the revolutions; empty: all
+  std::function<bool(std::int64_t frame_id)> frame;  ///< filter of scans by frame id; empty: all
   bool repeated = false;  ///< keeps points that the previous file has, too
 };
 
-/// Reads the revolutions whose frame ids lie within those of scene.frames, or, of a recording with
-/// a points_file instead, its cloud_returns. Empty where there is neither or the LiDAR's extrinsics
-/// are unknown (Recording::body_from_lidar). InputError where a cloud is malformed, or more
-/// revolutions than the recording allows.
+/// Reads the scans whose frame ids lie within the ids of scene.frames, or, for a recording with a
+/// points_file instead, its cloud_returns. Empty where there is neither or the LiDAR's extrinsics
+/// are unknown (Recording::body_from_lidar). InputError where a cloud is malformed, or more scans
+/// than the recording allows.
 LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene,
                                 const MovingObjects& moving, ThreadPool& pool,
                                 const LidarSelection& selection = {});

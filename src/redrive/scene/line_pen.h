@@ -15,7 +15,7 @@ namespace redrive {
 /// A part of a line that the lens sees.
 struct ImageLine {
   const char* kind = "";
-  std::string label;  ///< of the first part of what begin() began; may be empty
+  std::string label;  ///< label of the first part of what begin() began; may be empty
   std::vector<Eigen::Vector2d> points;
 };
 

@@ -39,7 +39,7 @@ class DamagedViews {
 
  private:
   mutable std::mutex mutex_;
-  std::map<std::pair<int, int>, std::string> why_;  ///< by camera and frame
+  std::map<std::pair<int, int>, std::string> why_;  ///< key: camera and frame
   std::atomic<bool> closed_{false};
 };
 
@@ -52,10 +52,10 @@ class ViewLoader {
   Image8 operator()(const View& view) const;
 
  private:
-  /// The options of Scene that loading needs; views are those of the caller.
+  /// The options of Scene that loading needs; views are the caller's.
   Scene scene_;
   DamagedViews* damaged_;
-  std::vector<ResampleMap> maps_;  ///< by camera, where the scene undistorts
+  std::vector<ResampleMap> maps_;  ///< one per camera, where the scene undistorts
 };
 
 /// Loads the ground-truth depth of a recorded image (16-bit PNG, mm along the ray; 0 and 65535:

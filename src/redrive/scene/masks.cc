@@ -13,7 +13,7 @@
 namespace redrive {
 namespace {
 
-constexpr int kWorkingWidth = 320;  // of the images for find_ego_outline
+constexpr int kWorkingWidth = 320;  // width of the images for find_ego_outline
 constexpr int kRowMargin = 2;       // rows above broken ones are dark, and JPEG blurs
 constexpr std::uint8_t kBlack = 8, kBright = 50;
 
@@ -175,7 +175,7 @@ Mask without_moving_objects(const Scene& scene, const View& view, const Mask& of
   return mask;
 }
 
-/// As object_map; `directions` returns those of the camera's pixels.
+/// As object_map; `directions` returns the directions of the camera's pixels.
 template <class Directions>
 std::vector<std::uint32_t> object_map_of(const Scene& scene, const View& view,
                                          const MovingObjects& moving, Directions&& directions) {

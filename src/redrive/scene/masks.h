@@ -50,7 +50,7 @@ std::filesystem::path mask_file(const std::filesystem::path& folder, const RigCa
 std::vector<Mask> static_masks(const Scene& scene, const std::vector<Image8>& images,
                                const std::filesystem::path& folder, ThreadPool& pool, bool on_car);
 
-/// Likewise of images that are not in memory; loads those of a camera that its mask is found in.
+/// The same for images that are not in memory; loads the images that a camera's mask is found in.
 std::vector<Mask> static_masks(const Scene& scene, const ViewLoader& load,
                                const std::filesystem::path& folder, ThreadPool& pool, bool on_car);
 /// Training views of a camera that its mask is found in, at most; more add little.
@@ -99,7 +99,8 @@ class ViewMasker {
   const Scene& scene_;
   std::vector<Mask> of_cameras_;
   MovingObjects masked_, marked_;
-  std::vector<std::vector<Eigen::Vector3f>> directions_;  ///< by camera, of its pixels
+  /// directions of the pixels, one list per camera
+  std::vector<std::vector<Eigen::Vector3f>> directions_;
 };
 
 /// Returns the image with masked pixels tinted red.

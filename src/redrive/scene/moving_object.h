@@ -20,7 +20,7 @@ struct MovingObject {
   /// Where a time is among the keys.
   struct KeyTime {
     std::size_t before = 0, after = 0;  ///< keys, the same one where it is extrapolated
-    double part = 0;                    ///< of the way from one to the other, 0..1
+    double part = 0;                    ///< part of the way from one to the other, 0..1
   };
   struct Key {
     std::int64_t t_ns;
@@ -31,7 +31,7 @@ struct MovingObject {
   std::string type;
   bool deforms = false;
   Eigen::Vector3d size_m = Eigen::Vector3d::Zero();  ///< along each axis, the largest of its boxes
-  std::vector<Key> keys;                             ///< by time, at least one
+  std::vector<Key> keys;                             ///< ascending by time, at least one
   bool is_refined = false;                           ///< the keys have a model's corrections
   // Changes (scene/edit_actors.h):
   std::optional<std::int64_t> body;  ///< id of the object whose Gaussians it shows; its own

@@ -58,12 +58,12 @@ class MovingObjects {
   /// Returns the box of each object that has a pose at t_ns.
   std::vector<MovingBox> at(std::int64_t t_ns) const;
 
-  const std::vector<MovingObject>& objects() const& { return objects_; }  ///< by id
+  const std::vector<MovingObject>& objects() const& { return objects_; }  ///< ascending by id
   /// Returns all but these.
   MovingObjects without(const std::vector<MovingObject>& others) const;
   /// Returns these and `others`, which move, too.
   MovingObjects with(const std::vector<MovingObject>& others) const;
-  const std::vector<MovingObject>& parked() const { return parked_; }  ///< that do not move
+  const std::vector<MovingObject>& parked() const { return parked_; }  ///< objects that do not move
 
  private:
   std::vector<MovingObject> objects_;

@@ -113,7 +113,7 @@ TEST(MovingObjects, InterpolatesBetweenBoxesThatTurn) {
     box.body_from_box.rotate(
         Eigen::AngleAxisd(0.5e-9 * double(box.t_ns - frames[0].t_ns), Vector3d::UnitZ()));
   boxes[2].size_m.x() = 4.5;
-  boxes.back().t_ns += 400'000'000;  // of the same motion
+  boxes.back().t_ns += 400'000'000;  // end of the same motion
   const MovingObjects objects(boxes, frames, Rigid3d::Identity());
   ASSERT_EQ(objects.objects().size(), 1u);
   const MovingObject& object = objects.objects()[0];

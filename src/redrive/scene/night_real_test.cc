@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // LiDAR, boxes and masks of a real recording; skipped where it is missing. The expected values are
-// those of its SOURCE.md.
+// from its SOURCE.md.
 #include <gtest/gtest.h>
 
 #include "redrive/scene/lidar_returns.h"

@@ -17,10 +17,10 @@ struct ObjectSummary {
   std::size_t boxes = 0;
   double driven_m = 0;     ///< between its boxes, in a straight line from each to the next
   double nearest_m = 0;    ///< least distance of its centre from the ego vehicle's origin
-  std::size_t images = 0;  ///< that show its centre, unless something hides it
+  std::size_t images = 0;  ///< images that show its centre, unless something hides it
 };
 
-/// Returns summaries by id; `images` counts those of the scene.
+/// Returns summaries in the order of ids; `images` counts the scene's images.
 std::vector<ObjectSummary> summarize_objects(const Scene& scene, const MovingObjects& objects);
 
 }  // namespace redrive

@@ -13,7 +13,7 @@
 namespace redrive {
 
 struct PoseCorrections {
-  int frames = 0, cameras = 0;  ///< of the scene
+  int frames = 0, cameras = 0;  ///< numbers of frames and cameras of the scene
   /// [frames, 6] in the body's axes, [cameras, 6] in the camera's, each a translation (m) and a
   /// rotation vector (rad), then [cameras] seconds by which images are exposed later. Empty: no
   /// corrections.
@@ -42,10 +42,11 @@ Rigid3d rigid_from_vector(const float* six);
 /// before and after that have one; beyond the ends the nearest one's.
 void interpolate_held_out(const Scene& scene, PoseCorrections* corrections);
 
-/// Sets the poses of frames, rig and views of `*corrected`, a copy of `initial`, to those of
-/// `initial` with the corrections. `trajectory`: of the recording that the scene was made from;
-/// returned with the corrections, in the same frame of reference (global_from_body). A pose at none
-/// of the scene's frames is corrected by the interpolated corrections of the frames around it.
+/// Sets the poses of frames, rig and views of `*corrected`, a copy of `initial`, to the poses of
+/// `initial` with the corrections. `trajectory`: trajectory of the recording that the scene was
+/// made from; returned with the corrections, in the same frame of reference (global_from_body). A
+/// pose at none of the scene's frames is corrected by the interpolated corrections of the frames
+/// around it.
 std::vector<FramePose> apply_corrections(const Scene& initial,
                                          const std::vector<FramePose>& trajectory,
                                          const PoseCorrections& corrections, Scene* corrected);

@@ -44,8 +44,8 @@ struct View {
   Rigid3d world_from_body = Rigid3d::Identity();  ///< when the image was exposed: the frame's
                                                   ///< unless the camera has an offset
   MaskFile mask;
-  std::vector<Rigid3d> by_row;  ///< of a rolling shutter: world_from_body at even times from the
-                                ///< upper edge to the lower one
+  /// Poses of a rolling shutter: world_from_body at even times from the upper edge to the lower one
+  std::vector<Rigid3d> by_row;
 };
 
 /// The colour behind transparent pixels, in rendering and evaluation.
@@ -60,7 +60,7 @@ enum class Background {
 struct SceneOptions {
   std::vector<std::string> cameras;                ///< empty: all with images
   std::int64_t first_frame = -1, last_frame = -1;  ///< ids, inclusive; -1: open
-  int frame_step = 1;                              ///< every n-th frame that is there, >= 1
+  int frame_step = 1;                              ///< keeps every n-th frame, >= 1
   bool shown_only = false;  ///< without frames that none of these cameras has an image of
   int downscale = 1;        ///< 1..64
   int holdout_every = 0;    ///< 0: none; n >= 2: every n-th frame (the first one included), all
@@ -75,12 +75,12 @@ struct SceneOptions {
 struct Scene {
   std::vector<RigCamera> rig;
   std::vector<Frame> frames;
-  std::vector<View> views;  ///< by camera, then frame
-  /// The first pose of the recording (E_P,0): the world's axes are the body's there. Of a bounded
-  /// recording the axes stay those of its poses, and the origin is its cube's center.
+  std::vector<View> views;  ///< ordered by camera, then frame
+  /// The first pose of the recording (E_P,0): the world's axes are the body's there. A bounded
+  /// recording keeps the axes of its poses, and the origin is its cube's center.
   Rigid3d global_from_world;
-  std::optional<double>
-      half_side;  ///< of the cube around the world's origin that holds a bounded scene
+  /// half the side of the cube around the world's origin that holds a bounded scene
+  std::optional<double> half_side;
   UnitFromWorld unit_from_world;  ///< [-1, 1]^3 holds every point within far_m of a camera centre
   double near_m = 1, far_m = 10;
   int downscale = 1;       ///< applied by load_view to each image
@@ -107,7 +107,7 @@ struct Scene {
   }
 };
 
-/// Sets the pose of a view to that of the body when its camera exposed it.
+/// Sets the pose of a view to the body's pose when its camera exposed it.
 void update_view_pose(const std::vector<FramePose>& frames, const Scene& scene, View* view);
 
 /// Returns the colour that images are rendered and scored over, rgb in [0, 1].

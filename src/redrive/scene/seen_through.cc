@@ -22,7 +22,7 @@ constexpr float kEnded_m = 0.15f;  // farther from a ray that ends at the point
 constexpr float kAlong_m = 0.5f;   // along a ray from its end to the point, where it ends there
 // A ray along a wall, 0.1 m before it and at 2 degrees, ends on it 2.9 m behind the point.
 constexpr float kBeyond_m = 3;
-constexpr std::size_t kMostRays = 40'000;  // of a sweep; more take time
+constexpr std::size_t kMostRays = 40'000;  // rays of a scan, at most; more take time
 // Sweeps before and after that count, 0.4 s to 8 s away: slow objects leave their place later.
 constexpr std::array<int, 12> kOffsets = {4, 5, 6, 8, 10, 13, 17, 22, 29, 38, 55, 80};
 
@@ -124,7 +124,7 @@ class RayIndex {
     for (int k = 0; k < 3; ++k) towards = p - origins_[cell(towards).first];
     const float range_m = towards.norm();
     if (range_m < kLeastRange_m || range_m > kMostRange_m) return;
-    constexpr float kMoved_m = 0.1f;  // of the sensor, what is left
+    constexpr float kMoved_m = 0.1f;  // motion of the sensor up to which rays are the same
     const float through_m = std::clamp(spacing_rad_ * range_m / 2, kLeastThrough_m, kMostThrough_m),
                 ended_m = through_m + kEnded_m, across_rad = (ended_m + kMoved_m) / range_m,
                 level = std::max(towards.head<2>().norm() / range_m, 0.2f);
@@ -160,8 +160,8 @@ class RayIndex {
   }
 
   Vector3f mean_ = Vector3f::Zero();
-  float spacing_rad_ = 0;             ///< of rays
-  std::vector<Vector3f> origins_;     ///< of the rays of each column
+  float spacing_rad_ = 0;             ///< angle between rays
+  std::vector<Vector3f> origins_;     ///< origins of the rays of each column
   std::vector<std::uint32_t> begin_;  ///< into rays_, by cell
   std::vector<std::uint32_t> rays_;   ///< indices of returns
 };

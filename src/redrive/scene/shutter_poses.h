@@ -32,7 +32,7 @@ class ShutterPoses {
 
   bool is_rolling() const { return keys_.size() > 1; }
   const std::vector<PlainPose>& keys() const { return keys_; }
-  /// The objects that are there during the exposure (Scene::with_actors); none unless set.
+  /// The objects that exist during the exposure (Scene::with_actors); none unless set.
   const std::vector<Actor>& actors() const { return actors_; }
   void set_actors(std::vector<Actor> actors) { actors_ = std::move(actors); }
   /// `row`: 0 at the upper edge, 1 at the lower one (pose_at_row).

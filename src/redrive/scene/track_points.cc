@@ -38,7 +38,7 @@ constexpr std::array<double, 3> kParallaxes{0, 0.07, 0.18};
 constexpr int kLevelsWithPoint = 1;  // pyramid levels searched for a track that has a point
 constexpr float kForwardBackward_px = 0.5f, kEdge_px = 2;
 constexpr double kMaxResidual_px = 1.2, kTracking_px = 0.35;  // error of an observation
-constexpr double kMaxRelativeSigma = 0.06;                    // of the distance
+constexpr double kMaxRelativeSigma = 0.06;                    // sigma as a part of the distance
 constexpr double kExactSigma = 0.01;  // likewise: a track that knows it so well ends
 
 /// Distances from the first camera between which points are kept.
@@ -60,7 +60,7 @@ struct TrackImage {
   std::size_t view;
   ShutterPoses world_from_camera;
   ImagePointer image = {};            ///< null where the batch does not need it
-  std::vector<cv::Mat> pyramid = {};  ///< of the reduced image, likewise
+  std::vector<cv::Mat> pyramid = {};  ///< pyramid of the reduced image, likewise
 };
 
 /// Area-averages by a whole factor; the remainder is cropped, as Camera::downscaled does.
@@ -113,7 +113,7 @@ double noise_of(const cv::Mat& grey, const cv::Mat& usable) {
 std::vector<cv::Point2f> find_corners(const cv::Mat& grey, const cv::Mat& usable) {
   const int cell = std::max(
       kMinCell_px, static_cast<int>(std::ceil(std::sqrt(double(grey.total()) / kMaxCells))));
-  // Of 8-bit images OpenCV averages (2 gradient / 255)^2.
+  // For 8-bit images OpenCV averages (2 gradient / 255)^2.
   const double levels = std::max(kCornerLevels, kCornerNoises * noise_of(grey, usable));
   const auto least = static_cast<float>(4 * levels * levels / (255 * 255));
   cv::Mat strength;
@@ -144,7 +144,7 @@ struct TrackRays {
 /// The point with the least sum of squared distances to the rays.
 struct NearestToRays {
   Eigen::Vector3d from_first;   ///< from the first ray's origin, not finite for parallel rays
-  double least_eigenvalue = 0;  ///< of the normal equations
+  double least_eigenvalue = 0;  ///< least eigenvalue of the normal equations
 };
 
 NearestToRays nearest_to_rays(const TrackRays& rays) {
@@ -200,7 +200,7 @@ struct ActiveTrack {
   }
 };
 
-/// The training images of one camera. Points in images are those of the reduced ones.
+/// The training images of one camera. Points in images are in pixels of the reduced images.
 class CameraTracker {
  public:
   CameraTracker(const Scene& scene, int camera)
@@ -383,7 +383,7 @@ class CameraTracker {
   const Camera& camera_;
   DistanceRange range_;
   std::vector<TrackImage> images_;
-  int factor_ = 1;  ///< by which images are reduced
+  int factor_ = 1;  ///< factor by which images are reduced
   int levels_ = 0;
 };
 

@@ -16,10 +16,10 @@ namespace redrive {
 /// Returns the points that tracks of each camera's training images give, with the colour of the
 /// pixel where the track starts; in the order of cameras and images. The consecutive images of a
 /// camera must overlap: photographs too far apart give none. images[i] belongs to scene.views[i];
-/// those of held-out views are not used, nor are masked or transparent pixels. A camera of whose
-/// corners fewer than a twentieth become points, as of noise at night, is tracked from every eighth
-/// start alone. The poses are those of Scene::shutter_poses. The result does not depend on the
-/// number of threads.
+/// images of held-out views are not used, nor are masked or transparent pixels. A camera of whose
+/// corners fewer than a twentieth become points, as with noise at night, is tracked from every
+/// eighth start only. The poses are the poses of Scene::shutter_poses. The result does not depend
+/// on the number of threads.
 PointCloud track_points(const Scene& scene, const ViewImages& images, ThreadPool& pool);
 /// Images that track_points uses at once, at most.
 constexpr int kMostTrackImages = 32;

@@ -26,14 +26,14 @@ struct Block {
   std::string name;                              ///< "000", "001", ...: its folder
   std::int64_t first_frame = 0, last_frame = 0;  ///< ids that it trains on, its core's among them
   std::int64_t first_core = 0, last_core = 0;    ///< ids of its core
-  double start_m = 0, end_m = 0;                 ///< of the core, along the way driven
+  double start_m = 0, end_m = 0;                 ///< ends of the core along the way driven
   bool finished = false;                         ///< trained to the end of its options
 };
 
 /// How to divide.
 struct Division {
-  double length_m = 0;     ///< of a core, at most; > 0
-  double overlap_m = 0;    ///< that a block trains on beyond each end of its core; >= 0
+  double length_m = 0;     ///< length of a core, at most; > 0
+  double overlap_m = 0;    ///< length that a block trains on beyond each end of its core; >= 0
   int frame_multiple = 1;  ///< a block begins at a multiple of so many frames of the drive, so that
                            ///< all blocks hold out the same ones (--holdout-every); >= 1
 };
@@ -69,8 +69,8 @@ void write_blocks(const std::filesystem::path& run, const std::vector<Block>& bl
 std::vector<Block> parse_blocks(std::string_view bytes, const std::filesystem::path& file);
 std::string blocks_text(const std::vector<Block>& blocks);
 
-/// Returns the options of a block: those of the whole with its frames. Poses stay as they are,
-/// since two blocks would correct the frames that they share differently.
+/// Returns the options of a block: the options of the whole with the block's frames. Poses stay as
+/// they are, since two blocks would correct the frames that they share differently.
 TrainOptions block_options(const TrainOptions& whole, const Block& block);
 
 }  // namespace redrive

@@ -2,7 +2,7 @@
 // A training that is killed, or whose disk is full or fails, at each of its calls that change the
 // file system: it says so, and goes on to the end that it would have had.
 //
-// The program's own functions of these names come before those of the C library.
+// The program's own functions of these names come before the C library's.
 #include <fcntl.h>
 #include <sys/mman.h>
 #include <sys/syscall.h>
@@ -166,7 +166,7 @@ class Crash : public ::testing::Test {
 TEST_F(Crash, AtEachCallEndsAsUninterrupted) {
   ASSERT_EQ(train_in_process(whole_), 0);
   const int calls = *calls_;
-  ASSERT_GT(calls, 30);  // of a configuration, four checkpoints and two rows of metrics
+  ASSERT_GT(calls, 30);  // calls for a configuration, four checkpoints and two rows of metrics
   for (const Fault fault :
        {Fault::kKill, Fault::kKillInTheMiddle, Fault::kNoSpace, Fault::kNoDevice})
     for (int at = 1; at <= calls; ++at) {

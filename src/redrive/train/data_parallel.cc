@@ -10,7 +10,7 @@
 namespace redrive {
 namespace {
 
-/// Accumulates one rank's result into that of all `ranks`.
+/// Accumulates one rank's result into the result of all `ranks`.
 void accumulate(const StepResult& one, int ranks, StepResult* all) {
   all->pixels += one.pixels;
   all->epoch_pixels += one.epoch_pixels;

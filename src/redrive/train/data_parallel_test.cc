@@ -146,7 +146,7 @@ TEST_F(DataParallelTest, DrawsEachPixelOnceAnEpoch) {
   GroupRun of(fresh_run("run", true));
   const std::uint64_t pixels = of.sampler.pixels();
   for (const int ranks : {1, 2, 3, 5})
-    for (const std::uint64_t left : {1, 2, 4, 7, 11}) {  // of the epoch
+    for (const std::uint64_t left : {1, 2, 4, 7, 11}) {  // steps left in the epoch
       TrainState& state = of.run.state;
       state.pixels_drawn = pixels - left;
       while (state.pixels_drawn < pixels + 5) {

@@ -173,7 +173,7 @@ class DataParallelTest : public TrainingTest {
     return runs;
   }
   static std::deque<GroupRun> with_data(std::vector<redrive::Run> runs) {
-    std::deque<GroupRun> out;  // whose elements refer to themselves
+    std::deque<GroupRun> out;  // elements refer to themselves
     for (redrive::Run& run : runs) out.emplace_back(std::move(run));
     return out;
   }

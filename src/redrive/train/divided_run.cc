@@ -33,7 +33,7 @@ Run planned_run(const DividedRun& whole, const Block& block) {
   return run;
 }
 
-/// Sets the options that `redrive resume` may change, of a block to those of the whole.
+/// Sets the options of a block that `redrive resume` may change to the options of the whole.
 void take_limits(const TrainOptions& whole, TrainOptions* options) {
   options->epochs = whole.epochs;
   options->max_steps = whole.max_steps;
@@ -199,7 +199,7 @@ Run open_block(const DividedRun& whole, const Block& block) {
 
 BlockMetrics read_block_metrics(const std::filesystem::path& root) {
   BlockMetrics all;
-  std::map<std::int64_t, std::pair<MetricsRow, int>> sums;  // by step
+  std::map<std::int64_t, std::pair<MetricsRow, int>> sums;  // key: step
   for (const Block& block : read_blocks(root)) {
     const std::vector<MetricsRow> rows = read_metrics({block_folder(root, block)});
     if (!rows.empty()) all.steps += rows.back().step;

@@ -14,7 +14,7 @@ namespace redrive {
 
 /// Options, recording with the poses in use, scene and blocks belong together.
 struct DividedRun {
-  RunPaths paths;  ///< of the whole: config, masks and poses
+  RunPaths paths;  ///< paths of the whole: config, masks and poses
   TrainOptions options;
   Recording recording;
   Scene scene;  ///< all cameras and frames
@@ -56,14 +56,14 @@ DividedRun open_divided_run(const std::filesystem::path& root);
 /// Makes the run folder of a block that has none, to be opened by open_block.
 void create_block(const DividedRun& whole, const Block& block);
 /// Opens the run of a block to train it on, from its last checkpoint if it has one. The limits on
-/// epochs, steps and seconds, and what it may use of the machine, are those of the whole.
+/// epochs, steps and seconds, and what it may use of the machine, are the whole's.
 Run open_block(const DividedRun& whole, const Block& block);
 
 /// The blocks' rows of metrics.jsonl.
 struct BlockMetrics {
   std::vector<MetricsRow>
       rows;                ///< step, PSNR and loss: means of the blocks with a row of the step
-  std::int64_t steps = 0;  ///< of all blocks together, as of their last rows
+  std::int64_t steps = 0;  ///< steps of all blocks together, from their last rows
 };
 /// Errors as read_metrics and read_blocks.
 BlockMetrics read_block_metrics(const std::filesystem::path& root);

@@ -93,7 +93,7 @@ TEST_F(DividedRunTest, ABlockIsARunOfItsFramesWithTheMasksOfTheWhole) {
   ThreadPool pool(2);
   create_divided_run(folder_.path / "run", &whole, pool, {});
   ASSERT_TRUE(is_divided_run(folder_.path / "run"));
-  folder_.write("run/blocks/.001.redrive-tmp/config.json", "half");  // of a killed process
+  folder_.write("run/blocks/.001.redrive-tmp/config.json", "half");  // leftover of a killed process
 
   DividedRun again = open_divided_run(folder_.path / "run");
   EXPECT_EQ(blocks_text(again.blocks), blocks_text(whole.blocks));

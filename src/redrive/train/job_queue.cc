@@ -139,7 +139,7 @@ class Leader {
   const std::vector<int>& jobs_;
   const JobHandler& handler_;
   Worker worker_;
-  std::vector<std::optional<int>> job_of_;  // by process
+  std::vector<std::optional<int>> job_of_;  // one per process
   std::size_t next_ = 0;
   bool stopping_ = false;
   JobResult end_;

@@ -62,7 +62,7 @@ struct TestProcess {
 struct Outcome {
   JobResult result;
   std::vector<int> finished;  ///< in the order of their ends
-  std::vector<int> codes;     ///< of the processes that follow
+  std::vector<int> codes;     ///< codes of the processes that follow
 };
 
 /// Runs jobs 0..jobs-1 on processes that all do `work`.

@@ -27,8 +27,8 @@ constexpr int kMaxRollbacks = 4;
 void watch_loss(const LossWindow& window, LossWatch* watch);
 
 inline bool has_diverged(const LossWatch& watch) { return watch.high >= kHighWindows; }
-/// Whether the mean of a window of at least 1000 rays, or that of the windows before, is high. It
-/// may be noise or the onset of divergence: no checkpoint is written then.
+/// Whether the mean of a window of at least 1000 rays, or of the windows before, is high. It may be
+/// noise or the onset of divergence: no checkpoint is written then.
 bool is_high(const LossWindow& window, const LossWatch& watch);
 
 }  // namespace redrive

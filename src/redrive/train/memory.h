@@ -15,10 +15,10 @@ namespace redrive {
 struct MemoryEstimate {
   std::uint64_t program = 0;  ///< code, libraries, threads
   std::uint64_t state = 0;    ///< parameters and moments
-  std::uint64_t images = 0;   ///< of all training views, with masks
-  /// Of them, of a cache that can hold no fewer, with what decodes into it; 0: all are needed.
+  std::uint64_t images = 0;   ///< bytes of all training views, with masks
+  /// Bytes of the smallest cache, with what decodes into it; 0: all images are needed.
   std::uint64_t least_images = 0;
-  std::uint64_t decoders = 0;  ///< part of least_images: that of the threads that decode
+  std::uint64_t decoders = 0;  ///< part of least_images that the decoding threads take
   std::uint64_t lidar = 0;     ///< all returns
   std::uint64_t search = 0;    ///< for objects that move, before any image is loaded
   // The peak is in loading or in training, or in the search:
@@ -27,7 +27,7 @@ struct MemoryEstimate {
   std::uint64_t of_lidar = 0;  ///< what the model derives from the returns
   std::uint64_t rays = 0;      ///< directions of all pixels of all cameras
   std::uint64_t step = 0;      ///< gradients and a batch's working memory
-  std::string step_option;     ///< that lowers it: "--batch (2048 rays: "
+  std::string step_option;     ///< option that lowers it: "--batch (2048 rays: "
   std::uint64_t saving = 0;    ///< a checkpoint that a run goes back to
 
   std::uint64_t total() const { return total_with(images); }  ///< at the peak

@@ -36,7 +36,8 @@ struct Line {
   std::string_view text;
   MetricsPosition position;
   bool is_event = false;
-  std::int64_t undone_to = std::numeric_limits<std::int64_t>::max();  ///< of a roll-back
+  /// step that a roll-back went back to
+  std::int64_t undone_to = std::numeric_limits<std::int64_t>::max();
   MetricsRow row;
 };
 

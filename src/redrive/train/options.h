@@ -35,7 +35,7 @@ struct TrainOptions {
   bool undistort = false;
   bool ground_truth_poses = false;  ///< uses the ground-truth poses and calibration
   bool outside_files = false;       ///< reads files that the recording names outside of its folder
-  double max_damaged = kMostDamagedPercent;  ///< of a sensor's records that may be damaged
+  double max_damaged = kMostDamagedPercent;  ///< share of a sensor's records that may be damaged
   std::string poses;   ///< folder of other poses and another calibration (recording/pose_files.h);
                        ///< "": the recording's own
   bool align = false;  ///< runs redrive align first and uses its poses
@@ -54,12 +54,12 @@ struct TrainOptions {
   // optimisation
   int epochs = 10000;          ///< 1..10000
   std::int64_t max_steps = 0;  ///< 0: no limit
-  double max_seconds = 300;    ///< of training, from the first step on; 0: no limit
+  double max_seconds = 300;    ///< time of training, from the first step on; 0: no limit
   std::uint64_t seed = 1;
   int checkpoint_every = 1000;  ///< steps; also at the end and on Ctrl-C
   // resources
   int threads = 0;             ///< 0: all
-  std::string memory = "70%";  ///< that training may use: bytes, or a number with GiB or %
+  std::string memory = "70%";  ///< memory that training may use: bytes, or a number with GiB or %
   std::string backend = "auto", isa = "auto";
 
   /// Sets a hyperparameter by name.
@@ -90,7 +90,7 @@ struct TrainField {
       load;  ///< from json[name]; UsageError if it is of another type
   std::function<void(const TrainOptions&)> check;  ///< UsageError if out of range
 };
-/// Returns the options of every method, then those of hyperparameters.
+/// Returns the options of every method, then the options of hyperparameters.
 std::vector<TrainField> train_fields();
 /// Returns help, rule and defaults: of the usual method, and of other methods that differ.
 std::string help_text(const TrainField& field);
@@ -124,13 +124,13 @@ void validate(const TrainOptions& options);
 void validate_fields(const TrainOptions& options);
 SceneOptions scene_options(const TrainOptions& options);
 /// Opens the recording with its own poses, or its ground truth with --truth-poses. The run
-/// (train/run.h) replaces them by those of --poses and --align. Throws InputError as
+/// (train/run.h) replaces them by the poses of --poses and --align. Throws InputError as
 /// redrive::open_recording.
 Recording open_recording(const TrainOptions& options);
 /// Whether the poses are not the recording's: --poses or --align.
 bool has_external_poses(const TrainOptions& options);
-/// Replaces the recording's poses by those of `files`; --rolling-shutter overrides their readout
-/// times. Throws InputError as apply_pose_files.
+/// Replaces the recording's poses by the poses of `files`; --rolling-shutter overrides their
+/// readout times. Throws InputError as apply_pose_files.
 void use_external_poses(const PoseFiles& files, const std::filesystem::path& folder,
                         const TrainOptions& options, Recording* recording);
 

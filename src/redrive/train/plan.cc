@@ -60,7 +60,7 @@ class PacedClock {
     std::size_t after = 0;  ///< index of the pace
   };
 
-  static constexpr double kPace_s = 0.01;  // of cold caches and of timers little is left
+  static constexpr double kPace_s = 0.01;  // cold caches and timers hardly matter after it
 
   /// The least of three counts: one that is interrupted says nothing.
   void measure_pace() {

@@ -18,11 +18,11 @@ namespace redrive {
 struct TrainingRates {
   double prepare_s = 0;  ///< to read an image and its frame's LiDAR, with masks
   double decode_s = 0;   ///< part of it: an image alone
-  double start_s = 0;    ///< of an image, for the first parameters (Model::initialize_from)
+  double start_s = 0;    ///< time for an image, for the first parameters (Model::initialize_from)
   double step_s = 0;     ///< a step, mean of a run
   /// The longest over the shortest time of the same work, one image decoded again and again while
-  /// the others were measured: how much the machine's speed changed. The rates are those of its
-  /// fastest moment.
+  /// the others were measured: how much the machine's speed changed. The rates hold for its fastest
+  /// moment.
   double spread = 1;
 };
 
@@ -45,7 +45,7 @@ TrainingRates measure_rates(Run* run, kernels::Backend& backend,
 struct PlannedBlock {
   std::string name;
   std::int64_t first_frame = 0, last_frame = 0;  ///< ids
-  double length_m = 0;                           ///< of its core, along the way driven
+  double length_m = 0;                           ///< length of its core, along the way driven
   std::int64_t images = 0;                       ///< for training
   std::uint64_t image_file_bytes = 0, lidar_file_bytes = 0;
   std::uint64_t memory_bytes = 0;        ///< with all images (MemoryEstimate::total)
@@ -54,7 +54,7 @@ struct PlannedBlock {
   // Of plan_training:
   bool streams = false;           ///< images are decoded when needed
   double prepare_s = 0;           ///< before training, with the first parameters
-  double train_s = 0, steps = 0;  ///< of training
+  double train_s = 0, steps = 0;  ///< time and number of training steps
   std::uint64_t reads_bytes = 0;  ///< from images and LiDAR files
   double seconds() const { return prepare_s + train_s; }
 };
@@ -75,11 +75,11 @@ struct TrainingPlan {
   std::vector<PlannedBlock> blocks;
   int ranks_per_machine = 1, cores_per_rank = 1;
   double seconds = 0;              ///< from the start to the end of the last block
-  double core_seconds = 0;         ///< that blocks use
-  double efficiency = 1;           ///< time of the blocks over that of all ranks
-  std::uint64_t memory_bytes = 0;  ///< of a machine, at most
+  double core_seconds = 0;         ///< core time that blocks use
+  double efficiency = 1;           ///< time of the blocks over the time of all ranks
+  std::uint64_t memory_bytes = 0;  ///< memory of a machine, at most
   std::uint64_t reads_bytes = 0, writes_bytes = 0;
-  double reads_bytes_per_s = 0;  ///< of all machines, while ranks prepare and train, at most
+  double reads_bytes_per_s = 0;  ///< rate of all machines while ranks prepare and train, at most
   std::string limit;             ///< what more machines would not shorten
 };
 

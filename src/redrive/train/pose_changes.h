@@ -18,7 +18,7 @@ struct PoseChange {
 };
 struct CameraChange {
   std::string name;
-  PoseChange pose;           ///< of the extrinsics
+  PoseChange pose;           ///< change of the extrinsics
   double time_offset_s = 0;  ///< change of exposure time
 };
 

@@ -27,8 +27,8 @@ class PoseRefinerTest : public ::testing::Test {
   Scene scene_ = make_scene(recording_, holdout());
 };
 
-// Two rays of one view and one of another: derivatives of translations are sums, those of rotations
-// are sums of each ray's direction x its derivative.
+// Two rays of one view and one of another: derivatives of translations are sums, derivatives of
+// rotations are sums of each ray's direction x its derivative.
 TEST_F(PoseRefinerTest, SumsTheDerivativesOfAViewsRays) {
   RayBatch batch;
   batch.n = 3;

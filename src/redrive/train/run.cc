@@ -27,7 +27,7 @@ bool agree(const HyperparameterValue& value, const std::string& text) {
   return std::abs(a - b) <= 1e-5 * std::max({0.1, std::abs(a), std::abs(b)});
 }
 
-/// Returns all hyperparameters of a run: the model's and those of pose refinement.
+/// Returns all hyperparameters of a run: the model's and pose refinement's.
 std::vector<HyperparameterValue> all_hyperparameters(Model& model, const TrainOptions& options) {
   std::vector<HyperparameterValue> all = hyperparameter_values(model);
   PoseRefinement refinement = pose_refinement(options);
@@ -36,8 +36,8 @@ std::vector<HyperparameterValue> all_hyperparameters(Model& model, const TrainOp
   return all;
 }
 
-/// Throws InputError if the hyperparameters of config.json differ from those of options and
-/// recording.
+/// Throws InputError if the hyperparameters of config.json differ from what options and recording
+/// give.
 void check_shown_hyperparameters(const Run& run, const nlohmann::json& config) {
   if (!config.contains(kHyperparametersKey)) return;
   const nlohmann::json& shown = config.at(kHyperparametersKey);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A run folder: config.json (resolved options), masks/, poses/ (those of --poses and --align),
+// A run folder: config.json (resolved options), masks/, poses/ (from --poses and --align),
 // metrics.jsonl, checkpoint.safetensors, figures/, report.html. Nothing is written outside it.
 #pragma once
 
@@ -75,7 +75,7 @@ struct MetricsRow {
   double seconds = 0, loss = 0, psnr_db = 0, learning_rate = 0, rays_per_s = 0;
   int epoch = 0;
   std::vector<std::pair<std::string, double>> losses = {};  ///< terms of the loss by name
-  double image_wait_s = 0;  ///< that steps waited for images since the row before
+  double image_wait_s = 0;  ///< time that steps waited for images since the row before
 };
 /// Returns the rows of the start that is in use, without those before a restart and those that a
 /// roll-back undid; empty if there is no file yet. Ignores a truncated last line. Throws InputError

@@ -25,8 +25,8 @@ using LogGains = std::array<double, 3>;  ///< natural logarithms of factors of r
 /// each group that shares frames; 0 where nothing tells them. Shading (field/shading.h) is no part
 /// of them.
 struct SeamExposure {
-  std::vector<std::string> cameras;              ///< by name
-  std::vector<std::vector<LogGains>> log_gains;  ///< by block of blocks.json, then camera
+  std::vector<std::string> cameras;              ///< in the order of names
+  std::vector<std::vector<LogGains>> log_gains;  ///< [block of blocks.json][camera]
 
   int camera_index(const std::string& name) const;  ///< -1 if there is none
   /// Returns 0 where the camera is not there.

@@ -22,7 +22,7 @@ SharedImage image_of(int a, double x_a, int b, double x_b, double g) {
 }
 
 TEST(SeamExposure, FindsTheFactorOfEachBlock) {
-  // Their mean is 0, as that of the solution is.
+  // Their mean is 0, as the solution's is.
   const double x[] = {0.3, -0.1, -0.2};
   std::vector<SharedImage> images;
   for (const double g : {-0.5, 0.0, 0.4}) {

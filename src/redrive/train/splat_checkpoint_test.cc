@@ -55,7 +55,7 @@ TEST(SplatCheckpoint, RejectsDamageToActorsByName) {
   const std::string good = checkpoint_bytes(example_splat_state(/*with_actors=*/true));
   ASSERT_EQ(checkpoint_error(good), "");
   for (const auto& [key, value, field] : std::vector<std::array<std::string, 3>>{
-           {"actor_ends", "2,5", "__metadata__.actor_ends"},  // of the world's blocks
+           {"actor_ends", "2,5", "__metadata__.actor_ends"},  // within the world's blocks
            {"actor_ends", "5,3", "__metadata__.actor_ends"},
            {"actor_ends", "5", "__metadata__.actor_ends"},
            {"actor_ends", "3,4000000000", "__metadata__.actor_ends"},

@@ -10,8 +10,8 @@ namespace {
 constexpr double kDeadOpacity = 1e-4;
 constexpr int kDeadSteps = 20;
 constexpr std::int64_t kFirstSteps = 20, kLateBegin = 400, kLateEnd = 500;
-/// The variance over 100 batches of 1024 rays estimates that of all pixels to about 1 %, and the
-/// error of a constant colour scatters as much. 1.1 allows ten times that.
+/// The variance over 100 batches of 1024 rays estimates the variance of all pixels to about 1 %,
+/// and the error of a constant colour scatters as much. 1.1 allows ten times that.
 constexpr double kVarianceMargin = 1.1;
 /// The first 20 steps may include diverged ones; a field that learns is far below their mean after
 /// 400.

@@ -17,7 +17,7 @@
 
 namespace redrive {
 
-constexpr std::int64_t kStartSteps = 1000;  ///< of a start that are checked
+constexpr std::int64_t kStartSteps = 1000;  ///< steps of a start that are checked
 constexpr int kMaxRestarts = 5;
 constexpr double kExplainedMse = 1e-4;  ///< 40 dB: the field explains its images
 

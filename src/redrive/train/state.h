@@ -18,10 +18,11 @@ namespace redrive {
 
 /// State of the check of a start (train/start_watch.h).
 struct StartWatch {
-  int dead_steps = 0;        ///< in a row
-  double first_mse = 0;      ///< sum over the first steps
-  double late_mse = 0;       ///< sum over the steps that are compared with them
-  double late_variance = 0;  ///< of the colours of those steps: the error of a constant colour
+  int dead_steps = 0;    ///< in a row
+  double first_mse = 0;  ///< sum over the first steps
+  double late_mse = 0;   ///< sum over the steps that are compared with them
+  /// variance of the colours of those steps: the error of a constant colour
+  double late_variance = 0;
 
   bool operator==(const StartWatch&) const = default;
 };
@@ -68,16 +69,17 @@ struct PoseState {
 
 struct TrainState {
   std::unique_ptr<Model> model;
-  AdamState adam;  ///< of model->parameters
+  AdamState adam;  ///< moments of model->parameters
   PoseState poses;
-  std::int64_t step = 0;           ///< steps done
-  std::uint64_t pixels_drawn = 0;  ///< in the order of the epochs, without those of the error map
-  std::uint64_t pixels = 0;        ///< that train, an epoch; 0 before the first step
-  Buffer<float> cell_errors;       ///< error map, of PixelSampler::cells; empty: not used
-  double seconds = 0;              ///< of steps, including resumed runs, and of finish_training
-  std::uint64_t seed = 0;          ///< in use; differs from the option after a restart
+  std::int64_t step = 0;  ///< steps done
+  /// pixels drawn in the order of the epochs, without the rays of the error map
+  std::uint64_t pixels_drawn = 0;
+  std::uint64_t pixels = 0;   ///< pixels that train, an epoch; 0 before the first step
+  Buffer<float> cell_errors;  ///< error map, of PixelSampler::cells; empty: not used
+  double seconds = 0;         ///< time of steps, including resumed runs, and of finish_training
+  std::uint64_t seed = 0;     ///< in use; differs from the option after a restart
   int restarts = 0;
-  int rollbacks = 0;               ///< of this start
+  int rollbacks = 0;               ///< roll-backs of this start
   double rate_factor = 1;          ///< product of the roll-backs' factors of the learning rate
   int bad_steps = 0;               ///< consecutive non-finite steps
   std::int64_t skipped_steps = 0;  ///< non-finite steps in all

@@ -36,7 +36,7 @@ constexpr int kStepsPerRow =
     25;  // per row of metrics.jsonl: 25 x 1024 rays average out the noise of a batch
 constexpr int kMaxBadSteps = 50;  // consecutive non-finite steps before a roll-back
 constexpr double kSecondsPerCheckpoint =
-    60;  // of training: bounds the loss by a kill on slow machines
+    60;  // seconds of training between checkpoints: bounds the loss by a kill on slow machines
 
 double seconds_since(std::chrono::steady_clock::time_point begin) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
@@ -238,7 +238,7 @@ class Trainer {
     if (has_diverged(state_.loss_watch)) return roll_back(high_loss());
     save_due_ |= state_.step % options_.checkpoint_every == 0 ||
                  state_.seconds - saved_seconds_ >= kSecondsPerCheckpoint;
-    // A checkpoint must be a state to roll back to. That of the end is written when all is done.
+    // A checkpoint must be a state to roll back to. The last one is written when all is done.
     if (save_due_ && progress() < 1 && !loss_rose()) save();
   }
 
@@ -252,7 +252,7 @@ class Trainer {
 
   bool loss_rose() const { return last_was_high_ || is_high(watched(), state_.loss_watch); }
 
-  /// Returns the window with the independent ones of its rays.
+  /// Returns the window with the independent windows of its rays.
   LossWindow watched() const {
     LossWindow window = state_.window;
     window.rays = state_.model->independent_pixels(window.rays);
@@ -422,7 +422,7 @@ class Trainer {
 
   Run& run_;
   kernels::Backend& backend_;
-  ProcessGroup* processes_;  // that compute steps together; may be null
+  ProcessGroup* processes_;  // processes that compute steps together; may be null
   const bool writes_;
   StepObserver* observer_;
   TrainState& state_;
@@ -439,10 +439,10 @@ class Trainer {
   double progress_before_ = 0;  // progress() before the current step
   bool save_due_ = false;       // since then
   bool last_was_high_ = false;  // the last whole window; false at every checkpoint
-  // Of ViewImages::statistics, before the first step and at the last row of metrics.
+  // ViewImages::statistics before the first step and at the last row of metrics.
   double waited_s_ = 0, row_waited_s_ = 0;
   std::int64_t steps_ = 0, steps_per_epoch_ = 0;
-  Progress* progress_ = nullptr;  // of run()
+  Progress* progress_ = nullptr;  // set by run()
 };
 
 }  // namespace

@@ -16,8 +16,8 @@ namespace redrive {
 class StepObserver {
  public:
   virtual ~StepObserver() = default;
-  /// `run` is that of train(), whose model may be used, not changed; `scene` and `frames` are its
-  /// scene and poses with the corrections so far.
+  /// `run` is the argument of train(), whose model may be used, not changed; `scene` and `frames`
+  /// are its scene and poses with the corrections so far.
   virtual void between_steps(Run& run, const Scene& scene,
                              const std::vector<FramePose>& frames) = 0;
 };

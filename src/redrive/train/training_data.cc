@@ -106,8 +106,8 @@ Search search_moving(const Run& run, ThreadPool& pool) {
   return {std::move(found), std::move(returns)};
 }
 
-/// Applies `left_out` to the images, or to those of a cache where `cache_bytes` is given.
-/// `returns`: of the search, if there was one.
+/// Applies `left_out` to the images, or to a cache's images where `cache_bytes` is given.
+/// `returns`: returns of the search, if there was one.
 TrainingData applied(const Run& run, ThreadPool& pool, Exclusions left_out,
                      std::vector<Image8> images, std::optional<std::uint64_t> cache_bytes,
                      std::optional<LidarReturns> returns = std::nullopt) {

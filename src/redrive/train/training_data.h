@@ -15,7 +15,7 @@ namespace redrive {
 
 /// Pixels that training and scores exclude.
 struct Exclusions {
-  std::vector<Mask> masks;  ///< by camera of the rig
+  std::vector<Mask> masks;  ///< one per camera of the rig
   MovingObjects moving;     ///< those that the model does not draw
 };
 
@@ -23,12 +23,13 @@ struct Exclusions {
 Exclusions read_exclusions(const Run& run);
 
 struct TrainingData {
-  std::vector<Image8> images;    ///< of scene.views, held-out ones empty; or all are in `cache`
-  Exclusions left_out;           ///< of them
-  LidarReturns lidar;            ///< none if the model uses none
-  std::vector<Finding> damaged;  ///< about images that cannot be decoded: no pixel is used
+  /// images of scene.views, held-out ones empty; or all are in `cache`
+  std::vector<Image8> images;
+  Exclusions left_out;                ///< masked pixels of the images
+  LidarReturns lidar;                 ///< none if the model uses none
+  std::vector<Finding> damaged;       ///< about images that cannot be decoded: no pixel is used
   std::unique_ptr<ImageCache> cache;  ///< decodes images when needed; null: all are in memory
-  std::uint64_t pixels = 0;           ///< of an epoch, where there is a cache
+  std::uint64_t pixels = 0;           ///< pixels of an epoch, where there is a cache
 
   ViewImages view_images() const { return cache ? ViewImages(*cache) : ViewImages(images); }
   PixelSampler sampler(const Scene& scene, std::uint64_t seed) const {
@@ -42,7 +43,7 @@ struct TrainingData {
 /// once in either case: InputError where more are damaged than the recording allows.
 TrainingData load_training_data(const Run& run, ThreadPool& pool,
                                 std::optional<std::uint64_t> cache_bytes = {});
-/// Loads the data of a new run and its moving objects (load_actors, with those of find_moving).
+/// Loads the data of a new run and its moving objects (load_actors, with what find_moving found).
 /// Masks are detected, or read from the folder that options.masks names; UsageError as mask_folder.
 TrainingData prepare_training_data(Run* run, ThreadPool& pool,
                                    std::optional<std::uint64_t> cache_bytes = {});

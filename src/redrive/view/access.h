@@ -23,7 +23,7 @@ bool is_own_host(std::string_view host, std::string_view listen);
 bool is_own_origin(std::string_view origin, std::string_view host);
 
 /// Returns the addresses under which other machines reach a server that listens on `listen`, an IP
-/// address: those of all interfaces for 0.0.0.0 and ::, none for loopback.
+/// address: the addresses of all interfaces for 0.0.0.0 and ::, none for loopback.
 std::vector<std::string> outside_hosts(const std::string& listen);
 
 /// What a request's target asks for: the token, and what stands after it ("" for the page itself).

@@ -33,7 +33,7 @@ class DriveMap {
   bool joined_;  ///< frames follow each other in time
   Eigen::Matrix<double, 2, 3> plane_from_world_;
   Way bodies_;
-  std::map<std::string, Way> ways_;  ///< of the rig's cameras
+  std::map<std::string, Way> ways_;  ///< ways of the rig's cameras
 };
 
 }  // namespace redrive::view

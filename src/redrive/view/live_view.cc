@@ -69,7 +69,7 @@ void LiveView::between_steps(Run& run, const Scene& scene, const std::vector<Fra
   }
   const Loan loan(&run, shown_.get());
   if (std::exchange(model_, shown_->state.model.get()) != shown_->state.model.get())
-    viewer_->drop_jobs();  // of the model before a roll-back
+    viewer_->drop_jobs();  // jobs of the model before a roll-back
   if (refreshes) {
     correct_actors();
     refresh(run);

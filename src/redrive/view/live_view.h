@@ -15,7 +15,7 @@ namespace redrive::view {
 
 class LiveView : public StepObserver {
  public:
-  /// The run is that of train(), with its model; backend and `stop` must outlive it.
+  /// `run` is the argument of train(), with its model; backend and `stop` must outlive it.
   LiveView(Run* run, kernels::Backend& backend, const std::atomic<bool>& stop);
 
   Viewer& viewer() { return *viewer_; }  ///< events of the server go there
@@ -39,7 +39,7 @@ class LiveView : public StepObserver {
   std::vector<MovingObject> annotated_;  ///< Scene::actors without corrections
   std::shared_ptr<Run> shown_;           ///< has the model while images are made
   std::unique_ptr<Viewer> viewer_;
-  const Model* model_ = nullptr;  ///< of the last images
+  const Model* model_ = nullptr;  ///< model of the last images
   Clock::time_point returned_, refresh_at_;
   double credit_s_ = 0;  ///< time for images
 };

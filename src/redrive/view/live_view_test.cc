@@ -171,7 +171,8 @@ TEST_F(LiveViewTest, ServesTheLastPoses) {
     std::atomic<bool> stop{false};
     LivePage page(&run, *backend_, stop,
                   {{"overlays", {"trajectory"}}, {"frame", 10}, {"shift_m", {-4, 0, 1}}});
-    run.state.poses.corrections.values[0] = shift_m;  // of the first frame, trained since
+    // correction of the first frame, trained since
+    run.state.poses.corrections.values[0] = shift_m;
     std::thread server([&] { page.live.serve(run); });
     const nlohmann::json lines = wait_for(*page.client, "image")["lines"];
     stop = true;

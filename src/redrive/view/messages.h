@@ -40,7 +40,7 @@ enum class Layer { kImage, kDepth, kNormals, kOpacity, kCoverage };
 /// What is drawn over an image.
 struct Overlays {
   bool trajectory = false;  ///< the body's path, on the ground
-  bool frusta = false;      ///< of the rig's cameras at the frame
+  bool frusta = false;      ///< frusta of the rig's cameras at the frame
   bool lidar = false;       ///< the frame's revolution
   bool cloud = false;       ///< the revolutions of all frames, thinned
   bool boxes = false;       ///< the frame's annotated objects
@@ -62,7 +62,7 @@ struct OwnMount {
 
 /// The view that a page wants to see.
 struct ViewRequest {
-  std::uint64_t id = 0;  ///< of the page; comes back with the image
+  std::uint64_t id = 0;  ///< id of the page; comes back with the image
   std::string camera;
   std::int64_t frame = 0;
   std::array<double, 3> shift_m{};    ///< in body axes: forward, left, up; |shift| <= kMaxShift_m
@@ -118,7 +118,7 @@ struct LoadPath {
 struct EditMessage {
   std::uint64_t id = 0;  ///< comes back with the answer
   std::string file;      ///< name of the file, for errors
-  std::string text;      ///< of an EDIT.json (recording/traffic_edit.h), not yet parsed
+  std::string text;      ///< text of an EDIT.json (recording/traffic_edit.h), not yet parsed
 };
 
 /// Asks where an object belongs that is dragged in the image that was sent last.
@@ -126,7 +126,7 @@ struct DragMessage {
   std::uint64_t id = 0;  ///< comes back with the answer
   std::int64_t object = 0;
   bool turns = false;                  ///< its handle is dragged, and turns it
-  std::array<double, 2> from{}, to{};  ///< of the pointer: u, v as of Pick
+  std::array<double, 2> from{}, to{};  ///< ends of the pointer's motion: u, v as in Pick
   std::array<double, 3> shift_m{};     ///< ActorChange::shift_m when the drag began
   double turn_deg = 0;                 ///< ActorChange::turn_deg when the drag began
 };

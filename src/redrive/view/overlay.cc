@@ -17,10 +17,10 @@ namespace {
 
 constexpr double kFrustumDepth_m = 0.6;
 constexpr double kOwnFrustum_m = 0.05;               // nearer to the viewer it is the camera's own
-constexpr double kNearest_m = 1, kFarthest_m = 100;  // of the LiDAR points' colours
+constexpr double kNearest_m = 1, kFarthest_m = 100;  // range of the LiDAR points' colours
 constexpr std::size_t kKeptRevolutions = 4;
 
-/// Returns a pen whose points are those of OverlayLine.
+/// Returns a pen that draws in the coordinates of OverlayLine.
 LinePen pen_of(const Placement& placement, std::vector<OverlayLine>* lines) {
   const Rigid3d camera_from_world = placement.world_from_camera.inverse(Eigen::Isometry);
   return {[&camera = placement.camera,

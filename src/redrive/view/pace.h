@@ -23,9 +23,9 @@ class Pace {
     for (auto& [other, time] : seconds_) time *= change;
   }
 
-  /// Returns the time of an image at `factor`: measured, or that of the nearest measured factor
-  /// times the ratio of the pixels, which is too long where part of the work is that of the scene.
-  /// Nothing before anything was measured.
+  /// Returns the time of an image at `factor`: measured, or the time of the nearest measured factor
+  /// times the ratio of the pixels, which is too long where part of the work does not depend on the
+  /// pixels. Nothing before anything was measured.
   std::optional<double> seconds(int factor) const {
     if (const auto known = seconds_.find(factor); known != seconds_.end()) return known->second;
     std::optional<double> best;

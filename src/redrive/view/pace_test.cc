@@ -21,7 +21,7 @@ TEST(Pace, ScalesByPixelsUntilItHasMeasured) {
   EXPECT_DOUBLE_EQ(*pace.seconds(8), 0.01);  // part of it may not shrink
   EXPECT_EQ(pace.factor_within(0.05, 16), 2);
   EXPECT_EQ(pace.factor_within(0.2, 16), 1);
-  pace.measured(1, 0.03);  // most of the work was that of the scene
+  pace.measured(1, 0.03);  // most of the work did not depend on the pixels
   EXPECT_EQ(pace.factor_within(0.05, 16), 1);
 }
 

@@ -14,8 +14,8 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::size_t kMostNames = 1000;
-constexpr std::size_t kMostPaths = 100;  ///< that pages save, 8 MB each at most
-constexpr int kMostImages = 20'000;      ///< of camera_path, about 400 bytes each
+constexpr std::size_t kMostPaths = 100;  ///< paths a client may save, up to 8 MB each
+constexpr int kMostImages = 20'000;      ///< entries of camera_path, about 400 bytes each
 
 }  // namespace
 

@@ -17,7 +17,7 @@ namespace redrive::view {
 
 /// What has become of the run since it was looked at.
 struct RunNews {
-  std::shared_ptr<const Run> run;  ///< of a newer checkpoint; null: nothing new
+  std::shared_ptr<const Run> run;  ///< run of a newer checkpoint; null: nothing new
   std::string problem;             ///< why the run cannot be opened any more; empty: it can
 };
 
@@ -44,7 +44,7 @@ class RunWatch {
   RunPaths paths_;
   Stamp opened_;  ///< as of the last attempt
   std::shared_ptr<const Run> run_;
-  std::string problem_;  ///< of the last attempt
+  std::string problem_;  ///< problem of the last attempt
 };
 
 }  // namespace redrive::view

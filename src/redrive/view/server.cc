@@ -37,7 +37,7 @@ using Request = http::request<http::empty_body>;
 constexpr std::chrono::seconds kStrangerTimeout{3}, kRequestTimeout{10};
 constexpr std::chrono::milliseconds kAcceptAgain{200};  // after want of descriptors, say
 constexpr std::uint32_t kMaxHeaderBytes = 8192;
-constexpr std::size_t kHeadBytes = 14;         // of a frame, at most
+constexpr std::size_t kHeadBytes = 14;         // bytes of a frame's head, at most
 constexpr std::size_t kReadAhead = 64 * 1024;  // bytes of the next messages that a read may take
 
 std::string_view view_of(beast::string_view text) { return {text.data(), text.size()}; }

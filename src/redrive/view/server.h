@@ -26,8 +26,8 @@ struct ServerOptions {
   std::span<const PageFile> page;
   std::size_t max_message_bytes = 4096;  ///< a client that sends more is closed
   int max_clients = 16;                  ///< WebSockets; more are refused
-  int max_connections = 64;              ///< that have shown the token; more are refused
-  int max_strangers = 32;                ///< that have not; another one ends the oldest of them
+  int max_connections = 64;  ///< connections that have shown the token; more are refused
+  int max_strangers = 32;    ///< connections that have not; another one ends the oldest of them
   int max_messages_per_second = 500;  ///< with pings and pongs; a client that sends more is closed
   int max_queued = 16;                ///< messages to a client that does not read
   int idle_seconds = 30;              ///< a client that does not answer pings is closed
@@ -56,7 +56,7 @@ class Server {
   Server& operator=(const Server&) = delete;
 
   int port() const;
-  std::string address() const;  ///< of the page: "http://127.0.0.1:7007/TOKEN/"
+  std::string address() const;  ///< address of the page: "http://127.0.0.1:7007/TOKEN/"
   /// Returns the page's addresses for other machines; none where it listens on loopback alone.
   std::vector<std::string> outside_addresses() const;
 

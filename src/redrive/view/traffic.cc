@@ -17,8 +17,9 @@
 namespace redrive::view {
 namespace {
 
-constexpr double kHandle_m = 1;                         // from the object's corners
-constexpr double kHandleMargin = 0.025;                 // of the image's width, from its outline
+constexpr double kHandle_m = 1;  // from the object's corners
+// distance of the handle from the outline, in widths of the image
+constexpr double kHandleMargin = 0.025;
 constexpr double kNearestTurn_m = 0.2;                  // to the middle, from where a drag turns
 constexpr double kMaxDragged_m = 200;                   // from the camera
 constexpr std::size_t kMaxEdit = kMaxMessageBytes / 2;  // quotes take two bytes in a message
@@ -236,7 +237,7 @@ nlohmann::json dragged(const DragMessage& drag, const Placement& placement, cons
   if (actor == traffic.actors.end()) return answer;
   const auto world_from_box = actor->world_from_box(placement.t_ns);
   if (!world_from_box) return answer;
-  // The box without its change: its axes are those of shift_m, its plane that of the drag.
+  // The box without its change: its axes are the axes of shift_m, its plane the plane of the drag.
   const Rigid3d world_from_own =
       *world_from_box * own_motion(change_of(edit, drag.object)).inverse(Eigen::Isometry);
   const Rigid3d own_from_world = world_from_own.inverse(Eigen::Isometry);

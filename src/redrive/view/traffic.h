@@ -19,14 +19,15 @@
 
 namespace redrive::view {
 
-// Bounds of a page's edit beside those of its format: it is applied while others wait for images.
+// Bounds of a page's edit besides the format's own: it is applied while others wait for images.
 constexpr std::size_t kMaxPageCopies = 100;  ///< with objects that are added
-constexpr double kMaxAfterDrive_s = 60;      ///< of a track's last time after the drive's end
+/// time of a track's last key after the drive's end, at most
+constexpr double kMaxAfterDrive_s = 60;
 
 /// Changes that pages begin with.
 struct FirstEdit {
-  std::string text;                  ///< of an EDIT.json; empty: there are none
-  std::filesystem::path file;        ///< of --edit; may be empty
+  std::string text;                  ///< text of an EDIT.json; empty: there are none
+  std::filesystem::path file;        ///< file of --edit; may be empty
   std::string saved_as;              ///< the file, where it has this text
   std::vector<std::string> remarks;  ///< as edit_actors
 };

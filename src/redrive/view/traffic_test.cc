@@ -72,7 +72,7 @@ TEST(Traffic, FindsTheObjectThatARayEntersFirst) {
   EXPECT_EQ(object_on_ray(removed, 500'000'000, eye, to_centre.normalized())->id, 7);
 }
 
-/// Returns the answer to a drag from a pixel of one point on the road to that of another.
+/// Returns the answer to a drag from a pixel of one point on the road to a pixel of another.
 nlohmann::json drag(const std::vector<double>& from, const std::vector<double>& to,
                     DragMessage message, const Scene& scene, const std::string& edit = "{}") {
   const auto pixel = [](const std::vector<double>& on_road) {

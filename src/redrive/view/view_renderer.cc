@@ -153,7 +153,7 @@ nlohmann::json ViewRenderer::describe() const {
                        {"frame", set.request(i).frame_id}});
     novel.push_back({{"set", set.name()}, {"poses", set.poses_file().string()}, {"views", views}});
   }
-  nlohmann::json start;  // the image in the middle of those of the first camera that has some
+  nlohmann::json start;  // the middle image of the first camera that has some
   if (!scene.views.empty()) {
     const int camera = scene.views.front().camera;
     const auto of_camera = std::ranges::count(scene.views, camera, &View::camera);

@@ -56,7 +56,7 @@ class RenderJob {
   kernels::Backend* backend_ = nullptr;
   Placement placement_;
   int factor_ = 1;
-  std::shared_ptr<const RayTable> table_;  ///< of the whole image
+  std::shared_ptr<const RayTable> table_;  ///< table of the whole image
   std::vector<std::shared_ptr<const RayTable>> strips_;
   std::size_t next_ = 0;
   std::shared_ptr<const Image8> recorded_;  ///< shown where there is no model
@@ -128,7 +128,7 @@ class ViewRenderer {
   PointSearch begin_search(const Eigen::Vector3d& point_in_world);
   bool step(PointSearch* search);  ///< returns whether there is more to do
   /// Returns {"seen", "of", "nearest": [{"camera", "frame", "distance_m"}, ..]}: numbers of images
-  /// that saw the point and of all training images, and the nearest ones of those that saw it.
+  /// that saw the point and of all training images, and the nearest images that saw it.
   nlohmann::json found(const PointSearch& search) const;
 
   const Run& run() const { return run_; }
@@ -142,7 +142,7 @@ class ViewRenderer {
   void add_traffic(const Scene& traffic, const RigCamera& camera,
                    std::optional<std::int64_t> frame_ns, Placement* placement) const;
   nlohmann::json depth_scale() const;
-  double farthest_shown_m() const;  ///< of the layer of depth
+  double farthest_shown_m() const;  ///< far end of the layer of depth
   std::optional<std::int64_t> time_of(std::int64_t frame) const;
 
   const Run& run_;
@@ -157,7 +157,7 @@ class ViewRenderer {
   RenderedImage spare_;                        ///< memory of an earlier job
   std::optional<Exclusions> exclusions_;       ///< read for the first mask or score
   std::unique_ptr<Coverage> coverage_;         ///< made for the first coverage
-  bool has_coverage_ = false;                  ///< of all its views
+  bool has_coverage_ = false;                  ///< has the coverage of all its views
   std::unique_ptr<PointObservers> observers_;  ///< made for the first search
 };
 

@@ -20,16 +20,17 @@ namespace {
 // 15 images a second leave 66 ms for rendering, JPEG (10 ms for 1280 x 704) and overlays.
 constexpr double kMovingBudget_s = 0.05;
 constexpr double kStrip_s = 0.1;    ///< the longest wait for a newer request
-constexpr double kSearch_s = 0.05;  ///< of observers, between two looks at the requests
+constexpr double kSearch_s = 0.05;  ///< time of observers between two looks at the requests
 constexpr double kAtOnce_s = 0.3;   ///< a full image that takes longer is reached in steps
 constexpr std::chrono::milliseconds kRest{150};  ///< without a request: the camera rests
 constexpr std::chrono::seconds kLook{2};         ///< between two looks at the run's folder
 constexpr std::chrono::seconds kBusy{1};         ///< a client counts as busy after a request
 constexpr std::uint64_t kMostUnshown = 2;        ///< images on their way to a page
 constexpr std::size_t kRevolutionsAtOnce = 20;   ///< the cloud grows by so many in the page
-constexpr std::size_t kMostPathMessages = 16;    ///< that wait
-constexpr std::size_t kMostWaitingBytes = 4 * kMaxMessageBytes;  ///< of a page, not yet parsed
-constexpr int kSmallestSide = 64;                                ///< pixels of the smallest image
+constexpr std::size_t kMostPathMessages = 16;    ///< messages that wait, at most
+/// bytes of a page's messages, not yet parsed
+constexpr std::size_t kMostWaitingBytes = 4 * kMaxMessageBytes;
+constexpr int kSmallestSide = 64;  ///< pixels of the smallest image
 constexpr int kQuality = 92;
 
 /// Returns the factor beyond which an image shows nothing.
@@ -441,8 +442,8 @@ void Viewer::send_reference(ClientId id, Client& client, const ViewRequest& view
   send(id, {{"kind", "no_reference"}, {"key", key}, {"text", why}});
 }
 
-/// Sends what is known of the image that rests: its PSNR where it was recorded, else what of it
-/// training images saw. Returns false where that is not known.
+/// Sends what is known of the image that rests: its PSNR where it was recorded, else the share that
+/// training images saw. Returns false where nothing is known.
 bool Viewer::send_score(ClientId id, Client& client) {
   std::optional<double> psnr_db, seen;
   try {

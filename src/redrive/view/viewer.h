@@ -34,7 +34,7 @@ namespace redrive::view {
 struct Training {
   bool trains = false;  ///< false: it has ended
   std::int64_t step = 0;
-  double seconds = 0;  ///< of training
+  double seconds = 0;  ///< time of training
   bool paused = false;
   std::int64_t steps = 0;  ///< when it ends at the latest; 0: not known
   bool operator==(const Training&) const = default;
@@ -62,7 +62,7 @@ class Viewer : public ServerEvents {
   void use(Server& server);
 
   void set_training(const Training& training);
-  bool paused() const { return paused_; }  ///< by a page
+  bool paused() const { return paused_; }  ///< whether a page paused it
   bool has_clients() const;
   void show_again();  ///< the model has changed: makes the images that are shown once more
   void drop_jobs();   ///< the model is another object: forgets the images that are being made
@@ -100,24 +100,24 @@ class Viewer : public ServerEvents {
 
   kernels::Backend& backend_;
   std::shared_ptr<const Run> run_;
-  std::optional<ViewRenderer> renderer_;  ///< of run_, as are the next three
+  std::optional<ViewRenderer> renderer_;  ///< renderer of run_, as are the next three
   std::optional<Overlay> overlay_;
   std::optional<DriveMap> map_;
   std::string hello_;
   const FirstEdit first_edit_;
   std::shared_ptr<const TrafficEdit> parsed_first_edit_;  ///< null: none
-  ActorBodies bodies_;                                    ///< of the pages' edits
+  ActorBodies bodies_;                                    ///< bodies of the pages' edits
   Look look_;
   Clock::time_point look_at_;
-  std::string curve_;  ///< of training, as it is sent
+  std::string curve_;  ///< curve of training, as it is sent
   std::optional<Training> training_;
   std::atomic<bool> paused_ = false;
   ClientId last_served_ = 0;
-  std::string problem_;  ///< of the run, as the pages know it
+  std::string problem_;  ///< problem of the run, as the pages know it
   Server* server_ = nullptr;
-  std::map<std::pair<std::string, Layer>, Pace> paces_;  ///< by camera and layer
+  std::map<std::pair<std::string, Layer>, Pace> paces_;  ///< key: camera and layer
 
-  mutable std::mutex mutex_;  ///< of the clients' list and their inboxes
+  mutable std::mutex mutex_;  ///< guards the clients' list and their inboxes
   std::condition_variable wake_;
   bool has_news_ = false;
   std::map<ClientId, std::shared_ptr<Client>> clients_;

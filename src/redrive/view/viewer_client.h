@@ -21,7 +21,7 @@ struct Viewer::Inbox {
     Clock::time_point arrived;
   };
   std::vector<Text> texts;
-  std::size_t bytes = 0;  ///< of the texts, and of their places
+  std::size_t bytes = 0;  ///< bytes of the texts, and of their places
 };
 
 /// A page. All but the inbox is serve()'s alone.
@@ -35,9 +35,9 @@ struct Viewer::Client {
   Clock::time_point arrived{};
   bool failed = false;               ///< `view` cannot be shown; the page knows why
   bool scored = false;               ///< the score of `view` was sent
-  int sent_factor = 0;               ///< of the last image of `view`; 0: none yet
+  int sent_factor = 0;               ///< factor of the last image of `view`; 0: none yet
   std::string reference;             ///< key of the recorded image that was sent last
-  std::size_t sent_revolutions = 0;  ///< of the cloud, with the last image
+  std::size_t sent_revolutions = 0;  ///< scans of the cloud that were sent with the last image
   std::uint64_t sent = 0, shown = 0;
   std::optional<Pick> pick;
   std::optional<EditMessage> edit_message;

@@ -164,7 +164,7 @@ TEST_F(ViewerTest, NamesTheTrainingImagesThatSawAPoint) {
   client->send_message(R"({"type": "pick", "id": 5, "at": [0.5, 0.5]})");
   const nlohmann::json seen = wait_for(*client, "seen_by").header;
   EXPECT_EQ(seen["id"], 5);
-  EXPECT_EQ(seen["of"], 2);    // of frame 11: 10 and 12 are held out
+  EXPECT_EQ(seen["of"], 2);    // images of frame 11: 10 and 12 are held out
   EXPECT_EQ(seen["seen"], 1);  // FISHEYE looks to the left
   EXPECT_EQ(seen["nearest"][0]["camera"], "FRONT");
   EXPECT_EQ(seen["nearest"][0]["frame"], 11);

@@ -25,7 +25,7 @@ namespace redrive::view {
 
 struct Received {
   nlohmann::json header;
-  Image8 image;  ///< of binary messages
+  Image8 image;  ///< image of binary messages
 };
 
 class ViewerTest : public testing::Test {

@@ -23,7 +23,7 @@ struct Splat2d {
   double slope[2] = {0, 0};  ///< change of log distance per pixel; counts as constant
 };
 
-/// Logarithm of the distance of a Gaussian on a pixel's ray, less that of its mean.
+/// Logarithm of the distance of a Gaussian on a pixel's ray, less the logarithm at its mean.
 template <class T>
 double log_distance_at(const Splat2d<T>& splat, double x, double y) {
   const double off = splat.slope[0] * (x - value_of(splat.mean[0])) +

@@ -7,7 +7,7 @@
 namespace redrive {
 namespace {
 
-constexpr int kNumbers = 10;  // of a splat
+constexpr int kNumbers = 10;  // numbers of a splat
 constexpr int kSplats = 3;
 using Jet = ceres::Jet<double, kNumbers * kSplats>;
 constexpr float kBackground[3] = {0.2f, 0.5f, 0.9f};

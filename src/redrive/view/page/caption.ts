@@ -6,7 +6,7 @@ import {isDriven, type State} from "./state";
 /** What the page knows of the image that is shown. */
 export interface Shown {
   header: ImageHeader | null;
-  isOfState: boolean; // the image is that of the state
+  isOfState: boolean;  // the image shows the state
   psnr_db: number | null;
   seen: number | null; // share of pixels
   noReference: string; // why there is no recorded image

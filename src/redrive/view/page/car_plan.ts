@@ -4,7 +4,7 @@ import type {Mount} from "./mount";
 import type {CameraInfo} from "./protocol";
 
 const svg = "http://www.w3.org/2000/svg";
-const size = 260; // of the drawing, in its own units, which are near pixels
+const size = 260;  // side of the drawing in its own units, which are near pixels
 const middle_x = 1.25; // metres in front of the rear axle: the middle of the outline
 const [rear_x, front_x, half_width] = [-1, 3.5, 0.9]; // outline of a usual car, metres
 const leastReach = 3.25; // metres from the middle to the edge of the drawing

@@ -3,7 +3,7 @@
 import type {Hello} from "./protocol";
 
 const svg = "http://www.w3.org/2000/svg";
-const width = 300; // of the drawing, in its own units, which are near pixels
+const width = 300;  // side of the drawing in its own units, which are near pixels
 const [leastHeight, mostHeight] = [70, 220];
 const margin = 18;
 

@@ -101,8 +101,9 @@ export interface Orbit {
 }
 
 // In units of lengths:
-const reach = 15; // of an orbit: what lies further away is circled at this distance
-const clearance = 0.3; // of the camera above the point
+// radius of an orbit, at most: what lies further away is circled at this distance
+const reach = 15;
+const clearance = 0.3;  // height of the camera above the point, at least
 const [nearest, farthest] = [1, 60]; // from the point
 
 function distance(a: number[], b: number[]): number {

@@ -59,7 +59,7 @@ export function mountPose(mount: Mount): number[] {
 export function mountAt(m: number[], lens: string): Mount {
   const level = Math.hypot(m[2], m[6]);
   const yaw = level > 1e-9 ? Math.atan2(m[6], m[2]) : 0;
-  const right = [Math.sin(yaw), -Math.cos(yaw), 0]; // of the same camera without roll
+  const right = [Math.sin(yaw), -Math.cos(yaw), 0];  // axis of the same camera without roll
   const along = (k: number) => right[0] * m[k] + right[1] * m[4 + k];
   return {
     x: rounded(m[3], 3), y: rounded(m[7], 3), z: rounded(m[11], 3),

@@ -22,7 +22,7 @@ export class ObjectFields {
   private readonly inputs = {} as Record<Name, HTMLInputElement>;
   private readonly removed = element<HTMLInputElement>("object-removed");
   private readonly body = document.createElement("select");
-  private file: {file: string} | undefined; // of a body that is among the choices
+  private file: {file: string} | undefined;  // file of a body that is among the choices
 
   /** `changed` gets the fields of a change that were set; `done`: and will not be for a while. */
   constructor(

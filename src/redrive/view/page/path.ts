@@ -21,7 +21,7 @@ export class PathPart {
   private names: string[] = [];
   private overwrites = ""; // the name that the next click on Save overwrites
   private savedAs = ""; // empty: changed since
-  private startedAt: number | null = null; // of the preview
+  private startedAt: number | null = null;  // start of the preview
 
   /** `changed` is called when the page has to ask for another image. */
   constructor(

@@ -6,7 +6,7 @@ import type {State} from "./state";
 import type {TrafficPart} from "./traffic";
 
 const degreesPerPixel = 0.15;
-const metresPerPixel = 0.005; // of the wheel
+const metresPerPixel = 0.005;  // motion for each pixel of the wheel
 const clickReach = 4; // pixels that the pointer may move in a click
 
 /** The page, as the pointer sees it. */
@@ -19,7 +19,7 @@ interface Page {
   turn(yaw_deg: number, pitch_deg: number): void;
   moveAhead(ahead: number): void;
   readonly turnsAbout: boolean; // the camera goes around what it looks at
-  readonly unit: number; // of lengths
+  readonly unit: number;  // unit of lengths
 }
 
 interface Held {

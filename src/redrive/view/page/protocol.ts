@@ -39,7 +39,8 @@ export interface Hello {
   novel: NovelSet[];
   start: {camera: string; frame: number} | null; // an image to begin with
   map: [number, number][]; // places of the frames from above; y is left of x
-  depth: {near_m: number; far_m: number; colours: string[]} | null; // of the layer of depth
+  // range and colours of the layer of depth
+  depth: {near_m: number; far_m: number; colours: string[]} | null;
   objects: ObjectInfo[];
   // Changes to moving objects that pages begin with; no file has them where its name is empty.
   edit: {text: string; file: string} | null;
@@ -126,7 +127,7 @@ export interface ImageHeader {
   at: [number, number, number, number]; // the camera's place on the map and its direction there
   beside: number; // from where the camera was driven
   lines: Line[];
-  trouble: string; // what of the overlays could not be read
+  trouble: string;  // what part of the overlays could not be read
   jpeg: number;
   points: number;
   mask: number;
@@ -174,7 +175,7 @@ export type Text =
   // PSNR against the recorded image, or the share of pixels that training images saw
   | {kind: "score"; id: number; psnr_db: number | null; seen: number | null}
   | {kind: "no_reference"; key: string; text: string}
-  | {kind: "problem"; text: string} // of the run; empty: none
+  | {kind: "problem"; text: string}  // problem of the run; empty: none
   | {kind: "error"; id: number; text: string};
 
 export interface Picture<Header> {

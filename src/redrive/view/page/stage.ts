@@ -32,9 +32,9 @@ export const lidarLevels = Array.from({length: 256}, (_, i) => `hsl(${(i * 240) 
 
 export class Stage {
   image: Picture<ImageHeader> | null = null;
-  reference: Picture<ReferenceHeader> | null = null; // of the state that is shown
+  reference: Picture<ReferenceHeader> | null = null;  // reference image of the state that is shown
   marks: Mark[] = [];
-  maskedShare = 0; // of the pixels of the image that is shown
+  maskedShare = 0;  // masked share of the pixels of the image that is shown
   private masked: {of: Picture<ImageHeader>; shape: OffscreenCanvas | null} | null = null;
   handleAt: Mark | null = null; // where the handle is while it is dragged
   private rendering: Rect = {x: 0, y: 0, width: 1, height: 1}; // in pixels of the canvas
@@ -203,7 +203,8 @@ export class Stage {
       const u = (points[i] + 256 * points[i + 1]) / 65535;
       const v = (points[i + 2] + 256 * points[i + 3]) / 65535;
       context.fillStyle = lidarLevels[points[i + 4]];
-      const size = points[i + 5] ? large : large - 1; // of the frame's revolution, or of the cloud
+      // size of a point in the frame's scan, or in the cloud
+      const size = points[i + 5] ? large : large - 1;
       context.fillRect(to.x + u * to.width - size / 2, to.y + v * to.height - size / 2, size, size);
     }
     context.lineWidth = 1.5 * devicePixelRatio;

@@ -24,7 +24,7 @@ export interface State {
   pitch: number; // degrees, upwards
   novel: {set: string; index: number} | null; // takes the place of all above
   compare: Compare;
-  share: number; // of the recorded image in wipe and blend
+  share: number;  // share of the recorded image in wipe and blend
   layer: Layer;
   overlays: Set<OverlayName>;
   exposure: string; // own, none, CAMERA:FRAME

@@ -13,13 +13,13 @@ import type {Mark} from "./stage";
 import {moves, type State} from "./state";
 
 const usualFile = "EDIT.json";
-const mostCharacters = 500000; // of an edit: the program takes messages of 1 MiB
+const mostCharacters = 500000;  // longest text of an edit: the program takes messages of 1 MiB
 const nearHandle = 14; // pixels
 
 interface Sent {
   id: number;
   text: string;
-  file: string; // that was loaded; empty: none
+  file: string;  // file that was loaded; empty: none
 }
 
 interface Drag {
@@ -50,7 +50,7 @@ export class TrafficPart {
   private sent: Sent = {id: 0, text: "", file: ""}; // the last edit
   private unanswered: Sent[] = []; // edits up to the last one; the program may skip some
   private accepted: string; // the last edit that the program took
-  private file = {name: usualFile, text: "{}"}; // that holds an edit
+  private file = {name: usualFile, text: "{}"};  // file that holds an edit
   private drag: Drag | null = null;
   private dragId = 0;
   private readonly fields: ObjectFields;

@@ -45,25 +45,25 @@ class Viewer {
   private path!: PathPart;
   private traffic!: TrafficPart;
   private map!: DriveMap;
-  private id = 0; // of the last request
+  private id = 0;  // id of the last request
   private asks = false; // the state has changed since it was asked for
   private playing = false;
   private playedUntil = 0;
   private readonly held = new Set<string>(); // keys of flight
   private last = 0; // time of the last tick
   private orbiting = false;
-  private orbit: Orbit | null = null; // of `orbiting`; null until the surface is known
+  private orbit: Orbit | null = null;  // orbit of `orbiting`; null until the surface is known
   private picked: Picked | null = null;
   private pickMark: {u: number; v: number} | null = null;
   private selects = false; // the point that was asked for selects an object
   private score: number | null = null; // PSNR of the image that is shown
   private seen: number | null = null; // the share of its pixels that training images saw
   private noReference = "";
-  private problem = ""; // of the run
+  private problem = "";  // problem of the run
   private noticed = "";
   private references = new Map<string, Picture<ReferenceHeader>>(); // the last one, by its key
   private asked = ""; // the last request, without its number
-  private address = ""; // of the state that was asked for
+  private address = "";  // address of the state that was asked for
   private askedView = ""; // the same without the selected object
   private shownAt: number[] = []; // times of the last images
 
