@@ -11,7 +11,7 @@ FACADE_T = 8.25  # |t| of the house fronts
 LANE_T = 1.65  # |t| of a lane's middle
 LANE_EDGE_T = 3.3  # lane | parking
 START_S = -60
-RADIUS_M = 170.0  # of the bends
+RADIUS_M = 170.0  # radius of the bends
 BEND_PERIOD_M = 140.0
 
 _STEP = 0.05

@@ -15,7 +15,7 @@ from settings import ROLLING_READOUT_S
 
 MARKER_FRAMES = (0, 31)
 ROLLING_FRAME = 12
-SPIN_DEG_S = 150.0  # of the body, added for the rolling marker images: 0.2 ms are 0.3 px then
+SPIN_DEG_S = 150.0  # turn rate of the body, added for the rolling marker images: 0.2 ms are 0.3 px then
 NOISE_FRAME = 20
 
 

@@ -176,7 +176,7 @@ def write(settings):
         if variant == "traffic_edited":
             for name, edit in EDITS.items():
                 _dump(edit.to_json(), folder / name / "edit.json")
-            continue  # the rest is that of the traffic
+            continue  # the rest is the traffic's
         for suffix, exact in (("", False), ("_true", True)):
             _dump(calibration(settings, variant, exact), folder / "sensor/calibration" / f"calibration{suffix}.json")
             _dump(_egomotion(settings, frames, exact), folder / "sensor/gnssins" / f"egomotion2{suffix}.json")

@@ -3,7 +3,7 @@
 // divided run is a folder with
 //   config.json    options of the whole, without resolved hyperparameters
 //   blocks.json    the blocks
-//   masks/ poses/  as those of a run, of the whole drive; each block links to them
+//   masks/ poses/  as in a run, for the whole drive; each block links to them
 //   blocks/000/    a run: options of the whole with `frames` of its own; missing until it is begun
 //   exposure.json  how bright the blocks are among each other (train/seam_exposure.h); missing
 //                  until all blocks are finished

@@ -51,7 +51,7 @@ struct PlannedBlock {
   std::uint64_t memory_bytes = 0;        ///< with all images (MemoryEstimate::total)
   std::uint64_t least_memory_bytes = 0;  ///< with the smallest cache of them (least)
   std::uint64_t checkpoint_bytes = 0;
-  // Of plan_training:
+  // Set by plan_training:
   bool streams = false;           ///< images are decoded when needed
   double prepare_s = 0;           ///< before training, with the first parameters
   double train_s = 0, steps = 0;  ///< time and number of training steps
