@@ -14,7 +14,7 @@ SHOULDER = 0.6  # linear up to here, then an exponential roll-off to 1
 BRIGHTEST = 2.0  # highlights are clipped at this radiance, so that the cubic filter cannot ring around them
 JPEG_QUALITY = 88
 CHANGE_BLUR_PX = 1.5  # averages the noise of paths that met the changed object later
-LEAST_CHANGE = 4  # of 255
+LEAST_CHANGE = 4  # in 0..255
 CHANGE_MARGIN_PX = 2
 
 
