@@ -45,9 +45,9 @@ using CameraModel =
 struct CameraModelInfo {
   std::string_view name;
   std::span<const CameraParameter> distortion;  ///< parameters 4.. of CameraCalibration
-  std::span<const CameraParameter> other;       ///< the parameters behind them
+  std::span<const CameraParameter> other;       ///< the parameters after them
   std::span<const std::string_view> transforms_names;
-  std::span<const double> typical;  ///< distortion, then other: of a common lens
+  std::span<const double> typical;  ///< typical values: distortion, then other
   bool perspective, image_circle;
   /// `parameters`: distortion, then other.
   CameraModel (*make)(std::span<const double> parameters);
@@ -64,7 +64,7 @@ const CameraModelInfo& info_of(const CameraModel& model);
 
 /// Distortion coefficients of a calibration whose model is known, in the model's order.
 std::vector<double> distortion(const CameraCalibration& calibration);
-/// Its parameters behind these, by name.
+/// Its other parameters with their names.
 std::vector<std::pair<std::string, double>> other_parameters(const CameraCalibration& calibration);
 
 }  // namespace redrive

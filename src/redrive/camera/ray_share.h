@@ -10,7 +10,7 @@ namespace redrive {
 /// fisheye in a wide image has up to 60 of them.
 double percent_without_ray(const Camera& camera, int columns = 160);
 
-/// From here on a calibration is taken for wrong, and above kMuchWithoutRay it is warned of.
+/// Percentages above which a calibration is refused, and above which it gets a warning.
 inline constexpr double kMostWithoutRay = 90, kMuchWithoutRay = 50;
 
 /// "99.5 % of the pixels lie outside the radius where the distortion is one-to-one".

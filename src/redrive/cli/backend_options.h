@@ -12,7 +12,7 @@
 namespace redrive {
 
 inline void add_backend_options(CLI::App& command, kernels::BackendChoice* choice) {
-  // The same as of train, whose fields say what they are.
+  // The options of train, whose fields have their help.
   for (const TrainField& field : train_fields()) {
     const auto add = [&](auto* value) {
       CLI::Option* option = command.add_option("--" + field.name, *value, help_text(field));

@@ -35,7 +35,7 @@ int run_align(AlignArguments arguments) {
   if (const int window = arguments.options.window; window != 0 && window < kMinWindow)
     throw UsageError("--window", std::to_string(window),
                      "must be 0 or " + std::to_string(kMinWindow) + " frames at least");
-  if (!arguments.out.empty()) check_run_is_new(arguments.out);  // before minutes of work
+  if (!arguments.out.empty()) check_run_is_new(arguments.out);  // fails before minutes of work
   arguments.options.images = !arguments.no_images;
   arguments.options.lidar = !arguments.no_lidar;
   Recording recording =

@@ -46,7 +46,7 @@ void print_moving(const MovingEvaluation& moving) {
                 object.score.images, object.score.psnr_db, object.score.ssim);
 }
 
-/// States how much of the images the scores are of.
+/// Prints the share of the images that the scores cover.
 void print_scored_share(const std::map<std::string, Score>& cameras, const Score& overall) {
   constexpr double kFew = 0.5;
   std::printf("scored: %.1f %% of the pixels\n", 100 * overall.scored_share());

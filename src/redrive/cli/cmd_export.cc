@@ -49,7 +49,7 @@ struct ExportCommandOptions {
   kernels::BackendChoice backend;
 };
 
-/// Throws UsageError if options of recordings are given.
+/// Throws UsageError if options for recordings are given.
 void refuse_part_of_run(const ExportCommandOptions& options) {
   const char* rule = "is for recordings; a run has frames and poses of its own";
   if (!options.frames.empty()) throw UsageError("--frames", options.frames, rule);
@@ -76,7 +76,7 @@ const char* poses_of(const ExportCommandOptions& options, const Source& source) 
   return source.is_run ? "of the run" : options.poses.empty() ? "as recorded" : "of --poses";
 }
 
-/// Returns the static LiDAR returns: those on no annotated object, and in a run on no found one.
+/// Returns the static LiDAR returns, without annotated objects, and in a run without found ones.
 LidarReturns static_returns(const Source& source, ThreadPool& pool) {
   const Run& run = source.run;
   return load_lidar_returns(
@@ -84,7 +84,7 @@ LidarReturns static_returns(const Source& source, ThreadPool& pool) {
       source.is_run ? run.moving : read_moving_objects(run.recording, run.scene), pool);
 }
 
-/// Returns the recording's points of the static world with colours of its images.
+/// Returns the recording's points of the static world with colours from its images.
 PointCloud recorded_points(const Source& source, ThreadPool& pool) {
   const Run& run = source.run;
   const LidarReturns returns = static_returns(source, pool);
@@ -93,8 +93,8 @@ PointCloud recorded_points(const Source& source, ThreadPool& pool) {
   std::uint64_t largest = 0;
   for (const RigCamera& rig : run.scene.rig)
     largest = std::max<std::uint64_t>(largest, 5ull * rig.camera.width * rig.camera.height);
-  // LiDAR returns take their colours from images of about their time, so few are needed at once.
-  // Points of photographs take any, which are decoded again where they are more.
+  // LiDAR returns take their colours from images near their time, so few are needed at once. Points
+  // of photographs take any image, which is decoded again where there are more.
   constexpr std::uint64_t kImages = 256;
   ImageCache cache(static_cast<int>(run.scene.views.size()),
                    [&](int view) { return load(run.scene.views[static_cast<std::size_t>(view)]); },
@@ -302,7 +302,7 @@ int export_model(const ExportCommandOptions& options) {
   return kExitOk;
 }
 
-/// A format of every run. Formats of a method's models come behind these.
+/// A format that every run has. Formats of a method's models come after these.
 struct Format {
   const char* name;
   const char* help;

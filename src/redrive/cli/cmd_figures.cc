@@ -22,7 +22,7 @@ struct FiguresCommandOptions {
   kernels::BackendChoice backend;
 };
 
-/// A path may name no folder but a scene in one.
+/// A path may name no folder but a scene in one (nuScenes).
 bool same_recording(const std::filesystem::path& a, const std::filesystem::path& b) {
   std::error_code error;
   return a == b || std::filesystem::equivalent(a, b, error);

@@ -54,7 +54,7 @@ double horizontal_fov_deg(const Camera& camera) {
   return (same_side ? std::abs(left - right) : left + right) * 180 / std::numbers::pi;
 }
 
-/// Decodes the first and the last image with their masks. Training reads the others.
+/// Decodes the first and the last image with their masks. Training reads all.
 void check_images(const RecordedCamera& camera, CameraReport* report, Inspection* result) {
   std::vector<Finding>* const problems = &result->problems;
   const CameraCalibration& calibration = camera.calibration;
@@ -84,8 +84,8 @@ void check_images(const RecordedCamera& camera, CameraReport* report, Inspection
   }
 }
 
-/// Adds what contradicts the calibration: much of the image without a ray, and the file's own
-/// words.
+/// Adds what contradicts the calibration: a large part of the image without a ray, and the file's
+/// own words.
 void check_calibration(const RecordedCamera& camera, double percent, Inspection* result) {
   const std::string& name = camera.calibration.name;
   if (percent > kMostWithoutRay)
@@ -96,7 +96,7 @@ void check_calibration(const RecordedCamera& camera, double percent, Inspection*
   if (const auto focal = contradicted_focal_length(camera)) result->findings.push_back(*focal);
 }
 
-/// Reads the middle revolution and looks for it in the images.
+/// Reads the middle scan and looks for its returns in the images.
 void check_lidar(Inspection* result) {
   const Recording& recording = result->recording;
   if (!recording.body_from_lidar || recording.lidar_files.empty()) return;
@@ -118,7 +118,7 @@ struct InspectOptions {
 };
 
 Inspection inspect(const InspectOptions& options) {
-  constexpr std::size_t kWhole = 8;  // records of each sensor
+  constexpr std::size_t kWhole = 8;  // records of each sensor that are read from end to end
   Inspection result;
   result.recording =
       open_recording(options.recording, PoseSource::kRecorded, options.outside_files);
@@ -170,7 +170,7 @@ Inspection inspect(const InspectOptions& options) {
   return result;
 }
 
-/// Returns objects that move and that nobody annotated.
+/// Returns moving objects that nobody annotated.
 std::vector<MovingObject> search_moving(const Recording& recording, const Scene& scene,
                                         const MovingObjects& annotated, ThreadPool& pool) {
   if (recording.lidar_files.empty()) return {};
@@ -249,7 +249,7 @@ void write_report(const std::filesystem::path& folder, Inspection* result) {
   });
 }
 
-/// Returns annotated objects, and those that move and that nobody annotated.
+/// Returns annotated objects, and moving ones that nobody annotated.
 std::vector<ObjectSummary> list_objects(const Recording& recording) {
   const Scene scene = make_scene(recording, {});
   const MovingObjects annotated = read_moving_objects(recording, scene);

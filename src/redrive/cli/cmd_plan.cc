@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// redrive plan RECORDING: what `redrive train` with the same options will cost, before it starts.
-// Images are measured on a few of them; of the others sizes alone are read.
+// redrive plan RECORDING: predicts what `redrive train` with the same options will cost. Measures
+// on a few images; for the others it reads only sizes.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -29,7 +29,7 @@ constexpr const char* kPlannedOptions[] = {
     "cameras", "frames",        "downscale", "holdout-every", "masks",       "method",
     "preset",  "max-gaussians", "max-steps", "max-seconds",   "lidar-rays",  "set",
     "memory",  "backend",       "isa",       "threads",       "truth-poses", "max-damaged"};
-constexpr double kCalibrationPixels = 4e6;  // to measure on: some seconds of work
+constexpr double kCalibrationPixels = 4e6;  // pixels to measure on: some seconds of work
 constexpr std::int64_t kLeastCalibrationImages = 6;
 
 struct PlanArguments {
@@ -96,7 +96,7 @@ PlannedBlock planned(const Block& block, const Run& run, int threads) {
   return out;
 }
 
-/// Returns how many images to measure on.
+/// Returns the number of images to measure on.
 std::int64_t calibration_images(const Scene& scene) {
   double pixels = 0;
   for (const View& view : scene.views) {
@@ -130,7 +130,7 @@ TrainingRates measured(const TrainOptions& whole, const Recording& recording, co
   std::erase_if(run.recording.lidar_files, [&](const FrameFile& file) {
     return file.frame_id < first || file.frame_id > last;
   });
-  // What follows from the number of images, such as the most Gaussians, follows from the block's
+  // Numbers that follow from the images, such as the maximum of Gaussians, follow from the block's
   // images.
   run.state = make_initial_state(options, all.scene);
   return measure_rates(&run, backend, calibration);
@@ -154,7 +154,7 @@ std::string bytes_text(double bytes) {
   return text;
 }
 
-/// A measured run of --method splat: its score at so many steps an image (docs/benchmarks.md).
+/// A measured run of --method splat: its score after so many steps an image (docs/benchmarks.md).
 struct MeasuredRun {
   bool metric;
   const char* what;
@@ -255,7 +255,7 @@ int run_plan(const PlanArguments& arguments) {
     return plan_training(std::move(facts), rates, machines,
                          {options.max_steps, options.max_seconds});
   };
-  // A rank's memory depends on its threads, whose number on how many ranks have memory.
+  // A rank's memory depends on its threads, and their number on how many ranks have memory.
   const int n = static_cast<int>(blocks.size()),
             at_once = std::min(machines.cores, (n + machines.machines - 1) / machines.machines);
   int threads = machines.cores / at_once;

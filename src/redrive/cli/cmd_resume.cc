@@ -26,7 +26,7 @@ struct ResumeArguments {
   LiveViewOptions live;
 };
 
-/// Goes on with the blocks that are not finished; with all of them where their limits changed.
+/// Continues the blocks that are not finished, or all of them where their limits changed.
 int resume_blocks(const ResumeArguments& arguments, ProcessGroup& processes) {
   if (arguments.live.view)
     throw UsageError("--view", "", "shows one run; this one has blocks, see redrive view RUN");

@@ -52,7 +52,7 @@ TrainOptions parse_options(const TrainArguments& arguments) {
   return options;
 }
 
-/// Poses other than the recording's, of which the run keeps a copy.
+/// Poses that replace the recording's; the run keeps a copy.
 struct ExternalPoses {
   PoseFiles files;
   std::optional<AlignResult> alignment;
@@ -66,7 +66,7 @@ std::optional<ExternalPoses> load_external_poses(Run* run, int threads) {
   if (run->options.align) {
     ThreadPool pool(threads);
     FrameRange range = parse_frame_range(run->options.frames);
-    range.step = 1;  // frames between help to track
+    range.step = 1;  // tracks also need the frames between
     keep_frames(range, &run->recording);
     AlignOptions options;
     if (std::filesystem::is_directory(run->options.masks))

@@ -16,9 +16,9 @@ struct Command {
   const char* name;
   const char* summary;
   Action (*configure)(CLI::App& command);
-  const char* examples;        ///< lines of the help
-  const char* work = nullptr;  ///< shown as progress where no part is; null: the command
-                               ///< shows its own
+  const char* examples;  ///< lines of the help
+  /// progress text while no part shows its own; null: the command shows its own
+  const char* work = nullptr;
 };
 
 Action configure_inspect(CLI::App& command);

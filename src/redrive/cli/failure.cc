@@ -21,7 +21,8 @@ Failure current_failure() {
     return {kExitIo, error.what()};
   } catch (const Interrupted& error) {
     return {kExitInterrupted, error.what()};
-  } catch (const std::filesystem::filesystem_error& error) {  // a name too long, a loop of links
+    // thrown for a name too long or a loop of links
+  } catch (const std::filesystem::filesystem_error& error) {
     return {kExitBadInput, error.what()};
   } catch (const std::bad_alloc&) {
     return {kExitInternal, "out of memory"};

@@ -22,7 +22,7 @@ namespace {
 constexpr std::size_t kTextColumn = 26;
 constexpr const char* kHelpGroup = "Help";
 
-/// What the help calls an option's value, and its group.
+/// What the help calls an option's value, and the option's group.
 struct OptionWords {
   const char *name, *value, *group;
 };
@@ -91,7 +91,7 @@ std::vector<const CLI::App*> subcommands_of(const CLI::App& app) {
   return app.get_subcommands([](const CLI::App* command) { return !command->get_name().empty(); });
 }
 
-/// Two columns: what it is, and what it does from kTextColumn on, or below where that is no room.
+/// Two columns: the heading, and the text from kTextColumn on, or below where there is no room.
 std::string row(const std::string& heading, const std::string& text) {
   std::string line = "  " + heading;
   if (line.size() + 2 > kTextColumn)
@@ -134,7 +134,7 @@ class OwnFormatter : public CLI::FormatterBase {
   }
 };
 
-/// A word with a dash that is no negative number.
+/// Whether a word begins with a dash and is no negative number.
 bool is_option(std::string_view word) {
   return word.size() > 1 && word[0] == '-' &&
          !(std::isdigit(static_cast<unsigned char>(word[1])) || word[1] == '.');

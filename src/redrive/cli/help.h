@@ -16,7 +16,7 @@ std::string wrapped(const std::string& text, std::size_t begin, std::size_t inde
 
 /// Gives the program and the commands added to it later help in groups and in 80 columns.
 void use_own_help(CLI::App& app);
-/// Names the values of a command's options, "N" or "DIR", and their groups, where it does not
+/// Names the values of a command's options, "N" or "DIR", and their groups, unless it names them
 /// itself.
 void name_options(CLI::App& command);
 
@@ -27,10 +27,10 @@ std::string option_text(const CLI::Option& option);
 /// Returns "redrive train RECORDING --out RUN [options]".
 std::string usage_of(const CLI::App& command);
 
-/// A check of an option's value: one of `names`, which completion offers. UsageError with what may
-/// have been meant.
+/// Returns a check that an option's value is one of `names`, which completion offers. UsageError
+/// with what may have been meant.
 CLI::Validator one_of(const std::string& option, const std::vector<std::string>& names);
-/// A check of a number. UsageError.
+/// Returns a check that a number is in range. UsageError.
 CLI::Validator within(const std::string& option, double low, double high);
 /// Offers `names` to completion and checks nothing.
 CLI::Validator offering(const std::vector<std::string>& names);
@@ -38,7 +38,7 @@ CLI::Validator offering(const std::vector<std::string>& names);
 std::vector<std::string> offered_values(const CLI::Option& option);
 
 /// Throws UsageError for the first word that names no command or no option of the typed command.
-/// To call before the words are parsed: what an error there blames is often another option.
+/// Call it before the words are parsed: a parser's error often blames another option.
 void check_words(const CLI::App& app, const std::vector<std::string>& words);
 /// Returns a parser's error in the words of UsageError.
 std::string usage_message(const CLI::App& app, const CLI::ParseError& error);

@@ -19,7 +19,7 @@ struct CameraReport {
   double horizontal_fov_deg = 0;
   double percent_without_ray = 0;        ///< pixels outside the model's valid region
   std::optional<double> percent_masked;  ///< with --masks
-  bool grey = false;                     ///< whether its images are
+  bool grey = false;                     ///< whether its images are grey
   bool alpha = false;                    ///< whether a decoded image has an alpha channel
   std::size_t held_out = 0, masks = 0;
 };
@@ -28,9 +28,9 @@ struct Inspection {
   Recording recording;
   std::optional<DriveSummary> drive;  ///< nothing for photographs
   std::vector<CameraReport> cameras;
-  std::vector<Finding> findings;                      ///< odd, but the recording can be used
-  std::vector<Finding> problems;                      ///< training would reject the recording
-  std::optional<Preflight> preflight;                 ///< with --report
+  std::vector<Finding> findings;       ///< oddities with which the recording can be used
+  std::vector<Finding> problems;       ///< reasons for which training would reject the recording
+  std::optional<Preflight> preflight;  ///< with --report
   std::optional<std::vector<ObjectSummary>> objects;  ///< with --objects
 };
 

@@ -43,8 +43,7 @@ struct PrefixedOutput::Stream {
     ::close(to_);
   }
 
-  /// Writes the lines that are whole now, each by one call, so that lines of several processes do
-  /// not mix.
+  /// Writes the complete lines, each by one call, so that lines of several processes do not mix.
   ssize_t write(std::string_view bytes) {
     const std::lock_guard lock(mutex_);
     rest_ += bytes;
@@ -72,7 +71,7 @@ PrefixedOutput::PrefixedOutput()
     : out_(std::make_unique<Stream>(&stdout, ::dup(STDOUT_FILENO))),
       err_(std::make_unique<Stream>(&stderr, ::dup(STDERR_FILENO))) {
   Progress::use_lines([] { return prefix_of_thread(); });
-  // What asks whether standard output is a terminal gets the right answer.
+  // A check whether standard output is a terminal gets the right answer.
   const int nothing = ::open("/dev/null", O_WRONLY | O_CLOEXEC);
   if (nothing >= 0) {
     standard_output_ = ::dup(STDOUT_FILENO);

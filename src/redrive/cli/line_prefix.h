@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Output of several processes in one stream: whole lines, which say what they are about.
+// Output of several processes in one stream: whole lines, each with a prefix that says what it is
+// about.
 #pragma once
 
 #include <memory>
@@ -8,7 +9,7 @@
 namespace redrive {
 
 /// While it lives, standard output and standard error of stdio are written line by line, and
-/// progress is printed as lines though a launcher may give each process a terminal.
+/// progress is printed as lines even where a launcher gives each process a terminal.
 class PrefixedOutput {
  public:
   PrefixedOutput();
@@ -16,9 +17,9 @@ class PrefixedOutput {
   PrefixedOutput(const PrefixedOutput&) = delete;
   PrefixedOutput& operator=(const PrefixedOutput&) = delete;
 
-  /// Sets what lines of the calling thread begin with; empty: nothing.
+  /// Sets the prefix of the calling thread's lines; empty: none.
   static void set_prefix(const std::string& prefix);
-  /// Drops all lines of this process, or no longer.
+  /// Drops all lines of this process, or stops dropping them.
   static void set_silent(bool silent);
 
  private:

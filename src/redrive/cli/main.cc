@@ -89,7 +89,7 @@ constexpr const char* kExamples =
     "  redrive view RUN --open\n"
     "  redrive help train                       # options of a command";
 
-/// Throws IoError where what was printed did not arrive. A closed pipe (| head) is no error.
+/// Throws IoError where printed text did not arrive. A closed pipe (| head) is no error.
 void check_standard_output() {
   struct stat out {};
   const bool pipe =
@@ -112,7 +112,7 @@ int end_parsing(const CLI::App& app, const CLI::ParseError& error) {
   return redrive::kExitUsage;
 }
 
-/// Returns the words of the command line; `help COMMAND` as `COMMAND --help`.
+/// Returns the words of the command line; `help COMMAND` becomes `COMMAND --help`.
 std::vector<std::string> words_of(int argc, char** argv) {
   std::vector<std::string> words(argv + std::min(argc, 1), argv + argc);
   if (!words.empty() && words[0] == "help") {
@@ -145,7 +145,7 @@ int run(int argc, char** argv) {
   }
   try {
     redrive::check_words(app, words);
-    std::ranges::reverse(words);  // as the parser takes them
+    std::ranges::reverse(words);  // in the order that the parser takes
     app.parse(words);
   } catch (const CLI::ParseError& error) {
     return end_parsing(app, error);
@@ -162,9 +162,9 @@ int run(int argc, char** argv) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  // Returns buffers of 4 MiB and more to the system when they are freed, which the GNU C library
-  // stops to do after the first ones. The street's training takes 17 % less memory so. Smaller ones
-  // are kept for the next: the system clears each page that it gives anew.
+  // Returns buffers of 4 MiB and more to the system when they are freed; the GNU C library would
+  // stop doing so after the first ones. The street's training takes 17 % less memory. Smaller
+  // buffers are kept for reuse: the system clears each page that it hands out.
   mallopt(M_MMAP_THRESHOLD, 4 << 20);
   mallopt(M_TRIM_THRESHOLD, 1 << 30);
   redrive::handle_signals();

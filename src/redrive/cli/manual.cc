@@ -97,7 +97,7 @@ std::string man_page(const CLI::App& app, const std::string& version) {
   return page;
 }
 
-/// Returns lines of a case of bash: the values of each option that has a fixed number of them.
+/// Returns bash case lines: the values of each option that has a fixed set of them.
 std::string value_cases(const CLI::App& command) {
   std::string cases;
   for (const CLI::Option* option : command.get_options()) {
@@ -112,7 +112,7 @@ std::string value_cases(const CLI::App& command) {
 }
 
 /// Completes commands, the options of the typed command, values of options, and cameras of the run;
-/// readline completes files elsewhere.
+/// readline completes files.
 std::string bash_completion(const CLI::App& app) {
   std::string commands, cases, values;
   for (const CLI::App* command : commands_of(app)) {
@@ -145,7 +145,7 @@ std::string bash_completion(const CLI::App& app) {
          "complete -o default -F _redrive redrive";
 }
 
-/// Returns the cameras of a run or a recording, a line each.
+/// Returns the cameras of a run or a recording, one a line.
 std::string camera_names(const std::string& folder) {
   const bool is_run = is_run_folder(folder);
   Run run;
@@ -170,7 +170,7 @@ void add_generate_option(CLI::App& app, const std::string& version) {
          "--generate",
          [&app, version](const std::string& text) {
            const std::vector<std::string> known = {"man", "bash-completion"};
-           const std::string cameras = "cameras:";  // what completion asks
+           const std::string cameras = "cameras:";  // prefix of what completion asks for
            std::string out;
            if (text == "man")
              out = man_page(app, version);

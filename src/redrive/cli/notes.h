@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a recording lacks or has besides, a line each.
+// Notes on what a recording lacks or has besides, one a line.
 #pragma once
 
 #include <cstdio>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Checks of a file that a command is going to write.
+// Checks of a file that a command will write.
 #pragma once
 
 #include <filesystem>

@@ -25,7 +25,7 @@ namespace fs = std::filesystem;
 
 constexpr double kMaxLidarRange_m = 1e4;
 
-/// A point file by its extension.
+/// A point file format, by extension.
 struct ScanFormat {
   const char* extension;
   std::string (*make)(std::span<const LidarRecord> points);
@@ -60,7 +60,7 @@ void parse_range(const std::string& text, ScanOptions* scan) {
     throw UsageError("--range", text, "must be MIN:MAX in metres, 0 <= MIN < MAX <= 1e4");
 }
 
-/// What --lidar asks for.
+/// The request of --lidar.
 struct LidarRequest {
   std::optional<SpinningLidar> spinning;  ///< nothing: the recorded revolutions
   std::optional<Mount> mount;
@@ -125,7 +125,7 @@ struct ScanCounts {
   }
 };
 
-/// Files of a folder as KITTI's velodyne_points.
+/// Files of a folder in the layout of KITTI's velodyne_points.
 class KittiFolder {
  public:
   explicit KittiFolder(const fs::path& folder) : folder_(folder) {
@@ -186,7 +186,7 @@ int render_lidar(const RenderOptions& options) {
   std::printf("%s\n", kernels::describe(*backend).c_str());
   ThreadPool pool(backend->threads());
   ScanCounts counts;
-  /// Nothing where the recorded revolution of a frame is missing.
+  /// Nothing where the recording has no revolution for a frame.
   const auto firings_of = [&](std::int64_t id, std::int64_t t_ns) {
     return request.spinning ? std::optional(request.spinning->revolution(t_ns))
                             : recorded_firings(run.recording, run.scene, id, pool);

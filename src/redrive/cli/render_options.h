@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Options of `redrive render` and the parts that single images, paths and LiDAR scans share.
+// Options of `redrive render`, and code that single images, paths and LiDAR scans share.
 #pragma once
 
 #include <cstdint>
@@ -32,7 +32,7 @@ const RigCamera& find_camera(const Scene& scene, const std::string& name);
 /// UsageError, InputError.
 Run open_edited_run(const RenderOptions& options);
 
-/// Returns what --exposure asks for; nothing for `own`. UsageError.
+/// Returns the exposure that --exposure asks for; nothing for `own`. UsageError.
 std::optional<Exposure> chosen_exposure(const RenderOptions& options, const Run& run);
 
 /// Parses a decimal frame id, with or without leading zeros. UsageError.
@@ -41,10 +41,10 @@ std::int64_t parse_frame(const char* option, const std::string& text);
 /// Parses the value of --translate. UsageError.
 Eigen::Vector3d parse_translation(const std::string& text);
 
-/// Returns the axes of --axes. UsageError where the recording has none of that kind.
+/// Returns the axes that --axes names. UsageError where the recording has none of that kind.
 ShiftAxes shift_axes(const RenderOptions& options, const Run& run);
 
-/// Throws the UsageError of a frame that the recording does not have.
+/// Throws UsageError for a frame that the recording does not have.
 [[noreturn]] void no_such_frame(const std::string& frame, const Run& run);
 
 /// Renders the images of --path into a video or a folder.

@@ -127,7 +127,7 @@ int with_processes(const std::filesystem::path& root,
     end_jobs(*group, code);
     return code;
   } catch (...) {
-    // Now: mpirun may kill this process when another one has ended with the same code.
+    // Printed now: mpirun may kill this process when another one has ended with the same code.
     const ExitCode code = print_failure();
     end_jobs(*group, code);
     return code;
@@ -153,7 +153,7 @@ int train_blocks(ProcessGroup& group, DividedRun* whole) {
   std::printf("%zu blocks, %zu of them finished\n", whole->blocks.size(),
               count_finished(whole->blocks));
   std::fflush(stdout);
-  std::error_code error;  // what is not there now is made at the end, however often it is killed
+  std::error_code error;  // a missing one is made at the end, however often the process is killed
   if (!jobs.empty() && !std::filesystem::remove(exposure_file(whole->paths.root), error) && error)
     throw IoError(exposure_file(whole->paths.root), error.message());
   BlockTrainer trainer(group, whole->paths.root, whole);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Training of a divided run by one process or by those that a launcher started: process 0 leads,
-// the others follow it.
+// Training of a divided run by one process or by all that a launcher started: process 0 leads, the
+// others follow.
 #pragma once
 
 #include <functional>
@@ -13,7 +13,8 @@
 
 namespace redrive {
 
-/// Returns the threads and the memory that a process may use: its part where several share them.
+/// Returns the threads and the memory that a process may use: its part where several share a
+/// machine.
 BlockResources block_resources(const ProcessGroup& group, const TrainOptions& options);
 
 /// Backend and data of a run that a process of the group trains with its part of the machine.
@@ -29,12 +30,12 @@ TrainingSetup set_up_training(const ProcessGroup& group, Run& run, bool data_par
 int with_processes(const std::filesystem::path& root,
                    const std::function<int(ProcessGroup&)>& lead);
 
-/// Throws UsageError if a launcher started several processes, for which one run without
-/// --data-parallel has no use.
+/// Throws UsageError if a launcher started several processes, since one run without --data-parallel
+/// cannot use them.
 void check_one_process(const ProcessGroup& group);
 
-/// Trains the blocks that are not finished, as process 0, and compares their brightness. Prints how
-/// it ended and returns the exit code. The caller holds the lock of the run.
+/// Trains the unfinished blocks, as process 0, and compares their brightness. Prints how it ended
+/// and returns the exit code. The caller holds the lock of the run.
 int train_blocks(ProcessGroup& group, DividedRun* whole);
 
 }  // namespace redrive

@@ -15,16 +15,16 @@ namespace redrive {
 
 void add_data_parallel_option(CLI::App& command, bool* data_parallel);
 
-/// Throws UsageError where several processes have no use for the run, or cannot share its steps.
+/// Throws UsageError where several processes are of no use to the run, or cannot share its steps.
 void check_together(const ProcessGroup& processes, const Run& run);
 
-/// Trains a run, as process 0, whose folder is complete. Prints how it ended and returns the exit
+/// As process 0, trains a run whose folder is complete. Prints how it ended and returns the exit
 /// code. An error ends all processes.
 int lead_together(ProcessGroup& processes, Run* run, const TrainingData& training,
                   kernels::Backend& backend);
 
-/// Trains the run in `root` along, as another process, which writes and prints nothing but an
-/// error, which ends all processes.
+/// As another process, trains the run in `root` along. It writes and prints nothing but an error,
+/// which ends all processes.
 void follow_together(ProcessGroup& processes, const std::filesystem::path& root);
 
 }  // namespace redrive

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Code that train and resume share: summaries before and after training, the page of a run
-// that trains.
+// Code that train and resume share: summaries before and after training, and the page of a run in
+// training.
 #pragma once
 
 #include <atomic>
@@ -23,16 +23,16 @@ using GivenFields = std::map<std::string, std::vector<std::string>>;
 void add_field(CLI::App& command, const TrainField& field, GivenFields* given);
 /// Returns the field of this name, which must exist.
 TrainField field_named(const std::string& name);
-/// Sets the options that are given, but for rules that involve several of them.
+/// Sets the given options; rules that involve several of them are not checked.
 void parse_given(const GivenFields& given, TrainOptions* options);
 
 /// Returns the backend that the options choose. Throws UsageError.
 std::unique_ptr<kernels::Backend> make_backend(const TrainOptions& options);
 
-/// Prints how much memory the run needs of what --memory allows. Returns the bytes of a cache of
-/// images (train/training_data.h) where not all fit. Throws UsageError if the run needs more than
-/// is allowed with the smallest cache, too. `processes`: that train on this machine, each with its
-/// part of --memory.
+/// Prints how much memory the run needs and --memory allows. Returns the bytes of a cache of images
+/// (train/training_data.h) where not all fit. Throws UsageError if the run needs more than is
+/// allowed even with the smallest cache. `processes`: number of processes that train on this
+/// machine, each with its part of --memory.
 std::optional<std::uint64_t> check_run_memory(const Run& run, int threads, int processes = 1,
                                               bool data_parallel = false);
 
@@ -46,7 +46,7 @@ struct LiveViewOptions {
 };
 void add_live_view_options(CLI::App& command, LiveViewOptions* options);
 
-/// Throws UsageError where the page could not be served. To call before anything is written.
+/// Throws UsageError where the page could not be served. Call it before anything is written.
 void check_live_view(const LiveViewOptions& options);
 
 /// Trains, prints how it ended and how to resume, and returns the exit code. With --view the page

@@ -12,7 +12,7 @@
 
 namespace redrive {
 
-/// Where the page is served. `port` below 0: the usual one, or another one if that is taken.
+/// Where the page is served. `port` below 0: the default port, or another one if that is taken.
 struct ViewServerOptions {
   std::string listen = "127.0.0.1";
   int port = -1;
@@ -29,7 +29,7 @@ void check_page(const std::string& option, const std::string& value);
 /// Throws UsageError where the server could not listen.
 void check_address(const ViewServerOptions& options);
 
-/// The server of a page and the file that --open had a browser open.
+/// The server of a page, and the file that --open opened in a browser.
 struct ViewServer {
   std::unique_ptr<view::Server> server;
   std::unique_ptr<view::RedirectFile> redirect;

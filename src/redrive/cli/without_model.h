@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A recording in place of a run, for commands that take both.
+// Opens a recording in place of a run, for commands that take both.
 #pragma once
 
 #include <filesystem>
@@ -15,15 +15,15 @@
 
 namespace redrive {
 
-/// Whether the folder is a run, and no recording.
+/// Whether the folder is a run rather than a recording.
 inline bool is_run_folder(const std::string& folder) {
   return std::filesystem::exists(RunPaths{folder}.config());
 }
 
-/// Returns a recording, or its `frames` (recording/frame_range.h), with the pose files of the
-/// folder `poses` if it is not empty, and without damaged records (DamageCheck::whole), as a run
-/// without a model, over white where its images are transparent. Prints notes. Throws InputError as
-/// open_recording and apply_pose_files.
+/// Returns a recording, or its `frames` (recording/frame_range.h), as a run without a model: with
+/// the pose files of the folder `poses` if that is not empty, without damaged records
+/// (DamageCheck::whole), over white where its images are transparent. Prints notes. Throws
+/// InputError as open_recording and apply_pose_files.
 inline Run open_without_model(const std::string& folder, int downscale = 1,
                               const std::string& frames = "", const std::string& poses = "",
                               bool outside_files = false, std::size_t whole = 0) {

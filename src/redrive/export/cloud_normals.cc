@@ -10,7 +10,7 @@ namespace redrive {
 namespace {
 
 constexpr std::size_t kNearest = 12;
-// Points on one line of a LiDAR tell no plane.
+// Points on one line of a LiDAR determine no plane.
 constexpr float kLeastWidth = 1e-3f;  // squared, of the squared length
 
 /// Points for nanoflann.

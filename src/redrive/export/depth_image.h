@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// An image's surface points, as they are fused into a volume.
+// The surface points that an image shows, for fusion into a volume.
 #pragma once
 
 #include <array>
@@ -14,7 +14,7 @@ namespace redrive {
 /// Directions of all pixels of a camera.
 struct PixelDirections {
   Camera camera;
-  std::vector<Eigen::Vector3f> of_pixel;  ///< [height, width], unit, camera axes; 0: none
+  std::vector<Eigen::Vector3f> of_pixel;  ///< [height, width], unit, camera axes; 0: no direction
   double half_angle_rad = 0;              ///< between the optical axis and the outermost pixel
 };
 std::shared_ptr<const PixelDirections> pixel_directions(const RayTable& table);
@@ -23,7 +23,7 @@ std::shared_ptr<const PixelDirections> pixel_directions(const RayTable& table);
 struct DepthImage {
   std::shared_ptr<const PixelDirections> directions;
   ShutterPoses world_from_camera;
-  std::vector<float> depth_m;                       ///< [height, width] along the ray; 0: none
+  std::vector<float> depth_m;  ///< [height, width] along the ray; 0: no surface
   std::vector<std::array<std::int16_t, 3>> normal;  ///< [height, width], times 32767, camera axes
   std::vector<std::array<std::uint8_t, 3>> rgb;     ///< [height, width]
 
@@ -35,7 +35,8 @@ struct DepthImage {
 };
 
 /// Returns the surfaces of a rendered image. A pixel has none where `used` [height, width] is 0
-/// (empty: nowhere), where opacity is below `least_opacity`, and where depth tells no plane.
+/// (empty: all are used), where opacity is below `least_opacity`, and where depth determines no
+/// plane.
 DepthImage make_depth_image(const RenderedImage& image, const RayTable& table,
                             std::shared_ptr<const PixelDirections> directions,
                             const ShutterPoses& world_from_camera,

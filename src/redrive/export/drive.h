@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A recording as a drive in the format of a data set: rig, trajectory, LiDAR and boxes, as it was
-// recorded, aligned or refined. What does not fit is listed.
+// A recording as a drive in the format of a data set: rig, trajectory, LiDAR and boxes, as
+// recorded, aligned or refined. Lists what does not fit.
 #pragma once
 
 #include <atomic>
@@ -17,13 +17,13 @@ namespace redrive {
 
 /// Messages about an export.
 struct DriveNotes {
-  std::vector<std::string> changed;   ///< what is written in another way
+  std::vector<std::string> changed;   ///< what is written in another form
   std::vector<std::string> left_out;  ///< what is not written
 };
 
 /// Returns the part of a recording that its scene uses, with the scene's extrinsics and time
-/// offsets. Poses, LiDAR and boxes are those from the scene's first to its last frame. InputError
-/// for photographs, which have neither metres nor times.
+/// offsets. Poses, LiDAR and boxes range from the scene's first to its last frame. InputError for
+/// photographs, which have neither metres nor times.
 Recording drive_of_scene(const Recording& recording, const Scene& scene);
 
 /// Adds the image files of a camera to a set of photos: `name(frame id)` is their new path.
@@ -38,7 +38,7 @@ void add_photos(const RecordedCamera& camera, const Name& name, PhotoSet* set) {
 Eigen::Vector3d velocity_in_global(const Box& box, const std::vector<FramePose>& frames);
 Rigid3d global_from_box_at(const Box& box, const std::vector<FramePose>& frames, std::int64_t t_ns);
 
-/// Notes about what formats of drives do not have: rolling shutters, other poses, novel views.
+/// Adds notes on what formats of drives do not have: rolling shutters, other poses, novel views.
 void note_left_out(const Recording& drive, DriveNotes* notes);
 
 /// Writes KITTI-360's layout (recording/kitti360.h) with up to two perspective cameras and two

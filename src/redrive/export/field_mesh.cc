@@ -17,8 +17,8 @@ namespace redrive {
 namespace {
 
 constexpr std::size_t kMostViews = 200;
-// Images are rendered smaller until they have no more pixels than this. At f = 300 pixels a pixel
-// spans 0.1 m, a voxel, in a distance of 30 m.
+// Images are rendered smaller until they have at most this many pixels. At f = 300 pixels a pixel
+// spans 0.1 m, a voxel, at a distance of 30 m.
 constexpr double kMostPixels = 300'000;
 constexpr double kRangeVoxels = 400;
 constexpr double kVoxel_m = 0.1;
@@ -31,7 +31,7 @@ int factor_of(const Camera& camera) {
   return std::max(1, static_cast<int>(std::ceil(std::sqrt(pixels / kMostPixels))));
 }
 
-/// Returns the pixels in use at the smaller size: those whose pixels all are.
+/// Returns the pixels in use at the smaller size: a pixel whose recorded pixels are all in use.
 std::vector<std::uint8_t> used_pixels(const Scene& scene, const View& view,
                                       const Exclusions& left_out, int factor) {
   const Camera& full = scene.rig[view.camera].camera;
@@ -97,7 +97,7 @@ std::vector<DepthImage> render_depth_images(const Run& run, kernels::Backend& ba
            rendered.size() < static_cast<std::size_t>(pool.threads())) {
       const View& view = *views[first + rendered.size()];
       ShutterPoses poses = scene.shutter_poses(view);
-      poses.set_actors({});  // they are at other places in other images
+      poses.set_actors({});  // objects are at other places in other images
       rendered.push_back(
           render_image(backend, *run.state.model, table, poses, scene.exposure(view)));
     }

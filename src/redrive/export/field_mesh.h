@@ -11,7 +11,7 @@
 namespace redrive {
 
 struct MeshOptions {
-  double voxel_m = 0;            ///< 0: 0.1 m; of photographs a hundredth of the median depth
+  double voxel_m = 0;            ///< 0: 0.1 m; for photographs a hundredth of the median depth
   std::uint64_t most_bytes = 0;  ///< memory that images and volume may take
 };
 
@@ -19,7 +19,7 @@ struct FieldMesh {
   TriangleMesh mesh;  ///< in the scene's world; empty if the field has no opaque surface
   int images = 0;     ///< images rendered
   double voxel_m = 0, range_m = 0;
-  double filled_m2 = 0;  ///< area of gaps of the ground (export/fill_ground.h)
+  double filled_m2 = 0;  ///< area of the filled gaps of the ground (export/fill_ground.h)
 };
 
 /// Renders training views, evenly at most 200, and fuses their depth and colours up to 400 voxels

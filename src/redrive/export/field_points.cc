@@ -42,7 +42,7 @@ std::vector<PlyPoint> field_points(const Run& run, kernels::Backend& backend, st
       table_camera = view->camera;
     }
     ShutterPoses poses = scene.shutter_poses(*view);
-    poses.set_actors({});  // they are at other places in other images
+    poses.set_actors({});  // objects are at other places in other images
     const RenderedImage image =
         render_image(backend, *run.state.model, table, poses, scene.exposure(*view));
     const std::vector<float> normals = surface_normals(image, table);

@@ -9,13 +9,13 @@
 
 namespace redrive {
 
-/// Returns the views that are not held out, at most `most` of them, evenly spaced; 0: all.
+/// Returns at most `most` views that are not held out, evenly spaced; 0: all.
 std::vector<const View*> training_views(const Scene& scene, std::size_t most);
 
-/// Renders training views of a run and returns the points of their pixels' depth, in the scene's
+/// Renders training views of a run and returns the points at their pixels' depth, in the scene's
 /// world, with rendered colours and unit normals that face the camera. Pixels with less than
-/// `least_opacity`, beyond far_m or without a normal have no point. Pixels are taken evenly, so
-/// that at most `most` points come out. Views are taken evenly, at most `max_views`.
+/// `least_opacity`, beyond far_m or without a normal have no point. Pixels are taken evenly, at
+/// most `most`, from evenly chosen views, at most `max_views`.
 std::vector<PlyPoint> field_points(const Run& run, kernels::Backend& backend, std::size_t most,
                                    std::size_t max_views = 100, float least_opacity = 0.9f);
 

@@ -13,15 +13,15 @@
 namespace redrive {
 namespace {
 
-// The ground is searched this far below and above the body's origin, wherever a format has that.
+// The ground is searched this far below and above the body's origin, wherever a format puts that.
 constexpr double kLowest_m = -3, kHighest_m = 1;
-constexpr double kSameGround_m = 0.5;  // a kerb, a slope to the side
-// A filled point counts like this little of an image's.
+constexpr double kSameGround_m = 0.5;  // covers a kerb, or a slope to the side
+// A filled point counts this little, relative to an image's.
 constexpr float kFilledWeight = 1e-6f;
 
 using Column = std::array<int, 2>;  // x, y; ordered, so that results do not depend on hashes
 
-/// Height of the ground and its colour: what is continued into gaps.
+/// Height of the ground and its colour, which are continued into gaps.
 using Ground = Eigen::Vector4d;
 
 constexpr Column kNeighbours[] = {{-1, -1}, {-1, 0}, {-1, 1}, {0, -1},
@@ -61,7 +61,7 @@ std::map<Column, double> corridor(std::span<const Eigen::Vector3d> driven,
   add(last);
   for (const Eigen::Vector3d& position : driven) {
     const Eigen::Vector3d from = last;
-    const int parts = static_cast<int>((position - from).norm() / kStep_m);  // 0: a car that stands
+    const int parts = static_cast<int>((position - from).norm() / kStep_m);  // 0: the car stands
     for (int part = 1; part <= parts; ++part) {
       last = from + part * (position - from) / parts;
       add(last);
@@ -127,7 +127,7 @@ std::optional<Ground> mean_around(const Column& column, const std::map<Column, G
   return sum / n;
 }
 
-/// Repeatedly replaces the columns' ground by the mean of their neighbours'.
+/// Repeatedly replaces the columns' ground by the mean of their neighbours.
 void relax(const std::vector<Column>& columns, int times, std::map<Column, Ground>* ground) {
   struct Around {
     Ground* own;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Closes holes of the ground that a car drove over.
+// Closes holes in the ground that a car drove over.
 #pragma once
 
 #include <span>
@@ -8,8 +8,8 @@
 
 namespace redrive {
 
-/// Gaps of the ground up to this wide are filled, and the ground is looked for within this far of
-/// the driven line.
+/// Gaps of the ground up to kGroundGap_m wide are filled; the ground is searched within
+/// kGroundCorridor_m of the driven line.
 constexpr double kGroundGap_m = 3, kGroundCorridor_m = 5;
 
 /// Fills gaps of the ground in a world of metres whose z axis points up. `driven`: positions of the

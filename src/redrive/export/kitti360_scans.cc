@@ -20,7 +20,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr float kMostIntensity = 255;
-constexpr std::int64_t kOtherTime_ns = 1'000'000;    // further off is told
+constexpr std::int64_t kOtherTime_ns = 1'000'000;    // a difference above this is reported
 constexpr std::int64_t kSameFrame_ns = 200'000'000;  // as readers have it
 constexpr double kMostCoordinate_m = 1000;           // as readers have it
 
@@ -48,8 +48,8 @@ std::vector<LidarPoint> new_points(const Recording& drive, const Scan& scan, Cou
   return points;
 }
 
-/// Keeps of each frame the scan with the least time `off_ns(scan)` from it. Returns how many others
-/// there were.
+/// Keeps for each frame the scan with the least time `off_ns(scan)` from it. Returns how many
+/// others there were.
 template <class OffNs>
 std::size_t keep_nearest(const OffNs& off_ns, std::vector<Scan>* scans) {
   std::vector<Scan> nearest;
@@ -62,7 +62,7 @@ std::size_t keep_nearest(const OffNs& off_ns, std::vector<Scan>* scans) {
   return nearest.size() - scans->size();
 }
 
-/// Records of the points where they were seen at the time of their azimuth.
+/// Puts the points' records where the points were seen at the time of their azimuth.
 std::string make_scan(const std::vector<LidarPoint>& points, const kitti::ScanTime& time,
                       const std::vector<FramePose>& drive_frames,
                       const std::vector<FramePose>& frames, const Rigid3d& body_from_velodyne,
@@ -83,7 +83,7 @@ std::string make_scan(const std::vector<LidarPoint>& points, const kitti::ScanTi
       t_ns = seen_ns;
     }
     // Between two columns the time may alternate. Where a revolution ends and the next begins, a
-    // turning car leaves directions that the scanner never looks into.
+    // turning car leaves directions into which the scanner never looks.
     if (off_ns > column_ns) {
       ++counts->unseen;
       continue;

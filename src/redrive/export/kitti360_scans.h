@@ -10,9 +10,9 @@
 
 namespace redrive {
 
-/// Writes the scans of frames with a pose, their times and calib_cam_to_velo.txt. The format knows
-/// a point's time by its azimuth alone, so each point is put where the scanner saw it at that time.
-/// Repeated points are left out, and all revolutions of a frame but the nearest in time. `frames`:
+/// Writes the scans of frames with a pose, their times and calib_cam_to_velo.txt. The format gives
+/// a point's time only by its azimuth, so each point is put where the scanner saw it at that time.
+/// Drops repeated points, and for each frame all revolutions but the nearest in time. `frames`:
 /// with the ids and times that are written.
 void write_kitti360_scans(const kitti360::Layout& layout, const Recording& drive,
                           const std::vector<FramePose>& frames, std::int64_t earlier_ids,

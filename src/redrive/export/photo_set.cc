@@ -87,7 +87,7 @@ PhotoSet make_photo_set(const Recording& recording, const Scene& scene,
   std::set<std::filesystem::path> names;
   for (const View& view : scene.views) {
     const PhotoCamera& camera = set.cameras[view.camera];
-    // A name ends at a blank in COLMAP's text files.
+    // In COLMAP's text files a name ends at a blank.
     std::string name = view.image.filename().string();
     std::ranges::replace_if(
         name, [](char c) { return c == ' ' || c == '\t'; }, '_');

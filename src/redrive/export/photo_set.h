@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A recording as posed photographs, which is what COLMAP and nerfstudio know: an image has one
-// pose and a camera. What does not fit is listed.
+// A recording as posed photographs, as COLMAP and nerfstudio have them: an image has one pose and a
+// camera. Lists what does not fit.
 #pragma once
 
 #include <filesystem>
@@ -15,7 +15,7 @@ namespace redrive {
 
 struct PhotoCamera {
   CameraCalibration calibration;  ///< name and intrinsics of the images that are written
-  Camera camera;                  ///< the same
+  Camera camera;                  ///< camera of the written images
   Camera recorded;                ///< camera of the recorded images
   bool resampled = false;         ///< whether they differ
 };
@@ -24,7 +24,8 @@ struct Photo {
   std::filesystem::path name;    ///< relative, in the folder of the images
   std::filesystem::path source;  ///< the recorded image
   int camera = 0;                ///< index into PhotoSet::cameras
-  Rigid3d world_from_camera;     ///< when the middle row was exposed; x right, y down, z forward
+  /// pose at the exposure of the middle row; x right, y down, z forward
+  Rigid3d world_from_camera;
   MaskFile mask;
   bool held_out = false;
 };
@@ -33,12 +34,13 @@ struct PhotoSet {
   std::vector<PhotoCamera> cameras;
   std::vector<Photo> photos;          ///< ordered by camera, then frame
   Rigid3d world_from_scene;           ///< Scene's world in the set's
-  std::string world;                  ///< what the axes of the set's world are
-  std::vector<std::string> left_out;  ///< what the set cannot say, or says in another way
+  std::string world;                  ///< description of the axes of the set's world
+  std::vector<std::string> left_out;  ///< what the set cannot express, or expresses in another form
 };
 
-/// A camera whose images are written: as recorded where `has_model` allows it, else one that COLMAP
-/// and nerfstudio have, at the same place with the same size, to which images are resampled.
+/// Returns the camera of the written images: the recorded one where `has_model` allows it, else one
+/// that COLMAP and nerfstudio have, at the same place with the same size, to which images are
+/// resampled.
 PhotoCamera photo_camera(const CameraCalibration& recorded,
                          const std::function<bool(const CameraCalibration&)>& has_model);
 

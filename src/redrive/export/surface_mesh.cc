@@ -16,7 +16,7 @@ namespace {
 
 openvdb::FloatGrid::Ptr as_grid(const TsdfVolume& volume) {
   static_assert(openvdb::FloatTree::LeafNodeType::SIZE == TsdfBlock::kPoints);
-  // Unknown points are outside. What then faces them is left out behind.
+  // Unknown points count as outside. Faces towards them are dropped below.
   auto grid = openvdb::FloatGrid::create(static_cast<float>(volume.truncation_m()));
   for (const auto& block : volume.blocks()) {
     auto* leaf = grid->tree().touchLeaf({block->first.x(), block->first.y(), block->first.z()});
@@ -38,7 +38,7 @@ std::optional<PlyPoint> make_vertex(const TsdfVolume& volume, const Eigen::Vecto
     const TsdfVolume::Point point = volume.find(first + to);
     if (!point.known()) return std::nullopt;
     if (!(point.block->rgb_weight[point.offset] > 0)) continue;
-    float weight = 1e-6f;  // some colour even where the corners next to the vertex have none
+    float weight = 1e-6f;  // gives some colour even where the corners next to the vertex have none
     float product = 1;
     for (int k = 0; k < 3; ++k) product *= to[k] == 1 ? fraction[k] : 1 - fraction[k];
     weight += product;

@@ -20,7 +20,7 @@ struct TriangleMesh {
 /// triangle.
 void remove_small_pieces(std::size_t least, TriangleMesh* mesh);
 
-/// Sets normals of vertices: the mean of their triangles', by area.
+/// Sets normals of vertices: the mean of their triangles' normals, weighted by area.
 void compute_normals(TriangleMesh* mesh);
 
 /// Returns the mesh as a Wavefront OBJ: lines `v x y z r g b`, colours in [0, 1], and `f`.

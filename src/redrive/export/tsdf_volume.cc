@@ -13,14 +13,14 @@ namespace redrive {
 namespace {
 
 constexpr int kSide = TsdfBlock::kSide;
-// A block's leaves in the trees that a mesh is made from, and its part of the mesh.
+// Bytes of a block's leaves in the trees that a mesh is made from, and of its part of the mesh.
 constexpr std::size_t kMeshBytes = 8192;
-// Pixels whose blocks are stored: every second one in x and y. A block spans many pixels.
+// Step between pixels whose blocks are stored, in x and y. A block spans many pixels.
 constexpr int kPixelStep = 2;
-// A flatter view of a surface has no depth that could be trusted.
+// A surface seen at a smaller cosine has no depth that could be trusted.
 constexpr double kLeastCosine = 0.05;
 // The plane of a pixel is continued up to this far along the ray, with a weight that falls to 0:
-// the flatter a view, the less it knows about what lies behind.
+// the flatter a view, the less it shows of what lies behind.
 constexpr double kBehindTruncations = 4;
 constexpr int kCoordinateBits = 21;
 
@@ -102,7 +102,7 @@ struct Viewpoint {
   }
 };
 
-/// Averages what an image says about the points of a block.
+/// Averages an image's distances at the points of a block.
 void fuse_into(const Viewpoint& view, double voxel_m, double truncation_m, TsdfBlock* block) {
   const DepthImage& image = *view.image;
   const Camera& camera = image.directions->camera;

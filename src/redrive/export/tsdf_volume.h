@@ -38,7 +38,7 @@ class TsdfVolume {
   /// Surfaces bend and are noisy by some voxels; 4 leave room for both.
   static constexpr double kTruncationVoxels = 4;
 
-  /// `voxel_m` > 0. Blocks take at most `most_bytes`, with what a mesh of them takes.
+  /// `voxel_m` > 0. Blocks take at most `most_bytes`, including the extracted mesh.
   TsdfVolume(double voxel_m, std::uint64_t most_bytes);
 
   double voxel_m() const { return voxel_m_; }

@@ -25,8 +25,8 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr const char* kLidarName = "LIDAR";
-// Seconds and nanoseconds of times are doubles: 0.1 us of today's Unix time. Above this, whole days
-// are taken away.
+// Times in seconds and nanoseconds are doubles, which resolve today's Unix time to 0.1 us. Above
+// this, whole days are subtracted.
 constexpr std::int64_t kLatest_ns = 1'000'000'000'000'000, kDay_ns = 86'400'000'000'000;
 
 std::string padded(std::int64_t frame_id) {
@@ -80,7 +80,7 @@ void write_points(const fs::path& file, const Recording& drive) {
   write_file(file, make_ply(points, /*normals=*/false));
 }
 
-/// Coordinates are exact to 1 um, to 10 um where one is beyond what fits then.
+/// Coordinates are exact to 1 um, or to 10 um where 1 um does not fit.
 std::string revolution_las(const std::vector<LidarPoint>& points) {
   constexpr double kFine_m = 1e-6, kCoarse_m = 1e-5;
   std::vector<LidarRecord> scan;

@@ -74,7 +74,7 @@ PhotoCamera rectified(const CameraCalibration& recorded) {
            std::all_of(calibration.parameters.begin() + 4, calibration.parameters.end(),
                        [](double k) { return k == 0; });
   });
-  // The data set has no masks, so a longer focal length leaves out what the lens does not see.
+  // The data set has no masks, so a longer focal length crops what the lens does not see.
   constexpr double kStep = 1.02;
   for (int i = 0; camera.resampled && i < 50 && !sees_all(camera.camera, camera.recorded); ++i) {
     camera.calibration.parameters[0] *= kStep;
@@ -86,7 +86,8 @@ PhotoCamera rectified(const CameraCalibration& recorded) {
 
 using Slots = std::map<std::string, const RecordedCamera*>;  ///< key: folder, image_00 to image_03
 
-/// Gives each camera a folder of its kind: its own name's, else the next from left to right.
+/// Gives each camera a folder of its kind: the folder of its own name, else the next from left to
+/// right.
 Slots assign_slots(const Recording& drive, DriveNotes* notes) {
   Slots slots;
   std::vector<const RecordedCamera*> others;
@@ -151,7 +152,7 @@ std::string perspective_lines(const CameraCalibration& camera, const std::string
   return text + "\n";
 }
 
-/// The camera whose place calib_cam_to_velo.txt starts from.
+/// Returns the pose of the camera from which calib_cam_to_velo.txt starts.
 Rigid3d body_from_first_camera(const Slots& slots) {
   const auto first = slots.find("image_00");
   return first == slots.end() ? kitti::rectified_from_body().inverse(Eigen::Isometry)
@@ -213,7 +214,8 @@ std::vector<FramePose> frames_later_by(const std::vector<FramePose>& frames, std
   return later;
 }
 
-/// Greatest distance of a camera's poses from those that a reader of `written` finds, metres.
+/// Returns the greatest distance of a camera's poses from the poses that a reader of `written`
+/// finds, metres.
 double distance_from(const std::vector<FramePose>& written, const std::vector<FramePose>& frames,
                      std::int64_t offset_ns) {
   double most_m = 0;

@@ -38,7 +38,7 @@ Resampling make_resampling(const PhotoCamera& camera) {
   Resampling out{make_resample_map(camera.camera, camera.recorded), {}};
   const std::vector<std::uint8_t> all(
       static_cast<std::size_t>(camera.recorded.width) * camera.recorded.height, 255);
-  // A pixel that is partly outside is masked.
+  // Masks a pixel that is partly outside.
   out.seen = resample(out.map, all, camera.recorded.width, camera.recorded.height, 1, 0);
   for (std::uint8_t& seen : out.seen) {
     seen = seen == 255 ? 255 : 0;
@@ -82,8 +82,8 @@ void write_photo_mask(const fs::path& masks, const Photo& photo, const Resamplin
   write_mask(masks / (photo.name.string() + ".png"), width, height, used);
 }
 
-/// nerfstudio wants a mask of every photo or of none: where some have one, gives the others a white
-/// one.
+/// nerfstudio wants a mask for every photo or for none: where some have one, gives the others a
+/// white one.
 void add_missing_masks(const fs::path& folder, const PhotoSet& set, ThreadPool& pool) {
   if (!fs::exists(folder / "masks")) return;
   pool.run(static_cast<int>(set.photos.size()), [&](int i) {

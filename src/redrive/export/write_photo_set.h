@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Folders of posed photographs for COLMAP, nerfstudio and what reads theirs.
+// Writes folders of posed photographs for COLMAP, nerfstudio and programs that read their formats.
 #pragma once
 
 #include <atomic>
@@ -10,9 +10,9 @@
 
 namespace redrive {
 
-/// Most points that are written, thinned evenly.
+/// Maximum number of points that are written, thinned evenly.
 constexpr std::size_t kMaxExportedPoints = 1'000'000;
-/// Returns n >= 1: every n-th point is written.
+/// Returns n >= 1; every n-th point is written.
 std::size_t exported_every(const PointCloud& points);
 
 /// Whether COLMAP, or nerfstudio's transforms.json, has exactly this camera.
@@ -28,7 +28,7 @@ bool has_two_kinds_of_lenses(const PhotoSet& set);
 /// empty. Throws as write_colmap.
 void write_images(const std::filesystem::path& images, const std::filesystem::path& masks,
                   const PhotoSet& set, ThreadPool& pool, const std::atomic<bool>& stop);
-/// Creates a folder and those above it. IoError.
+/// Creates a folder and its parents. IoError.
 void make_folders(const std::filesystem::path& folder);
 
 /// Writes images/, masks/ (COLMAP's names, <image>.png, black is masked) and sparse/0 with cameras,
@@ -36,8 +36,8 @@ void make_folders(const std::filesystem::path& folder);
 /// that cannot be read, IoError, Interrupted once `stop` is set.
 void write_colmap(const std::filesystem::path& folder, const PhotoSet& set,
                   const PointCloud& points, ThreadPool& pool, const std::atomic<bool>& stop);
-/// Writes images/, masks/ (of all images or of none), transforms.json and points.ply, if there are
-/// points. Throws as write_colmap.
+/// Writes images/, masks/ (for all images or for none), transforms.json and points.ply, if there
+/// are points. Throws as write_colmap.
 void write_transforms(const std::filesystem::path& folder, const PhotoSet& set,
                       const PointCloud& points, ThreadPool& pool, const std::atomic<bool>& stop);
 

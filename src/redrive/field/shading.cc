@@ -15,7 +15,7 @@ void apply_shading(const ShadingConfig& config, std::span<const float> parameter
   for (int k = 0; k < config.columns; ++k)
     gains[k] = (1 - above.second_weight) * std::exp(channel[above.first * config.columns + k]) +
                above.second_weight * std::exp(channel[above.second * config.columns + k]);
-  // Linear between two centres, where the pixels of interval k lie: of cells k - 1 and k.
+  // Linear between the centres of cells k - 1 and k, where the pixels of interval k lie.
   const float cell = 1 / (row.step_x * static_cast<float>(config.columns));  // pixels
   std::size_t i = 0;
   for (int k = 0; k <= config.columns; ++k) {

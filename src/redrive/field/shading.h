@@ -41,8 +41,8 @@ struct ImageRow {
   float y, first_x, step_x;
 };
 
-/// Multiplies a row of channel c of an image of `camera` by its gains.
-/// parameters: of all cameras; camera: -1: gains of 1.
+/// Multiplies a row of channel c of an image of `camera` by its gains. parameters: all cameras';
+/// camera -1 has gains of 1.
 void apply_shading(const ShadingConfig& config, std::span<const float> parameters, int camera,
                    int c, const ImageRow& row, std::span<float> pixels);
 

@@ -59,7 +59,7 @@ inline SplatNumbers splat_numbers(std::span<const float> blocks, std::size_t i) 
   return numbers;
 }
 
-/// Writes Gaussian i of `blocks`: the inverse of splat_numbers. distance_m: of kDistanceRow.
+/// Writes Gaussian i of `blocks`: the inverse of splat_numbers. distance_m: value of kDistanceRow.
 inline void set_splat_numbers(const SplatNumbers& numbers, double distance_m, std::size_t i,
                               std::span<float> blocks) {
   using namespace splat_numbers_detail;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Blocks of a divided run in memory: the last ones that were used, the next one loaded beside.
+// Keeps the last used blocks of a divided run in memory, and loads the next one in the background.
 #pragma once
 
 #include <condition_variable>
@@ -24,7 +24,7 @@ struct LoadedBlock {
   std::uint64_t bytes = 0;
 };
 
-/// The block that renders, and its neighbours on both sides.
+/// The block that renders and its neighbours on both sides.
 constexpr std::size_t kLeastCachedBlocks = 3;
 
 /// Safe to use from several threads.
@@ -34,19 +34,19 @@ class BlockCache {
   /// time.
   using Load = std::function<std::shared_ptr<const LoadedBlock>(int block)>;
 
-  /// `bytes`: the blocks used longest ago are let go beyond it, but for kLeastCachedBlocks.
+  /// `bytes`: beyond it the least recently used blocks are evicted, but for kLeastCachedBlocks.
   BlockCache(Load load, std::uint64_t bytes) : load_(std::move(load)), most_bytes_(bytes) {}
   /// Waits for a block that is being loaded.
   ~BlockCache();
   BlockCache(const BlockCache&) = delete;
   BlockCache& operator=(const BlockCache&) = delete;
 
-  /// Returns a block, loaded where it is not there. Throws what loading throws; the next call tries
+  /// Returns a block, loading it if necessary. Throws what loading throws; the next call tries
   /// again.
   std::shared_ptr<const LoadedBlock> get(int block);
 
-  /// Begins to load a block on another thread, in place of one that waits there. What it throws is
-  /// left to get().
+  /// Begins to load a block on another thread, replacing one that waits there. get() throws what it
+  /// throws.
   void prefetch(int block);
 
   std::uint64_t bytes() const;  ///< bytes of the loaded blocks
@@ -66,7 +66,7 @@ class BlockCache {
   std::set<int> loading_;
   std::optional<int> wanted_;  ///< set by prefetch()
   bool ends_ = false;
-  std::thread thread_;  ///< begins with the first prefetch()
+  std::thread thread_;  ///< starts with the first prefetch()
 };
 
 }  // namespace redrive

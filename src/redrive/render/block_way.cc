@@ -44,7 +44,7 @@ BlockWay::Place BlockWay::place(const Eigen::Vector3d& in_world) const {
       }
   }
   place.along_m = along_m_[place.frame];
-  for (const std::size_t end : {place.frame, place.frame + 1}) {  // pieces before and after it
+  for (const std::size_t end : {place.frame, place.frame + 1}) {  // the pieces before and after it
     if (end == 0 || end == positions_.size()) continue;
     const Eigen::Vector3d piece = positions_[end] - positions_[end - 1];
     const double length2 = piece.squaredNorm();

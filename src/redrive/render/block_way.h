@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which blocks of a divided run (train/blocks.h) render a camera: by its position along the way.
+// Chooses the blocks of a divided run (train/blocks.h) that render a camera, by its position along
+// the way.
 #pragma once
 
 #include <cstddef>
@@ -10,8 +11,8 @@
 
 namespace redrive {
 
-/// Around the border of two cores both blocks render, over this length of the way; less where a
-/// core is shorter than twice that.
+/// Around the border of two cores both blocks render over this length of the way; less where a core
+/// is shorter than twice that.
 constexpr double kSeam_m = 6;
 
 struct BlockWeight {
@@ -35,15 +36,15 @@ class BlockWay {
 
   int blocks() const { return static_cast<int>(last_core_.size()); }
 
-  /// Returns the place nearest to a point of the world: of the nearest frame and its two pieces of
-  /// the way. So where the way comes twice, the pass whose frame is nearer counts.
+  /// Returns the place nearest to a point of the world: on the nearest frame's two pieces of the
+  /// way. So where the way passes twice, the pass whose frame is nearer counts.
   Place place(const Eigen::Vector3d& in_world) const;
 
   int block_of_frame(std::size_t frame) const;
   /// Returns the block whose core holds the place.
   int block_at(const Place& place) const;
-  /// Returns one block, or the two of a border near by. Weights add up to 1 and change along the
-  /// way with a continuous derivative: 3 u^2 - 2 u^3 of the fraction u of the seam.
+  /// Returns one block, or the two at a border near by. Weights add up to 1 and change along the
+  /// way with a continuous derivative: 3 u^2 - 2 u^3 with u the fraction of the seam.
   std::vector<BlockWeight> weights(const Place& place) const;
 
   double start_m(int block) const { return block == 0 ? 0 : borders_m_[block - 1]; }
@@ -52,7 +53,7 @@ class BlockWay {
   }
 
  private:
-  static constexpr std::size_t kChunk = 32;  ///< frames that a search leaves out together
+  static constexpr std::size_t kChunk = 32;  ///< frames that a search skips together
   struct Chunk {
     Eigen::Vector3d centre;
     double radius_m;

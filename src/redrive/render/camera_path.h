@@ -18,10 +18,10 @@ struct PathKey {
   double t_s = 0;
   Rigid3d world_from_camera = Rigid3d::Identity();
   double fov_deg = 0;  ///< vertical; 0: the lens is given
-  double drive_s = 0;  ///< time of the drive, after its first frame: of what moves
+  double drive_s = 0;  ///< time after the drive's first frame, at which moving objects are shown
 };
 
-/// Returns the time of the drive at a key.
+/// Returns the time on the drive at a key.
 inline std::int64_t drive_time_ns(const PathKey& key, const Scene& scene) {
   return scene.frames.front().t_ns + std::llround(1e9 * key.drive_s);
 }
@@ -60,10 +60,10 @@ double fov_of(const Camera& lens);
 CameraPath drive_path(const Recording& recording, const Scene& scene, const RigCamera& camera,
                       double left_m);
 
-/// Returns the path of a file. InputError where the run has no such camera or frame.
+/// Returns the path in a file. InputError where the run has no such camera or frame.
 CameraPath path_of_file(const CameraPathFile& file, const Recording& recording, const Scene& scene);
 
-/// Returns the pose of a keyframe, as `redrive render` places it. InputError naming `file` and
+/// Returns the pose of a keyframe, placed as `redrive render` does. InputError naming `file` and
 /// keyframes[index].
 PathKey path_key(const PathKeyframe& keyframe, const Recording& recording, const Scene& scene,
                  const std::filesystem::path& file, std::size_t index);

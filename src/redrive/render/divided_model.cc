@@ -13,7 +13,8 @@
 namespace redrive {
 namespace {
 
-constexpr double kMotion_m = 50;  ///< between two images; a camera that goes further jumps
+/// largest motion between two images; a camera that goes further jumps
+constexpr double kMotion_m = 50;
 
 /// Multiplies colours by exp(log_factors).
 void brighten(const LogGains& log_factors, RenderedImage* image) {
@@ -40,7 +41,7 @@ void blend(const RenderedImage& other, float weight, RenderedImage* image) {
   }
 }
 
-/// Returns the index of the first number from `value` on, or the last one.
+/// Returns the index of the first number that is at least `value`, or of the last one.
 std::size_t first_from(const std::vector<std::int64_t>& ascending, std::int64_t value) {
   const std::ptrdiff_t after = std::ranges::lower_bound(ascending, value) - ascending.begin();
   return static_cast<std::size_t>(std::min(after, std::ssize(ascending) - 1));
@@ -75,7 +76,7 @@ std::string DividedModel::describe() const {
   return std::to_string(drive_.way.blocks()) + " blocks";
 }
 
-/// Loads the next block in the direction of the camera's motion beside.
+/// Loads the next block in the direction of the camera's motion in the background.
 void DividedModel::load_ahead(const BlockWay::Place& place) const {
   const double moved_m =
       place.along_m - std::exchange(last_along_m_, place.along_m).value_or(place.along_m);
@@ -137,7 +138,7 @@ const DividedModel::Body& DividedModel::body_of(std::int64_t id) const {
     std::shared_ptr<const LoadedBlock> block;
     try {
       block = cache_.get(b);
-    } catch (const InputError&) {  // thrown again where an image needs the block
+    } catch (const InputError&) {  // get() throws it again where an image needs the block
       continue;
     }
     const auto* const splat = dynamic_cast<const SplatModel*>(block->model.get());

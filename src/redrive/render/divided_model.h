@@ -28,12 +28,12 @@ struct DividedDrive {
   std::int64_t time_of(const Exposure& exposure) const;
   /// Returns the block whose core has the first frame from at_ns on, or the last one.
   int block_at_time(std::int64_t at_ns) const;
-  /// Likewise the name of the block whose core has a frame, also one that the run left out.
+  /// Returns the name of the block whose core has a frame, even one that the run left out.
   const std::string& block_of(std::int64_t frame_id) const;
 };
 
 /// Renders only. Blocks are loaded where they are needed, and the next one in the direction of the
-/// camera's motion beside. To use by one thread at a time.
+/// camera's motion in the background. For one thread at a time.
 class DividedModel final : public Model {
  public:
   /// `like`: a model of the blocks' method, configured; `load` and `bytes`: as BlockCache.
@@ -42,7 +42,7 @@ class DividedModel final : public Model {
 
   const DividedDrive& drive() const { return drive_; }
   BlockCache& cache() const { return cache_; }
-  /// Returns the mean over cameras of the block's log gains: what makes the blocks' own colours
+  /// Returns the mean over cameras of the block's log gains, which make the blocks' own colours
   /// equally bright.
   LogGains mean_log_gains(int block) const;
 
@@ -59,14 +59,14 @@ class DividedModel final : public Model {
   void render_to(kernels::Backend& backend, const RayTable& rays,
                  const ShutterPoses& world_from_camera, const Exposure& exposure,
                  RenderedImage* image) const override;
-  /// Each ray by the block that holds its origin.
+  /// Renders each ray by the block that holds its origin.
   RenderedRays trace(kernels::Backend& backend, const kernels::Rays& rays) const override;
   void trace_actors(kernels::Backend& backend, const kernels::Rays& rays,
                     std::span<const std::int64_t> t_ns, const std::vector<MovingObject>& actors,
                     RenderedRays* rendered) const override;
 
-  /// Gaussians of all blocks, each of the block whose core is nearest; without moving objects.
-  /// Colours have the same brightness in all blocks. Blocks of --method splat only.
+  /// Exports the Gaussians of all blocks, each from the block whose core is nearest, without moving
+  /// objects. Colours have the same brightness in all blocks. Blocks of --method splat only.
   std::vector<ExportFormat> export_formats() const override;
 
   // A divided run is not trained as one.
@@ -87,7 +87,7 @@ class DividedModel final : public Model {
   std::uint64_t step_bytes() const override { return 0; }
 
  private:
-  /// An exposure of the drive in a block, and what its image is multiplied by.
+  /// An exposure of the drive in a block, and the gains that its image is multiplied by.
   struct BlockExposure {
     Exposure exposure;
     LogGains log_factors{};
@@ -105,14 +105,14 @@ class DividedModel final : public Model {
       }
     }
   };
-  /// The Gaussians of an object, of the block that has most of them.
+  /// The Gaussians of an object, from the block that has most of them.
   struct Body {
     std::shared_ptr<const ActorBody> gaussians;  ///< null: no block has any
     LogGains log_gains{};                        ///< log gains of that block
   };
   const Body& body_of(std::int64_t id) const;
-  /// Returns the body to draw in a block, and multiplies `gain` by what makes it equally bright;
-  /// null if the block has its own, or nobody has one.
+  /// Returns the body to draw in a block, and multiplies `gain` by the factor that makes it equally
+  /// bright; null if the block has its own, or no block has one.
   std::shared_ptr<const ActorBody> borrowed(int block, const Model& model, std::int64_t id,
                                             std::array<float, 3>* gain) const;
   std::vector<BlockRays> divided(const kernels::Rays& rays) const;

@@ -15,11 +15,11 @@ namespace redrive {
 /// A beam of a lower opacity has no return.
 constexpr float kMinReturnOpacity = 0.5f;
 
-/// Ranges of returns, unless others are asked for, metres.
+/// Default limits of a return's range, metres.
 constexpr double kMinReturn_m = 0.5, kMaxReturn_m = 200;
 
-/// The way of a sensor: on the body along the trajectory, shifted along `axes` (of which kCamera
-/// are the sensor's own: x forward, y left, z up). Recording and scene must outlive it.
+/// The motion of a sensor: on the body along the trajectory, shifted along `axes` (kCamera: the
+/// sensor's own, x forward, y left, z up). Recording and scene must outlive it.
 struct SensorMotion {
   const Recording& recording;
   const Scene& scene;
@@ -43,7 +43,7 @@ struct ScanOptions {
 
 struct LidarScan {
   std::vector<LidarRecord> points;                ///< sorted by time; intensity 0
-  std::size_t transparent = 0, out_of_range = 0;  ///< firings without a return, and why
+  std::size_t transparent = 0, out_of_range = 0;  ///< firings without a return, by reason
 };
 
 /// Fires along the motion: each ray starts where the sensor is at its time, and meets the moving

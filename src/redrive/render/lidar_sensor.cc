@@ -16,7 +16,7 @@ namespace {
 
 constexpr std::size_t kMaxBeams = 256;
 
-/// Returns numbers that `separator` separates; nothing for other text.
+/// Returns numbers separated by `separator`; nothing for other text.
 std::optional<std::vector<double>> numbers_in(std::string_view text, char separator) {
   std::vector<double> numbers;
   const char *at = text.data(), *const end = at + text.size();
@@ -31,8 +31,8 @@ std::optional<std::vector<double>> numbers_in(std::string_view text, char separa
   }
 }
 
-/// Returns lowest and highest elevation of usual sensors with so many beams, degrees, from their
-/// data sheets: Velodyne VLP-16, HDL-32E, HDL-64E and Alpha Prime (VLS-128).
+/// Returns the lowest and highest elevation of common sensors with this many beams, degrees, from
+/// their data sheets: Velodyne VLP-16, HDL-32E, HDL-64E and Alpha Prime (VLS-128).
 std::pair<double, double> usual_elevations(int beams) {
   if (beams <= 16) return {-15, 15};
   if (beams <= 32) return {-30.67, 10.67};
@@ -50,8 +50,8 @@ std::optional<std::vector<double>> spaced(double count, double low, double high)
   return elevations;
 }
 
-/// Returns the file of the revolution of a frame whose middle is nearest to the frame; null if
-/// there is none.
+/// Returns the file of the frame's revolution whose middle is nearest to the frame; null if there
+/// is none.
 const FrameFile* nearest_revolution(const Recording& recording, std::int64_t frame_id) {
   const auto frame = std::ranges::lower_bound(recording.frames, frame_id, {}, &FramePose::id);
   if (frame == recording.frames.end() || frame->id != frame_id) return nullptr;

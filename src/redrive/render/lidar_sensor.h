@@ -32,9 +32,9 @@ struct SpinningLidar {
   LidarFirings revolution(std::int64_t t_ns) const;
 };
 
-/// Parses the elevations of beams: "N", as usual sensors of so many have them, "N:MIN:MAX", evenly
-/// spaced, or "E1,E2,..", degrees. A single elevation has a point or a sign: "5.0". Nothing unless
-/// there are 1 to 256 (of N and N:MIN:MAX 2 at least, MIN < MAX) within -90..90.
+/// Parses the elevations of beams: "N", as common sensors with N beams have them, "N:MIN:MAX",
+/// evenly spaced, or "E1,E2,..", degrees. A single elevation has a point or a sign: "5.0". Nothing
+/// unless there are 1 to 256 (for N and N:MIN:MAX at least 2, MIN < MAX) within -90..90.
 std::optional<std::vector<double>> parse_beams(std::string_view text);
 /// Rule of that text, for error messages.
 inline constexpr const char* kBeamsRule =

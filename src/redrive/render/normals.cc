@@ -14,19 +14,20 @@ namespace {
 
 constexpr int kRadius = 3;  // radius of the window, pixels
 constexpr float kLeastOpacity = 0.5f;
-constexpr double kSameSurface = 0.05;  // difference of distance, of the distance
+// largest difference of distances on one surface, as a part of the distance
+constexpr double kSameSurface = 0.05;
 
 /// Points of an image's pixels, in camera axes.
 struct PointImage {
   int width, height;
-  std::vector<Eigen::Vector3d> points;  ///< 0: none
+  std::vector<Eigen::Vector3d> points;  ///< 0: no surface
   std::vector<double> distance;
 
   std::size_t index(int x, int y) const { return static_cast<std::size_t>(y) * width + x; }
   /// Returns the vector n of the plane n . p = 1 that fits the pixel's surface best, or nothing.
   std::optional<Eigen::Vector3d> plane_at(int x, int y) const {
     const std::size_t centre = index(x, y);
-    // Lengths are in the pixel's distance, so that nothing depends on the scene's scale.
+    // Divides lengths by the pixel's distance, so that nothing depends on the scene's scale.
     const double scale = 1 / distance[centre];
     Eigen::Matrix3d squares = Eigen::Matrix3d::Zero();
     Eigen::Vector3d sum = Eigen::Vector3d::Zero();
@@ -39,7 +40,7 @@ struct PointImage {
         sum += p;
       }
     const Eigen::LDLT<Eigen::Matrix3d> solver(squares);
-    // Points on a line do not tell a plane.
+    // Points on a line determine no plane.
     if (!(solver.vectorD().minCoeff() > 1e-9 * solver.vectorD().maxCoeff())) return std::nullopt;
     return solver.solve(sum);
   }

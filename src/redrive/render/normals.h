@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Surface normals of a rendered image, from its depth: any method has depth.
+// Surface normals of a rendered image, computed from its depth, which any method has.
 #pragma once
 
 #include <vector>
@@ -11,11 +11,12 @@ namespace redrive {
 
 /// Returns the unit normal of the surface at each pixel, [height, width, 3] in camera axes (x
 /// right, y down, z forward), turned to the camera; 0 where opacity is below 0.5 or the pixels
-/// around it tell no plane. The plane is the best fit to the pixels of a window of 7 x 7 whose
+/// around it determine no plane. The plane is the best fit to the pixels of a window of 7 x 7 whose
 /// distance is within 5 % of the pixel's, so that an edge does not bend it.
 std::vector<float> surface_normals(const RenderedImage& image, const RayTable& table);
 
-/// Colours of normals as is usual: (1 + n) / 2 with x right, y up and z to the camera; 0 is black.
+/// Returns normals as colours in the usual form: (1 + n) / 2 with x right, y up and z to the
+/// camera; 0 is black.
 Image8 normals_image(const RenderedImage& image, const RayTable& table);
 
 }  // namespace redrive

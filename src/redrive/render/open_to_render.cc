@@ -14,7 +14,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::uint64_t kCacheShare = 4;  ///< blocks take the allowed memory by it
+/// blocks take this part of the allowed memory: one over it
+constexpr std::uint64_t kCacheShare = 4;
 
 std::shared_ptr<const LoadedBlock> load_block(const fs::path& whole, const Block& block,
                                               const Rigid3d& global_from_world) {
@@ -39,7 +40,7 @@ std::shared_ptr<const LoadedBlock> load_block(const fs::path& whole, const Block
   return loaded;
 }
 
-/// Takes over how each block corrected the tracks of moving objects while its core was driven.
+/// Copies how each block corrected the tracks of moving objects while its core was driven.
 void correct_tracks(const DividedModel& model, std::vector<MovingObject>* actors) {
   const DividedDrive& drive = model.drive();
   if (actors->empty()) return;
@@ -101,7 +102,8 @@ Run open_to_render(const fs::path& root) {
   run.state.model = std::move(model);
   try {
     run.state.step = read_block_metrics(root).steps;
-  } catch (const InputError&) {  // rows are for people: damaged ones do not keep from rendering
+    // rows are for people to read: damaged ones do not prevent rendering
+  } catch (const InputError&) {
   }
   load_actors(&run);
   correct_tracks(divided, &run.scene.actors);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Opens a run or a divided run (train/blocks.h) for what renders.
+// Opens a run or a divided run (train/blocks.h) for rendering.
 #pragma once
 
 #include <filesystem>
@@ -15,7 +15,7 @@ namespace redrive {
 /// block that is missing or damaged is an InputError when it is needed.
 Run open_to_render(const std::filesystem::path& root);
 
-/// Throws UsageError if the folder is a divided run, which `what` does not take.
+/// Throws UsageError if the folder is a divided run, which `what` cannot handle.
 void refuse_divided(const std::filesystem::path& root, const std::string& what);
 
 }  // namespace redrive

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Images of a model from any camera at any pose, through the same kernels as training.
+// Renders images of a model from any camera at any pose, by the same kernels as training.
 #pragma once
 
 #include <vector>
@@ -11,7 +11,7 @@
 
 namespace redrive {
 
-/// With the exposure gains of the run's camera that `exposure` names.
+/// Uses the exposure gains of the run's camera that `exposure` names.
 RenderedImage render_image(kernels::Backend& backend, const Model& model, const Camera& camera,
                            const ShutterPoses& world_from_camera, const Exposure& exposure = {});
 RenderedImage render_image(kernels::Backend& backend, const Model& model, const RayTable& table,

@@ -25,12 +25,12 @@ std::optional<ShiftAxes> shift_axes_from_name(
     std::string_view name);  ///< "body", "camera", "local"
 
 /// Returns world_from_body when `camera` exposes its image of a frame of the recording
-/// (RigCamera::time_offset_ns after the frame's time), also of a frame that the run left out;
+/// (RigCamera::time_offset_ns after the frame's time), even of a frame that the run left out;
 /// nothing if there is no such pose.
 std::optional<Rigid3d> world_from_body(const Recording& recording, const Scene& scene,
                                        std::int64_t frame_id, const RigCamera& camera);
 
-/// Returns a camera's pose with the moving objects of its exposure of a frame; without them where
+/// Returns a camera's pose with the moving objects at its exposure of a frame; without them where
 /// the recording has no such frame.
 ShutterPoses posed_at_frame(const Recording& recording, const Scene& scene, const RigCamera& camera,
                             const Rigid3d& world_from_camera, std::int64_t frame_id);
@@ -66,12 +66,12 @@ Rigid3d turned_sensor(const Rigid3d& body_from_sensor, double yaw_rad, double pi
 std::optional<RigCamera> mounted_camera(const Mount& mount, const Lens& lens, const Scene& scene);
 
 /// Returns the cameras of a poses file: its own as recorded, or with `like_run` undistorted (except
-/// fisheyes) and downscaled as the run's; the run's where the file has none.
+/// fisheyes) and downscaled like the run's; the run's where the file has none.
 std::vector<RigCamera> poses_rig(const ViewRequests& poses, const Scene& scene, bool like_run);
 
-/// Returns "unknown; known are A, B; did you mean A?" for a name of no camera of the rig.
+/// Returns "unknown; known are A, B; did you mean A?" for a name that no camera of the rig has.
 std::string unknown_camera(const std::string& name, const std::vector<RigCamera>& rig);
-/// Returns "the recording has ids from 0 to 9 ...; did you mean 9?" for an id of no frame.
+/// Returns "the recording has ids from 0 to 9 ...; did you mean 9?" for an id that no frame has.
 std::string unknown_frame(std::int64_t id, const Recording& recording);
 
 /// Returns the camera of view `index` among `rig`. Throws InputError with the known names if there
@@ -80,7 +80,7 @@ const RigCamera& requested_camera(const ViewRequests& poses, std::size_t index,
                                   const std::vector<RigCamera>& rig);
 
 /// Returns world_from_body of view `index` of a poses file, seen by `camera`: absolute where it has
-/// RT_ECEF_body (unless `prefer_shift` and it has shift_body_m, too), else the pose of the camera's
+/// RT_ECEF_body (unless `prefer_shift` and it has shift_body_m, too), else the pose at the camera's
 /// exposure of frame_id, shifted in body axes. Throws InputError if there is no such frame.
 Rigid3d requested_world_from_body(const ViewRequests& poses, std::size_t index,
                                   const RigCamera& camera, const Recording& recording,

@@ -19,7 +19,7 @@ namespace {
 
 constexpr const char* kBlocksFormat = "redrive-blocks-1";
 constexpr std::size_t kMaxBlocks = 100'000;
-constexpr double kStep_m = 1;  // more than a position's noise, less than a bend's radius
+constexpr double kStep_m = 1;  // above the noise of a position, below the radius of a bend
 
 std::string block_name(std::size_t index) {
   char name[24];
@@ -191,7 +191,7 @@ TrainOptions block_options(const TrainOptions& whole, const Block& block) {
   options.frames = std::to_string(block.first_frame) + ":" + std::to_string(block.last_frame) +
                    (step > 1 ? ":" + std::to_string(step) : "");
   options.refine_poses = "off";
-  if (options.max_damaged > 0) options.max_damaged = 100;  // the whole drive was judged
+  if (options.max_damaged > 0) options.max_damaged = 100;  // the whole drive was checked
   return options;
 }
 

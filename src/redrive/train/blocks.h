@@ -30,29 +30,30 @@ struct Block {
   bool finished = false;                         ///< trained to the end of its options
 };
 
-/// How to divide.
+/// How to divide a drive.
 struct Division {
-  double length_m = 0;     ///< length of a core, at most; > 0
-  double overlap_m = 0;    ///< length that a block trains on beyond each end of its core; >= 0
-  int frame_multiple = 1;  ///< a block begins at a multiple of so many frames of the drive, so that
-                           ///< all blocks hold out the same ones (--holdout-every); >= 1
+  double length_m = 0;   ///< length of a core, at most; > 0
+  double overlap_m = 0;  ///< length that a block trains on beyond each end of its core; >= 0
+  /// a block begins at a multiple of this number of frames of the drive, so that all blocks hold
+  /// out the same ones (--holdout-every); >= 1
+  int frame_multiple = 1;
 };
 
-/// Returns the overlap for cores of `length_m`: 20 m, at most a quarter. What a block sees of the
-/// way beyond its frames is further away than the overlap and needs no other detail.
+/// Returns the overlap for cores of `length_m`: 20 m, at most a quarter. Beyond its frames a block
+/// sees only what is further away than the overlap and needs no other detail.
 double default_overlap_m(double length_m);
 
-/// Returns the way driven at each frame, in metres from the first one; never decreases. Noise of
-/// the positions below a metre adds nothing, so a car that stands still does not move on.
+/// Returns the way driven at each frame, in metres from the first one; never decreases. Position
+/// noise below a metre adds nothing, so a standing car does not move on.
 std::vector<double> way_driven(const std::vector<Frame>& frames);
 
 /// Returns blocks with cores of equal lengths, `length_m` at most, in the order of the drive; one
-/// if the way is no longer than that. A part of the way without a frame makes no block. Each block
-/// but the first shares a frame with the one before, at least.
+/// if the way is no longer. A part of the way without a frame makes no block. Each block but the
+/// first shares at least one frame with the one before.
 std::vector<Block> divide(const std::vector<Frame>& frames, const Division& division);
 
-/// Returns the indices of the blocks in the order to train them in: those with most of `frames`
-/// first, so that a long one does not begin last.
+/// Returns the indices of the blocks in training order: blocks with most of `frames` first, so that
+/// a long one does not begin last.
 std::vector<int> longest_first(const std::vector<Block>& blocks, const std::vector<Frame>& frames);
 
 std::filesystem::path blocks_file(const std::filesystem::path& run);
@@ -65,7 +66,7 @@ bool is_divided_run(const std::filesystem::path& run);
 std::vector<Block> read_blocks(const std::filesystem::path& run);
 /// Writes blocks.json whole or not at all. IoError.
 void write_blocks(const std::filesystem::path& run, const std::vector<Block>& blocks);
-/// Parses and makes the bytes of blocks.json; `file` is for messages.
+/// Parse and make the bytes of blocks.json; `file` is for messages.
 std::vector<Block> parse_blocks(std::string_view bytes, const std::filesystem::path& file);
 std::string blocks_text(const std::vector<Block>& blocks);
 

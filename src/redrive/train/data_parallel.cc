@@ -34,7 +34,7 @@ void accumulate(const StepResult& one, int ranks, StepResult* all) {
   }
 }
 
-/// Calls `visit` for each number of a result but for the updates of an error map. Names and sizes
+/// Calls `visit` for each number of a result except the updates of an error map. Names and sizes
 /// stay.
 template <class Result, class Visit>
 void visit_result(Result& result, const Visit& visit) {

@@ -19,7 +19,7 @@ struct Rank {
 };
 
 /// Computes and applies a step. Returns means over the processes (opacity, errors, loss terms, pose
-/// gradients) and sums of counts. A process that fails has to end the others.
+/// gradients) and sums of counts. A process that fails must end the others.
 StepResult train_step(const Rank& rank, const TrainingSet& data, const StepRequest& request,
                       double learning_rate, TrainState* state, StepBuffers* buffers);
 

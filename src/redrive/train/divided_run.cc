@@ -19,8 +19,8 @@
 namespace redrive {
 namespace {
 
-// Gaussians and hash grids are sized for hundreds of metres; a shorter core than the overlaps of
-// 20 m at both of its ends costs more than it saves.
+// Gaussians and hash grids are sized for hundreds of metres; a core shorter than the overlaps of 20
+// m at both ends costs more than it saves.
 constexpr double kLongestCore_m = 200, kShortestCore_m = 40, kShrink = 0.8;
 
 /// Returns the run of a block without parameters.
@@ -53,8 +53,8 @@ double length_of(const std::string& text) {
   return length_m;
 }
 
-/// Returns find_moving of the blocks, one after the other, so that the LiDAR of one is in memory at
-/// a time.
+/// Returns find_moving for the blocks, one after the other, so that only one block's LiDAR is in
+/// memory at a time.
 std::vector<MovingObject> found_in_blocks(const DividedRun& whole, ThreadPool& pool) {
   const std::filesystem::path folder = mask_folder(whole.options, whole.scene);
   if (!folder.empty() && std::filesystem::exists(moving_file(folder)))
@@ -67,7 +67,7 @@ std::vector<MovingObject> found_in_blocks(const DividedRun& whole, ThreadPool& p
 
 using ImageGainsByName = std::map<std::pair<std::string, std::int64_t>, LogGains>;
 
-/// Returns the log gains of a block's training images by camera and frame.
+/// Returns the log gains of a block's training images, with camera and frame.
 ImageGainsByName image_gains_of(const DividedRun& whole, const Block& block) {
   const Scene scene =
       make_scene(whole.recording, scene_options(block_options(whole.options, block)));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The whole of a divided run (train/blocks.h), and its blocks as runs.
+// A divided run as a whole (train/blocks.h), and its blocks as runs.
 #pragma once
 
 #include <functional>
@@ -23,7 +23,7 @@ struct DividedRun {
   std::filesystem::path folder(const Block& block) const { return block_folder(paths.root, block); }
 };
 
-/// What a process may use of its machine for a block.
+/// The resources of its machine that a process may use for a block.
 struct BlockResources {
   int threads = 1;
   std::uint64_t memory = 0;  ///< bytes
@@ -34,26 +34,25 @@ struct BlockResources {
 void check_divisible(const std::string& text, const TrainOptions& options,
                      const Recording& recording);
 /// Divides as --blocks `text` asks for. With `auto` a core has 200 m at most, and less where a
-/// block needs more memory than there is, with the smallest cache of images that its method allows.
-/// Returns one block for a shorter drive.
+/// block needs more memory than is available, with the smallest cache of images that its method
+/// allows. Returns one block for a shorter drive.
 std::vector<Block> divide_as_told(const std::string& text, const DividedRun& whole,
                                   const BlockResources& resources);
 
-/// Returns the largest estimate of the blocks' memory. Throws UsageError if one of them has nothing
-/// to train on or needs more than there is.
+/// Returns the largest memory estimate of the blocks. Throws UsageError if one of them has nothing
+/// to train on or needs more than is available.
 MemoryEstimate check_blocks(const DividedRun& whole, const BlockResources& resources);
 
-/// Makes the folder with config.json, blocks.json, masks/ and what `fill` writes, all or nothing,
-/// and sets whole->paths. Masks are found in images of the whole drive,
-/// moving objects that nobody annotated in the LiDAR of each block. Errors as create_run and
-/// prepare_training_data.
+/// Makes the folder with config.json, blocks.json, masks/ and the files that `fill` writes, all or
+/// nothing, and sets whole->paths. Masks are found in images of the whole drive, unannotated moving
+/// objects in the LiDAR of each block. Errors as create_run and prepare_training_data.
 void create_divided_run(const std::filesystem::path& root, DividedRun* whole, ThreadPool& pool,
                         const std::function<void(const RunPaths&)>& fill);
 
 /// Throws InputError if a file is missing or cannot be used.
 DividedRun open_divided_run(const std::filesystem::path& root);
 
-/// Makes the run folder of a block that has none, to be opened by open_block.
+/// Makes the run folder of a block that has none; open_block opens it.
 void create_block(const DividedRun& whole, const Block& block);
 /// Opens the run of a block to train it on, from its last checkpoint if it has one. The limits on
 /// epochs, steps and seconds, and what it may use of the machine, are the whole's.
@@ -68,7 +67,7 @@ struct BlockMetrics {
 /// Errors as read_metrics and read_blocks.
 BlockMetrics read_block_metrics(const std::filesystem::path& root);
 
-/// Compares the brightness of the blocks, all of which are trained, and writes exposure.json.
+/// Compares the brightness of the blocks, all of them trained, and writes exposure.json.
 SeamExposure match_exposures(const DividedRun& whole);
 
 }  // namespace redrive

@@ -13,7 +13,7 @@
 namespace redrive {
 namespace {
 
-constexpr auto kPoll = std::chrono::milliseconds(10);  // a job takes minutes
+constexpr auto kPoll = std::chrono::milliseconds(10);  // short against a job, which takes minutes
 constexpr std::size_t kMaxMessage = 2000;  // bytes; longer ones might wait for their receiver
 constexpr std::string_view kDo = "do ", kStop = "stop", kEnd = "end ", kFinished = "finished",
                            kStopped = "stopped", kFailed = "failed ", kAsked = "asked to stop",
@@ -152,7 +152,7 @@ JobResult lead_jobs(ProcessGroup& group, const std::vector<int>& jobs, const Job
   try {
     return leader.run();
   } catch (...) {
-    leader.stop({JobEnd::kStopped});  // or their jobs would run to their ends
+    leader.stop({JobEnd::kStopped});  // otherwise their jobs would run to their ends
     throw;
   }
 }
@@ -162,7 +162,7 @@ int follow_jobs(ProcessGroup& group, const JobHandler& handler) {
   bool stopping = false;
   while (true) {
     bool heard = false;
-    if (!stopping && !worker.busy() && handler.stopped()) {  // a job would say so itself
+    if (!stopping && !worker.busy() && handler.stopped()) {  // a job would report that itself
       group.send(0, std::string(kAsked));
       stopping = true;
     }

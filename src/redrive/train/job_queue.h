@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A queue of jobs for the processes of a group. Process 0 hands them out, the main thread of each
-// process exchanges messages, and a thread beside it works, so that no message waits for a job.
+// A queue of jobs for the processes of a group. Process 0 hands them out. The main thread of each
+// process exchanges messages while another thread works, so that no message waits for a job.
 #pragma once
 
 #include <functional>
@@ -15,26 +15,27 @@ enum class JobEnd { kFinished, kStopped, kFailed };
 
 struct JobResult {
   JobEnd end = JobEnd::kFinished;
-  int code = 0;         ///< where it failed: exit code
-  std::string message;  ///< likewise, without line breaks
+  int code = 0;         ///< exit code of a failed job
+  std::string message;  ///< its message, without line breaks
 };
 
-/// What a process does with jobs. All but `work` are called by its main thread.
+/// What a process does with jobs. The main thread calls everything except `work`.
 struct JobHandler {
   std::function<JobResult(int job)> work;  ///< on another thread; must not throw
-  std::function<bool()> stopped;           ///< whether somebody asked this process to stop
+  std::function<bool()> stopped;           ///< whether this process was asked to stop
   std::function<void()> stop;              ///< makes `work` end soon, with kStopped
-  std::function<void(int job)> finished;   ///< process 0 alone, of the jobs of all processes
-  std::function<void()> together;          ///< other processes: their part of start_together
+  /// called by process 0 only, for the jobs of all processes
+  std::function<void(int job)> finished;
+  std::function<void()> together;  ///< other processes: their part of start_together
 };
 
 /// Hands jobs out in their order, as process 0, and works itself. A job that fails or is stopped
-/// stops all others; a process that is asked to stop stops all. Returns the first failure, else
-/// kStopped or kFinished. The other processes wait for end_jobs then.
+/// stops all others, and so does a process that is asked to stop. Returns the first failure, else
+/// kStopped or kFinished. The other processes then wait for end_jobs.
 JobResult lead_jobs(ProcessGroup& group, const std::vector<int>& jobs, const JobHandler& handler);
 
-/// Works as another process than 0 until end_jobs, and returns its code. A process without a job
-/// that is asked to stop stops all, too: also one that waits for the first job.
+/// Works as a process other than 0 until end_jobs, and returns its code. A process that is asked to
+/// stop stops all, even without a job or before its first one.
 int follow_jobs(ProcessGroup& group, const JobHandler& handler);
 
 /// Makes all other processes do JobHandler::together in follow_jobs, while this one does its part.

@@ -23,7 +23,7 @@ bool is_high(const LossWindow& window, const LossWatch& watch) {
 }
 
 void watch_loss(const LossWindow& window, LossWatch* watch) {
-  if (window.steps == 0 || window.rays == 0) return;  // a few masked pixels tell nothing
+  if (window.steps == 0 || window.rays == 0) return;  // a few masked pixels are no evidence
   const auto rays = static_cast<double>(window.rays);
   watch->rays = std::min(watch->rays + rays, kSmoothingRays);
   // Plain mean until there are enough rays, an exponential moving average from then on.

@@ -28,7 +28,7 @@ constexpr const char* kOfImages = "--downscale, --frames or --cameras (images an
 constexpr const char* kOfLidar = "--frames or --lidar-rays 0 (LiDAR: ";
 constexpr const char* kOfSearch = "--frames or --masks none (search for moving objects: ";
 
-/// Bytes with a description, largest first.
+/// Returns byte counts with their descriptions, largest first.
 std::string what_to_lower(std::vector<std::pair<std::uint64_t, std::string>> parts) {
   std::ranges::sort(parts, std::greater<>());
   std::string lower;
@@ -67,7 +67,7 @@ MemoryEstimate estimate_memory(const Run& run, int threads, bool data_parallel) 
   }
   if (model.keeps_half_images(scene)) need.images += need.images / 3;  // and smaller ones
   if (model.streams_images()) {
-    // The images that a stage before training needs at once, and one of each thread.
+    // The images that a stage before training needs at once, and one for each thread.
     const auto at_once =
         static_cast<std::uint64_t>(kMostTrackImages + threads + image_decoders(threads));
     need.decoders = static_cast<std::uint64_t>(image_decoders(threads)) * 8 * largest;
@@ -77,7 +77,7 @@ MemoryEstimate estimate_memory(const Run& run, int threads, bool data_parallel) 
         need.decoders;
     if (need.least_images >= need.images) need.least_images = 0;
   }
-  // Per thread the recorded image, the undistorted one and the bytes of its file.
+  // For each thread the recorded image, the undistorted one and the bytes of its file.
   need.decoding = std::uint64_t(threads) * 8 * largest;
   if (scene.undistort)
     for (const RigCamera& rig : scene.rig)
@@ -85,7 +85,7 @@ MemoryEstimate estimate_memory(const Run& run, int threads, bool data_parallel) 
   for (const RigCamera& rig : scene.rig)
     need.rays += (sizeof(std::uint32_t) + 3 * sizeof(float)) * pixels(rig.camera);
 
-  // A run that exists has what was found in its masks.
+  // An existing run has the found objects in its masks.
   const bool searches = run.options.masks != "none" && !std::filesystem::exists(run.paths.masks());
   if ((model.uses_lidar() || searches) && run.recording.body_from_lidar) {
     std::uint64_t points = 0, files = 0;

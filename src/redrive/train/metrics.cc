@@ -148,8 +148,8 @@ std::string truncated_metrics(std::string_view bytes, const MetricsPosition& pos
         kept += line.text;
     });
   } catch (const InputError&) {
-    // The end of the data that survived a power cut; the steps after the checkpoint are computed
-    // and written again anyway.
+    // The data that survived a power cut ends here; the steps after the checkpoint are computed and
+    // written again anyway.
   }
   return kept;
 }

@@ -169,7 +169,7 @@ TrainField list(const std::string& name, const std::string& value,
   return field;
 }
 
-/// Returns the names of all methods, the usual one first.
+/// Returns the names of all methods, the default first.
 std::vector<std::string> method_names() {
   std::vector<std::string> names = {kDefaultMethod};
   for (const Method& method : methods())
@@ -194,7 +194,7 @@ std::string preset_help() {
   return text + ")";
 }
 
-/// Returns a number; text that is none stays text, which loading rejects.
+/// Returns a number; text that is no number stays text, which loading rejects.
 nlohmann::json number_json(const std::string& text) {
   const nlohmann::json json = nlohmann::json::parse(text, nullptr, /*allow_exceptions=*/false);
   return json.is_number() ? json : nlohmann::json(text);
@@ -209,14 +209,14 @@ std::string hyperparameter_text(const std::string& flag, const nlohmann::json& j
   return text_from_steps(steps);
 }
 
-/// Returns a value of config.json as text; empty for none.
+/// Returns a value of config.json as text; empty if there is none.
 std::string text_of_json(const nlohmann::json& json) {
   if (json.is_string()) return json.get<std::string>();
   if (json.is_number()) return json.dump();
   return "";
 }
 
-/// Returns the options of each method with their defaults, the usual one first.
+/// Returns the options of each method with their defaults, the default method first.
 const std::vector<TrainOptions>& defaults_of_methods() {
   static const std::vector<TrainOptions> all = [] {
     std::vector<TrainOptions> defaults;
@@ -274,7 +274,7 @@ std::vector<TrainField> hyperparameter_fields() {
   return fields;
 }
 
-/// Names of hyperparameters that have an option of their own.
+/// Whether a hyperparameter has an option of its own.
 bool has_option(const std::string& name) {
   return std::ranges::any_of(hyperparameter_fields(),
                              [&](const TrainField& field) { return field.hyperparameter == name; });
@@ -312,7 +312,7 @@ TrainField set_field() {
   return field;
 }
 
-/// The fields of a group of the help.
+/// Puts fields into a group of the help.
 std::vector<TrainField> group(const char* name, std::vector<TrainField> fields) {
   for (TrainField& field : fields) field.group = name;
   return fields;

@@ -51,7 +51,7 @@ void set_defaults(const OptionValues& values, const std::vector<std::string>& gi
 
 void apply_preset(TrainOptions* options, const std::vector<std::string>& given) {
   if (!options->preset.empty() && !find_preset(*options)) {
-    // Without --method the preset's own method is meant.
+    // Without --method the method of the preset is meant.
     std::vector<std::string> known;
     const Method* of_preset = nullptr;
     for (const Method& method : methods()) {

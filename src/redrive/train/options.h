@@ -34,7 +34,8 @@ struct TrainOptions {
   int holdout_every = 0;
   bool undistort = false;
   bool ground_truth_poses = false;  ///< uses the ground-truth poses and calibration
-  bool outside_files = false;       ///< reads files that the recording names outside of its folder
+  /// whether to read files outside the recording's folder that it names
+  bool outside_files = false;
   double max_damaged = kMostDamagedPercent;  ///< share of a sensor's records that may be damaged
   std::string poses;   ///< folder of other poses and another calibration (recording/pose_files.h);
                        ///< "": the recording's own
@@ -44,7 +45,8 @@ struct TrainOptions {
   std::string refine_poses = "auto";  ///< "auto", "on", "off"; auto: on for drives with grid, off
                                       ///< with ground_truth_poses
   double near_m = 0.5, far_m = 1000;
-  std::string background;  ///< "", "white", "black", "random" (black): behind transparent pixels
+  /// "", "white", "black", "random" (black): colour behind transparent pixels
+  std::string background;
   std::string masks = "auto";  ///< pixels to ignore: "auto" computes the masks, "none" has none, or
                                ///< a folder of CAM.png
   /// Hyperparameters of the method and of pose refinement that options, a preset or --set set, as
@@ -100,13 +102,13 @@ std::string help_text(const TrainField& field);
 /// is unknown or of another method. resolve_cameras and resolve_bounds set the options that depend
 /// on the recording.
 void apply_preset(TrainOptions* options, const std::vector<std::string>& given);
-/// Sets the cameras to the preset's, where none are given, or to those with colour images where
-/// others are grey; a finding names these.
+/// Sets the cameras to the preset's where none are given, or to the colour cameras where others are
+/// grey; a finding names the grey ones.
 void resolve_cameras(TrainOptions* options, Recording* recording);
 
-/// Sets near_m and far_m of a bounded recording, where neither is `given` or set by the preset, to
-/// enclose its cube as seen from every frame. Where the method contracts space and all frames are
-/// inside the cube, far_m is a hundred times the half side.
+/// Sets near_m and far_m of a bounded recording, unless they are `given` or set by the preset, so
+/// that they enclose its cube as seen from every frame. Where the method contracts space and all
+/// frames are inside the cube, far_m is a hundred times the half side.
 void resolve_bounds(TrainOptions* options, const std::vector<std::string>& given,
                     const Recording& recording);
 

@@ -21,8 +21,8 @@
 namespace redrive {
 namespace {
 
-/// Measures work on a machine whose speed changes: the same work is done before and after each
-/// part, and what a part took is divided by how slow that was.
+/// Measures work on a machine whose speed changes: the same reference work is done before and after
+/// each part, and the part's time is divided by its slowness.
 class PacedClock {
  public:
   explicit PacedClock(std::function<void()> pace) : pace_(std::move(pace)) {
@@ -62,7 +62,7 @@ class PacedClock {
 
   static constexpr double kPace_s = 0.01;  // cold caches and timers hardly matter after it
 
-  /// The least of three counts: one that is interrupted says nothing.
+  /// Takes the least of three counts: an interrupted one means nothing.
   void measure_pace() {
     double least = std::numeric_limits<double>::infinity();
     for (int i = 0; i < 3; ++i) {
@@ -128,7 +128,7 @@ TrainingRates measure_rates(Run* run, kernels::Backend& backend,
   };
   train_at(0, 1);  // allocates
   const CoreTimer last_timer;
-  train_at(1, 1);  // at full size, of the longest
+  train_at(1, 1);  // one step at full size, of the longest kind
   constexpr double kSteps_s = 4;
   const int steps = std::min(calibration.steps,
                              std::max(CalibrationSteps::kLeast,

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What training a drive will cost, from measured rates and from facts that are read without
-// decoding its images.
+// Predicts what training a drive will cost, from measured rates and from facts that need no decoded
+// image.
 #pragma once
 
 #include <cstdint>
@@ -35,13 +35,13 @@ struct CalibrationSteps {
   int change_every = 5, change_every_of_run = 100;
 };
 
-/// Measures the rates with `run`, of which options, recording and scene are set: prepares its data,
-/// then trains. Writes nothing. What other programs take of the cores does not count (CoreTimer),
-/// and times are divided by the speed of the machine meanwhile.
+/// Measures the rates with `run`, whose options, recording and scene are set: prepares its data,
+/// then trains. Writes nothing. Core time of other programs does not count (CoreTimer), and times
+/// are divided by the speed of the machine meanwhile.
 TrainingRates measure_rates(Run* run, kernels::Backend& backend,
                             const CalibrationSteps& calibration);
 
-/// A part of the drive that is a run of its own; the whole drive where it is not divided.
+/// A part of the drive that is a run of its own, or the whole drive where it is not divided.
 struct PlannedBlock {
   std::string name;
   std::int64_t first_frame = 0, last_frame = 0;  ///< ids
@@ -89,7 +89,7 @@ constexpr int kStreamedPasses = 6;
 /// Returns the seconds that `ranks` take for tasks from a queue, longest first.
 double queue_seconds(std::vector<double> tasks, int ranks);
 
-/// As many blocks are trained at once on a machine as its memory holds, one a core at most. Throws
+/// A machine trains as many blocks at once as its memory holds, at most one a core. Throws
 /// UsageError naming --memory where the largest block does not fit.
 TrainingPlan plan_training(std::vector<PlannedBlock> blocks, const TrainingRates& rates,
                            const Machines& machines, const TrainingLimits& limits);

@@ -30,9 +30,9 @@ struct PoseChanges {
   int frames_at_bound() const;
 };
 
-/// Summarises corrections and says which are at their bounds. `scene`: with them applied
-/// (open_run). A value counts as at its bound within 2 % of it, since noise keeps it from reaching
-/// the bound exactly.
+/// Summarises corrections and tells which are at their bounds. `scene`: with them applied
+/// (open_run). A value within 2 % of its bound counts as at its bound, since noise keeps it from
+/// reaching the bound exactly.
 PoseChanges pose_changes(const Scene& scene, const PoseCorrections& corrections,
                          const PoseBounds& bounds);
 

@@ -13,13 +13,13 @@ namespace redrive {
 /// Returns the bound of value i.
 float bound_of(const PoseBounds& bounds, const PoseCorrections& corrections, std::size_t i);
 
-/// Learning rates of metres, radians and seconds.
+/// Learning rates for metres, radians and seconds.
 struct PoseRates {
   double translation_rate_m = 0, rotation_rate_rad = 0, time_s = 0;
 };
 
-/// Rates in proportion to `rate_m`: a translation by x moves the image of a point at 10 m as far as
-/// a rotation by x / 10, and a car at 10 m/s travels x in x / 10 s.
+/// Returns rates in proportion to `rate_m`: a translation by x moves the image of a point at 10 m
+/// as far as a rotation by x / 10, and a car at 10 m/s travels x in x / 10 s.
 PoseRates pose_rates(double rate_m);
 
 /// Applies one Adam update to `values`; rate_of(i): learning rate of the i-th.

@@ -8,7 +8,7 @@
 namespace redrive {
 
 struct ProgressState {
-  std::int64_t step = 0, steps = 0;  ///< steps: of the whole run; 0: limited by time
+  std::int64_t step = 0, steps = 0;  ///< steps: number of the whole run; 0: limited by time
   double loss = 0, psnr_db = 0, rays_per_s = 0, seconds_left = 0;
 };
 

@@ -121,7 +121,7 @@ RunPaths create_run(const std::filesystem::path& out, const TrainOptions& option
                     const std::function<void(const RunPaths&)>& fill, Model* model) {
   check_run_is_new(out);
   // A kill in between must not leave a folder that train rejects because it exists and resume
-  // because it holds no run.
+  // rejects because it holds no run.
   write_folder(out, /*replace=*/false, [&](const std::filesystem::path& made) {
     write_config({made}, options, model);
     if (fill) fill({made});
@@ -172,7 +172,7 @@ Run open_run(const std::filesystem::path& root, bool to_resume) {
     run.state = load_checkpoint(run.paths.checkpoint());
     check_belongs(run);
     check_shown_hyperparameters(run, config);
-    load_actors(&run);  // in the poses that training began with, as it did
+    load_actors(&run);  // in the poses that training began with, as training did
     if (run.state.step > 0 || !to_resume)
       run.state.model->check_actors(run.recording.root, moving_file(run.paths.masks()),
                                     run.scene.actors);

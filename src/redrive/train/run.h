@@ -28,8 +28,8 @@ struct RunPaths {
   std::filesystem::path report() const { return root / "report.html"; }
 };
 
-/// Throws InputError unless `root` is a folder with a config.json; it says what the folder is
-/// instead, and which one may have been meant.
+/// Throws InputError unless `root` is a folder with a config.json; says what the folder is instead,
+/// and which one may have been meant.
 void require_run(const std::filesystem::path& root);
 
 /// Throws UsageError if `root` is empty or exists.
@@ -56,11 +56,11 @@ struct Run {
 /// Throws InputError if a file is missing or the files do not belong together.
 Run open_run(const std::filesystem::path& root, bool to_resume = false);
 
-/// Sets run->moving to the annotated objects that move and to `found` ones (scene/find_moving.h),
-/// and run->scene.actors, if the model draws them, to those that have boxes of two times at least
-/// and are there at a frame of the scene. InputError as the readers of boxes.
+/// Sets run->moving to the annotated objects that move and to `found` ones (scene/find_moving.h).
+/// If the model draws objects, sets run->scene.actors to those with boxes at two or more times that
+/// exist at a frame of the scene. InputError as the readers of boxes.
 void load_actors(Run* run, const std::vector<MovingObject>& found);
-/// Likewise with the run's masks/moving.json; with --masks none without. open_run() does so.
+/// The same with the run's masks/moving.json, or without it with --masks none. open_run() calls it.
 /// InputError as read_moving_file, and if the masks of a block (train/blocks.h) did not come with
 /// it.
 void load_actors(Run* run);
@@ -77,9 +77,9 @@ struct MetricsRow {
   std::vector<std::pair<std::string, double>> losses = {};  ///< terms of the loss by name
   double image_wait_s = 0;  ///< time that steps waited for images since the row before
 };
-/// Returns the rows of the start that is in use, without those before a restart and those that a
-/// roll-back undid; empty if there is no file yet. Ignores a truncated last line. Throws InputError
-/// naming the line that cannot be read.
+/// Returns the rows of the current start, without rows before a restart and rows that a roll-back
+/// undid; empty if there is no file yet. Ignores a truncated last line. Throws InputError naming
+/// the line that cannot be read.
 std::vector<MetricsRow> read_metrics(const RunPaths& paths);
 /// Parses the rows from the bytes of `file`.
 std::vector<MetricsRow> parse_metrics(std::string_view bytes, const std::filesystem::path& file);

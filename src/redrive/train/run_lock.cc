@@ -18,7 +18,7 @@ RunLock::RunLock(const std::filesystem::path& root)
     throw InputError(
         root, "", "",
         errno == ENOENT || errno == ENOTDIR ? "no such run folder" : std::strerror(errno));
-  // Trains without a lock on file systems that cannot lock folders (some network ones).
+  // File systems that cannot lock folders (some network ones) train without a lock.
   if (::flock(fd_, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) {
     ::close(fd_);
     throw UsageError(root.string(), "", "is being trained by another process");

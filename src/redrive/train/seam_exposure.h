@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// How bright the blocks of a divided run (train/blocks.h) are among each other. A block explains an
+// The relative brightness of the blocks of a divided run (train/blocks.h). A block explains an
 // image as its field's colours times the gains of the image's camera and time (Model, Exposure), so
 // its field is known up to a factor for each camera and channel, which the regularisers choose.
-// Frames that two blocks share tell the quotient of both factors.
+// Frames that two blocks share give the quotient of both factors.
 #pragma once
 
 #include <array>
@@ -22,14 +22,14 @@ using LogGains = std::array<double, 3>;  ///< natural logarithms of factors of r
 /// same brightness in all blocks. So where block B is to be rendered as the camera exposed it at a
 /// time that block A trained on: B's image with gains of 1, times exp(log gains of B +
 /// image_log_gains of A's model at that time - log gains of A). They sum to 0 over the blocks of
-/// each group that shares frames; 0 where nothing tells them. Shading (field/shading.h) is no part
-/// of them.
+/// each group that shares frames; 0 where no shared frame determines them. Shading
+/// (field/shading.h) is no part of them.
 struct SeamExposure {
   std::vector<std::string> cameras;              ///< in the order of names
   std::vector<std::vector<LogGains>> log_gains;  ///< [block of blocks.json][camera]
 
   int camera_index(const std::string& name) const;  ///< -1 if there is none
-  /// Returns 0 where the camera is not there.
+  /// Returns 0 for an unknown camera.
   LogGains of(std::size_t block, const std::string& camera) const;
 };
 

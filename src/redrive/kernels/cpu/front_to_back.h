@@ -34,7 +34,7 @@ class FrontToBack {
  private:
   const int per_ray_, tile_samples_, block_rays_;
   std::vector<int> open_;              ///< active rays of the block, in order
-  std::vector<double> optical_depth_;  ///< sum of sigma dt so far, by ray of the block
+  std::vector<double> optical_depth_;  ///< sum of sigma dt so far, one per ray of the block
   Buffer<float> raw_, tile_raw_, position_, direction_;
 };
 

@@ -52,7 +52,7 @@ class RefNerfStages final : public PlainNerfStages {
     check_field_backward(field, rays, samples, d_raw.size(), gradients.size(), of_rays);
     const std::vector<double> parameters(field.parameters.begin(), field.parameters.end());
     const std::size_t n_samples = sample_count(rays.n, samples), per_ray = samples.per_ray;
-    std::vector<double> sums(gradients.size()), d_position(3 * per_ray);  // d_position: of one ray
+    std::vector<double> sums(gradients.size()), d_position(3 * per_ray);  // d_position: one ray's
     ref::NerfActivations<double> activations;
     for (std::size_t i = 0; i < n_samples; ++i) {
       const int ray = static_cast<int>(i / per_ray);
