@@ -20,9 +20,11 @@ namespace redrive {
 namespace {
 
 constexpr std::size_t kSightedPerRange = 256;
-constexpr std::size_t kFewReturns = 500;  ///< so many more are put on the box
-constexpr float kMirrorApart_m = 0.15f;   ///< a mirrored point has no return within it
-constexpr double kCore = 0.7;             ///< part of the box, which hides what is behind
+/// with fewer returns than this, as many more are put on the box
+constexpr std::size_t kFewReturns = 500;
+/// a point is mirrored if no return is this near to its mirror image
+constexpr float kMirrorApart_m = 0.15f;
+constexpr double kCore = 0.7;  ///< part of the box, which hides what is behind
 
 /// A training view of the object and where its camera is then.
 struct Sighting {
@@ -44,8 +46,7 @@ std::vector<Sighting> sightings_of(const Scene& scene, const MovingObject& actor
   return sightings;
 }
 
-/// Returns the colour of a point in the image nearest to t_ns that shows it and that the object's
-/// core does not hide it from.
+/// Returns the colour of a point in the image nearest to t_ns that shows it past the object's core.
 std::optional<Eigen::Vector3f> colour_near(const TrainingSet& data,
                                            const std::vector<Sighting>& sightings,
                                            const MovingBox& core, const Eigen::Vector3f& point,
@@ -70,13 +71,13 @@ std::optional<Eigen::Vector3f> colour_near(const TrainingSet& data,
   return std::nullopt;
 }
 
-/// A point and when it was seen.
+/// A point and the time at which it was seen.
 struct TimedPoint {
   Point point;
   std::int64_t t_ns;
 };
 
-/// Adds the mirror images of points that have none of them nearby.
+/// Adds the mirror images of points that have no return nearby.
 void add_mirrored(std::vector<TimedPoint>* points) {
   Points positions;
   for (const TimedPoint& p : *points) positions.push_back(p.point);
@@ -95,8 +96,8 @@ void add_mirrored(std::vector<TimedPoint>* points) {
   }
 }
 
-/// Gives points that no image shows the colours of the nearest ones that one shows: more of those
-/// at the same height than of those ahead and behind, as cars are painted.
+/// Gives points that no image shows the colours of the nearest points that one shows. Points at the
+/// same height count more than points ahead and behind, as cars are painted.
 void borrow_colours(const std::vector<std::uint8_t>& seen, std::vector<TimedPoint>* points) {
   const Eigen::Vector3f scale(0.3f, 1, 2);
   Points known;
@@ -132,8 +133,8 @@ Eigen::Vector3f on_box(const Eigen::Vector3f& half, std::uint64_t key, std::uint
 }
 
 /// Appends opaque Gaussians of one colour in the core of the box. They hide what is behind from the
-/// first step on: without them the world and the object's far side, which shine through its near
-/// side at first, take any colours to make up for that.
+/// first step on: without them the world and the object's far side shine through its near side and
+/// take any colours to compensate.
 void append_core(const MovingBox& core, const Eigen::Vector3f& rgb, const NearestCamera& cameras,
                  GaussianList* list) {
   constexpr int kAlong[3] = {6, 3, 3};
@@ -152,7 +153,7 @@ void append_core(const MovingBox& core, const Eigen::Vector3f& rgb, const Neares
 }
 
 /// Appends black, nearly transparent Gaussians on the road around the box. They become the shadow
-/// and the light of headlights that drive along: without them the road would have both.
+/// and the light of headlights that move along; without them the road would absorb both.
 void append_shadow(const Eigen::Vector3f& size_m, float ahead_m, const NearestCamera& cameras,
                    GaussianList* list) {
   constexpr float kSpacing_m = 0.4f, kFlat_m = 0.02f, kAboveRoad_m = 0.05f;
@@ -195,7 +196,7 @@ GaussianList actor_gaussians(const TrainingSet& data, const MovingObject& actor,
   const std::size_t returns = points.size();
   add_mirrored(&points);
   const std::size_t on_returns = points.size();
-  // Times of the random ones go round the views.
+  // The random ones take the times of the views in turn.
   for (std::size_t i = returns; i < kFewReturns; ++i)
     points.push_back({{on_box(0.45f * actor.size_m.cast<float>(), key, i), Eigen::Vector3f::Zero(),
                        Eigen::Vector3f::Zero()},
@@ -204,7 +205,7 @@ GaussianList actor_gaussians(const TrainingSet& data, const MovingObject& actor,
   std::vector<std::size_t> by_time(points.size());  // so that each image is read about once
   for (std::size_t i = 0; i < points.size(); ++i) by_time[i] = i;
   std::ranges::stable_sort(by_time, {}, [&](std::size_t i) { return points[i].t_ns; });
-  // Returns on the body of what deforms lie all over its box.
+  // The returns on a deforming object lie all over its box.
   const MovingBox core{actor.id, Rigid3d::Identity(),
                        (actor.deforms ? 0 : kCore) * actor.size_m / 2};
   pool.run_ranges(points.size(), kSightedPerRange, [&](std::size_t begin, std::size_t end) {

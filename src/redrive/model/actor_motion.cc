@@ -12,7 +12,7 @@ namespace {
 constexpr float kSmoothing = 0.02f, kDecay = 0.002f;  // factors of an update
 constexpr double kAtKey = 0.25;  // part of the way between keys: nearer images move one key
 
-/// Returns the later key's share in the derivative by a motion.
+/// Returns the later key's share in the derivative with respect to a motion.
 float share_of_later(const MovingObject::KeyTime& at) {
   if (at.part < kAtKey) return 0;
   return at.part > 1 - kAtKey ? 1 : static_cast<float>(at.part);
@@ -39,7 +39,7 @@ Rigid3d moved(const Rigid3d& world_from_actor, const ActorMotion& motion) {
 void add_motion_gradient(const GaussianPoseGradient<NumberMath<double>>& d_pose,
                          const Eigen::Vector3d& camera, std::span<const float> motions,
                          const MovingObject::KeyTime& at, std::span<float> d_motions) {
-  // The camera moves against the object: by -exp(-w) u and -w x camera, and turns by -w.
+  // The camera moves relative to the object: by -exp(-w) u and -w x camera, and turns by -w.
   const Eigen::Vector3d d_translation(d_pose.translation), d_rotation(d_pose.rotation);
   const Eigen::Matrix3d turned = moved(Rigid3d::Identity(), motion_at(motions, at)).linear();
   const Eigen::Vector3d d_u = -turned * d_translation,

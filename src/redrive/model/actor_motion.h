@@ -18,7 +18,7 @@ namespace redrive {
 constexpr std::size_t kMotionSize = 6;  ///< u, then w
 using ActorMotion = std::array<float, kMotionSize>;
 
-/// Largest |correction| of a coordinate.
+/// Largest absolute correction of a coordinate.
 constexpr float kMaxMotion_m = 0.5f, kMaxMotion_rad = 0.1f;
 
 /// `motions`: [keys, kMotionSize].
@@ -26,11 +26,11 @@ ActorMotion motion_at(std::span<const float> motions, const MovingObject::KeyTim
 
 Rigid3d moved(const Rigid3d& world_from_actor, const ActorMotion& motion);
 
-/// Adds the derivative by the motions; that by w to first order in w, which is 0.1 rad at most. At
-/// less than a quarter of the way from a key it is all that key's: Adam moves a key by its full
-/// rate whatever the share of its gradient, so the box of an image that is held out, some
-/// milliseconds off an image that trains, would not stay between its neighbours. d_pose: by the
-/// pose of a camera in the corrected object's axes (GaussianPoseGradient); camera: its position
+/// Adds the derivative with respect to the motions; for w to first order, which is 0.1 rad at most.
+/// At less than a quarter of the way from a key it goes to that key alone: Adam moves a key by its
+/// full rate whatever the share of its gradient, so the box of a held-out image, some milliseconds
+/// off a training image, would not stay between its neighbours. d_pose: derivative with respect to
+/// a camera's pose in the corrected object's axes (GaussianPoseGradient); camera: its position
 /// there.
 void add_motion_gradient(const GaussianPoseGradient<NumberMath<double>>& d_pose,
                          const Eigen::Vector3d& camera, std::span<const float> motions,

@@ -35,7 +35,7 @@ std::uint32_t morton_key(const float* position) {
   return key;
 }
 
-/// Where a Gaussian comes from: itself, or one of the halves of a split one.
+/// The source of a Gaussian: itself, or one of the halves of a split one.
 struct Source {
   std::uint32_t part;  ///< 0: the world, from 1 on actors
   std::uint32_t key;   ///< on the Morton curve
@@ -66,7 +66,7 @@ std::array<float, 3> axis_of(const float* numbers, std::size_t i, int axis) {
   return {scale * r[0][axis], scale * r[1][axis], scale * r[2][axis]};
 }
 
-/// Returns the layout of so many Gaussians, of the world first.
+/// Returns the layout for these numbers of Gaussians, the world's first.
 GaussianLayout layout_of(std::span<const std::size_t> sizes) {
   GaussianLayout layout{.world = sizes[0], .actor_ends = {}};
   for (std::size_t part = 1; part < sizes.size(); ++part)
@@ -92,7 +92,7 @@ bool within_bounds(const DensifyOptions& options, std::size_t part, const float*
          std::fabs(at(1)) <= bound.y() + beside && std::fabs(at(2)) <= bound.z();
 }
 
-/// Returns what the Gaussians come from: by part, in Morton order.
+/// Returns the sources of the Gaussians, ordered by part and Morton key.
 std::vector<Source> choose_sources(const DensifyOptions& options, std::uint64_t key,
                                    const GaussianLayout& layout, const float* p,
                                    std::span<const std::uint32_t> moments) {
@@ -185,7 +185,7 @@ void densify(const DensifyOptions& options, std::uint64_t key, GaussianLayout* l
     std::copy_n(before.data() + old_size, others, to.data() + size);
     return to;
   };
-  // One by one, so that only one of them is there twice.
+  // One by one, so that only one of them is in memory twice.
   *moments = moved(*moments);
   for_each([&](const Source& source, std::size_t i) {
     (*moments)[gaussian_slot(i, kDistanceRow)] = 0;

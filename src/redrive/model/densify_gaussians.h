@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Changes the number of Gaussians during training: transparent ones are removed, and those in
-// regions of large error are split. The Gaussians stay ordered along a Morton curve, so that what a
-// camera sees lies together in memory.
+// Changes the number of Gaussians during training: removes transparent ones and splits Gaussians in
+// regions of large error. They stay ordered along a Morton curve, so that what a camera sees lies
+// together in memory.
 #pragma once
 
 #include <cstdint>
@@ -13,25 +13,27 @@
 
 namespace redrive {
 
-/// An actor's Gaussians may lie so far beside its box where they are at most kShadowHeight_m above
-/// the lower bound: its shadow.
+/// An actor's Gaussians may lie this far beside its box where they are at most kShadowHeight_m
+/// above its lower bound: its shadow.
 constexpr float kShadow_m = 1, kShadowHeight_m = 0.4f;
-/// Likewise so far ahead of the box (x) in the dark: what headlights light.
+/// In the dark they may lie this far ahead of the box (x), where its headlights light the road.
 constexpr float kHeadlights_m = 8;
 
 struct DensifyOptions {
   std::size_t target = 0;     ///< number of Gaussians afterwards, at most
-  float min_opacity = 0.01f;  ///< less is removed; 0: unused ones alone
-  std::size_t spare = 0;      ///< unused places at the end of the world's, which count as Gaussians
+  float min_opacity = 0.01f;  ///< Gaussians below it are removed; 0: only unused ones
+  /// unused places at the end of the world's blocks, which count as Gaussians
+  std::size_t spare = 0;
   /// least size of the largest axis, as a part of the distance: smaller Gaussians are not split
   float min_scale = 6e-4f;
   /// One per actor: half sides of the box around its origin in which its Gaussians stay, but for
   /// its shadow, metres; Gaussians outside are removed. Empty: no bounds.
   std::span<const Eigen::Vector3f> actor_bounds;
-  float ahead_m = kShadow_m;  ///< ahead of the box on the road, where they stay, too
+  /// distance ahead of the box in which Gaussians on the road stay, too
+  float ahead_m = kShadow_m;
 };
 
-/// Where the Gaussians of the world and of each actor are: in blocks of their own.
+/// Layout: the world's blocks first, then each actor's.
 struct GaussianLayout {
   std::size_t world = 0;  ///< number of Gaussians of the world, from the first block
   /// one per actor: the end of its blocks, which follow the world's
@@ -44,7 +46,7 @@ struct GaussianLayout {
   std::size_t blocks() const { return first_block(actor_ends.size()); }
 };
 
-/// Returns the layout of lists of Gaussians, of the world first. An actor has at least one block.
+/// Returns the layout of lists of Gaussians, the world's first. An actor has at least one block.
 GaussianLayout layout_of(std::span<const GaussianList> lists);
 
 /// Writes Gaussians in Morton order into blocks; unused lanes are transparent.

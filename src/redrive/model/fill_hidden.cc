@@ -17,11 +17,12 @@ namespace redrive {
 namespace {
 
 constexpr float kSeenPixels = 0.05f, kSeenShare = 0.1f, kInFrontShare = 0.3f;
-// Weight of hidden Gaussians in a pixel that is filled, and in one whose colour is not known
-// without them; of new Gaussians in one that is filled already.
+// Weight of hidden Gaussians from which a pixel is filled (kHole), and from which its colour is
+// unknown without them (kUnknown); weight of new Gaussians from which it counts as filled
+// (kFilled).
 constexpr float kHole = 0.3f, kUnknown = 0.03f, kFilled = 0.5f;
 constexpr float kLeastInverse_per_m = 1e-4f;                 // inverse distance of a new Gaussian
-constexpr float kFillOpacity = 0.95f, kFillScale = 0.7f;     // scale: of the spacing
+constexpr float kFillOpacity = 0.95f, kFillScale = 0.7f;     // scale: as a part of the spacing
 constexpr int kSpacing = 2;                                  // pixels
 constexpr std::size_t kMostFilled = 12, kMostSearched = 12;  // views with objects
 
@@ -45,8 +46,8 @@ class WeightSums {
  public:
   WeightSums(kernels::GaussianStages& stages, std::size_t size) : stages_(stages), sums_(size) {}
 
-  /// Returns the sum of each Gaussian's weights over the pixels that are not masked, in the row
-  /// kDistanceRow. Valid until the next call.
+  /// Returns each Gaussian's sum of weights over the unmasked pixels, in the row kDistanceRow.
+  /// Valid until the next call.
   std::span<const float> over(const FillView& view, const kernels::Gaussians& gaussians,
                               std::span<const kernels::GaussianPart> parts) {
     const kernels::GaussianCamera camera = camera_of(view, parts);
@@ -80,8 +81,8 @@ struct FillImage {
   std::vector<std::array<float, 4>> values;  ///< rgb, 1 / metres
 };
 
-/// Solves Laplace's equation over the pixels that are not known; nothing flows over the image's
-/// edges and to empty pixels.
+/// Solves Laplace's equation over the unknown pixels; nothing flows over the image's edges or into
+/// empty pixels.
 void fill_by_membrane(FillImage* image) {
   constexpr float kRegular = 1e-6f;  // pixels without a border become 0
   std::vector<int> index(image->pixel.size(), -1);
@@ -123,8 +124,8 @@ void mark(std::size_t i, bool white, Buffer<float>* numbers) {
     (*numbers)[gaussian_slot(i, row)] = white && row < kHarmonicsRow ? 1 : 0;
 }
 
-/// Returns the numbers of black Gaussians. Where some of them are white, an image over black shows
-/// their weight.
+/// Returns the numbers of black Gaussians. With some of them white, an image over black shows their
+/// weight.
 Buffer<float> blackened(const kernels::Gaussians& gaussians) {
   Buffer<float> out(gaussians.numbers.size());
   std::ranges::copy(gaussians.numbers, out.data());
@@ -142,12 +143,13 @@ std::vector<std::size_t> with_objects(const FillViews& views, std::size_t most) 
   return out;
 }
 
-/// Which Gaussians of the world some image sees.
+/// The Gaussians of the world that some image sees.
 struct Seen {
   std::vector<std::uint8_t> with_objects, without_objects;
 };
 
-/// Adds what a view sees. share: of the weight without objects, at least.
+/// Marks the world Gaussians that a view sees, with and without its objects; with them, only those
+/// that keep at least `share` of their weight.
 void add_seen(const FillView& view, const kernels::Gaussians& all, const kernels::Gaussians& world,
               float share, WeightSums* sums, Seen* seen) {
   seen->with_objects.resize(world.n);
@@ -181,7 +183,7 @@ float most_of(const kernels::RasterImage& image) {
 }
 
 /// Returns the world's image without the moving objects. marked: the new Gaussians; pixels that
-/// they have filled are known.
+/// these have filled are known.
 FillImage image_to_fill(kernels::GaussianStages& stages, const FillView& view,
                         const HiddenPlaces::Hole& hole, const kernels::Gaussians& world,
                         const kernels::Gaussians& marked, kernels::RasterImage* drawn) {
@@ -216,7 +218,8 @@ FillImage image_to_fill(kernels::GaussianStages& stages, const FillView& view,
   return image;
 }
 
-/// Returns a Gaussian for each kSpacing-th filled pixel, or fewer and larger ones: `most`.
+/// Returns a Gaussian for each kSpacing-th filled pixel, or fewer and larger ones if these exceed
+/// `most`.
 GaussianList gaussians_of(const FillView& view, const FillImage& image, std::size_t most) {
   GaussianList list;
   const auto filled = static_cast<std::size_t>(std::ranges::count(image.pixel, FillPixel::kFill));
@@ -262,7 +265,7 @@ HiddenPlaces find_hidden(kernels::GaussianStages& stages, const FillViews& views
     if (seen.without_objects[i] && !seen.with_objects[i]) hidden.gaussians.push_back(i);
   Buffer<float> marked = blackened(all);
   for (const std::size_t i : hidden.gaussians) mark(i, true, &marked);
-  // The other images, where they show any of those.
+  // The other images that show any of these places.
   kernels::RasterImage drawn;
   for (std::size_t v = 0; v < views.n && !hidden.gaussians.empty(); ++v) {
     if (std::ranges::binary_search(searched, v)) continue;
@@ -313,7 +316,7 @@ void fill_holes(kernels::GaussianStages& stages, const FillViews& views, const H
       const FillView of = views.view(hole.view);
       FillImage image = image_to_fill(stages, of, hole, of_world, {world, marked}, &drawn);
       fill_by_membrane(&image);
-      // Half of what is left, so that later images have some, too.
+      // Takes half of what is left, so that later images have some, too.
       const GaussianList list = gaussians_of(of, image, (world - end + 1) / 2);
       for (std::size_t k = 0; k < list.size(); ++k, ++end) {
         for (int row = 0; row < kGaussianRows; ++row)

@@ -18,9 +18,9 @@ namespace redrive {
 ///   opacity        logit
 ///   scale_0..2     logarithms of the standard deviations, metres
 ///   rot_0..3       unit quaternion w x y z
-/// Coefficients are of the basis of field/spherical_harmonics.h, C0 its constant, over the unit
-/// direction from the camera to the mean in the world. sh_degree: 0 or 1; 0 leaves out the change
-/// of colour by direction. `comments`: lines of the header.
+/// Coefficients refer to the basis of field/spherical_harmonics.h, C0 its constant, over the unit
+/// direction from the camera to the mean in the world. sh_degree: 0 or 1; 0 omits the change of
+/// colour by direction. `comments`: lines of the header.
 std::string gaussian_ply(const kernels::Gaussians& gaussians, int sh_degree,
                          std::span<const std::string> comments = {});
 

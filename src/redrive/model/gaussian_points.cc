@@ -13,7 +13,7 @@ namespace redrive {
 namespace {
 
 constexpr std::size_t kNeighbours = 9;
-/// Least scale of a disc along its normal, of its smaller axis.
+/// Least scale of a disc along its normal, as a part of its smaller axis.
 constexpr float kFlattest = 0.15f;
 
 float logit(float p) { return std::log(p / (1 - p)); }
@@ -118,7 +118,7 @@ void shuffle(std::size_t n, std::uint64_t key, GaussianList* list) {
 }
 
 NearestCamera::NearestCamera(const Scene& scene) {
-  // Neighbouring frames are centimetres to metres apart: so many cameras stand for all.
+  // Neighbouring frames are centimetres to metres apart: this many cameras represent all.
   constexpr std::size_t kMost = 64;
   const std::size_t n = scene.views.size(), every = (n + kMost - 1) / kMost;
   for (std::size_t i = 0; i < n; i += every) {

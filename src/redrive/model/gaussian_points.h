@@ -74,7 +74,7 @@ Neighbourhood neighbourhood_of(const Points& points, const std::array<std::uint3
 Eigen::Vector3f colour_in(const Image8& image, std::size_t index);
 
 /// Returns the mean point of each voxel. The side follows the distance to the nearest camera in
-/// steps of sqrt(2); `voxel`: of that distance.
+/// steps of sqrt(2); `voxel`: side as a part of that distance.
 Points one_per_voxel(const Points& points, const NearestCamera& cameras, float voxel,
                      ThreadPool& pool);
 
@@ -84,7 +84,7 @@ void put_gaussian(const Point& point, const Eigen::Vector3f& scale,
                   const Eigen::Quaternionf& rotation, float opacity, float distance, float* rows);
 
 /// Appends a Gaussian for each point, as large as `size` times the distance of its neighbours, and
-/// flat where these lie in a plane; none for fewer points than it looks at.
+/// flat where these lie in a plane; none if there are fewer points than neighbours to look at.
 void append_discs(const Points& points, const NearestCamera& cameras, float size, float opacity,
                   ThreadPool& pool, GaussianList* list);
 

@@ -45,7 +45,8 @@ std::vector<std::uint32_t> groups_of_rays(std::span<const std::uint32_t> group) 
 
 }  // namespace
 
-/// RNG keys of a step: of the three iterations of sampling, and of the inactive rays that are kept.
+/// RNG keys of a step: for the three iterations of sampling, and for the inactive rays that are
+/// kept.
 struct GridModel::StepKeys {
   std::array<std::uint64_t, 3> of_iteration;
   std::uint64_t of_compaction;
@@ -76,7 +77,7 @@ struct GridModel::IntervalSamples {
   std::span<float> density, weights;
 };
 
-/// Data of a forward pass: of all rays, and of the active ones, on which the field is evaluated.
+/// Data of a forward pass: for all rays, and for the active ones, on which the field is evaluated.
 struct GridModel::ForwardPass {
   RayBundle all;
   IntervalSamples proposal[2];
@@ -92,7 +93,7 @@ struct GridModel::ForwardPass {
   std::span<const float> active_background;
   std::span<float> features, harmonics, raw;
 
-  /// Gathers the active rays' part of `from`, which has `each` numbers a ray.
+  /// Gathers the active rays' part of `from`, which has `each` numbers per ray.
   std::span<const float> gather_active(kernels::GridStages& stages, kernels::RayLayout layout,
                                        int each, std::span<const float> from,
                                        Workspace* workspace) const {

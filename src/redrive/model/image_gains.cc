@@ -10,11 +10,11 @@
 namespace redrive {
 namespace {
 
-/// Brightness added to ground truth and rendering: a ratio of black pixels tells nothing.
+/// Brightness added to ground truth and rendering: a ratio of black pixels means nothing.
 constexpr double kDark = 0.01;
 
-/// Bound of a cell's log gain, to either side: a darker cell hides the field, which then agrees
-/// with nothing.
+/// Bound of a cell's log gain, to either side: a darker cell hides the field, which then fits
+/// nothing.
 constexpr float kMostLogShading = 1.5f;
 
 /// Weighted sums over patches, of one channel.
@@ -26,7 +26,7 @@ struct BrightnessSums {
     target += static_cast<double>(weight * patch.target[c]);
     rendered += static_cast<double>(weight * patch.rendered[c]);
   }
-  /// Returns the logarithm of the gain that is missing.
+  /// Returns the logarithm of the missing gain.
   double log_ratio() const {
     if (pixels == 0) return 0;
     return std::clamp(std::log((target + kDark * pixels) / (rendered + kDark * pixels)), -2.3, 2.3);
@@ -120,7 +120,7 @@ void ImageGains::add_changes(std::span<const float> parameters, const Exposure& 
       const auto off = static_cast<float>(cells[k].log_ratio());
       const float rate = decay * seen * shading_rate, before = parameters[first + k],
                   moved = before + rate * off;
-      // Soft thresholding: what the field can explain as well stays the field's.
+      // Soft thresholding: what the field can explain as well stays in the field.
       const float after = std::copysign(
           std::clamp(std::fabs(moved) - rate * shading_threshold, 0.0f, kMostLogShading), moved);
       changes[first + k] += after - before;

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Gains of images that are rasterised whole: exposure and white balance (field/appearance.h) times
-// the camera's shading (field/shading.h). Parameters: the exposures', then the shading's.
-// They have no gradient: a step measures how much brighter its image's ground truth is than what
-// was rendered, patch by patch, and moves the gains a part of the way there.
+// the camera's shading (field/shading.h). Parameters: the exposures', then the shading's. They have
+// no gradient: a step measures patch by patch how much brighter its image's ground truth is than
+// the rendering, and moves the gains a part of the way there.
 #pragma once
 
 #include <span>
@@ -13,13 +13,13 @@
 
 namespace redrive {
 
-/// Where a window of an image lies: its first pixel and the size of the whole image.
+/// The position of a window in an image: its first pixel and the size of the whole image.
 struct ImagePart {
   int x = 0, y = 0, image_width = 1, image_height = 1;
 };
 
-/// How long before and after an image its camera took the nearest other training images, seconds;
-/// infinite where it took none. Exposures between two training images are interpolated.
+/// Time between an image and the nearest other training images of its camera, before and after,
+/// seconds; infinite where there are none. Exposures between two training images are interpolated.
 struct ExposureGaps {
   float before_s = 0, after_s = 0;
 };
@@ -43,9 +43,9 @@ struct ImageGains {
                     const kernels::RasterSize& size, const ImagePart& part,
                     std::span<float> planes) const;
 
-  /// Adds what an image changes, laid out as the parameters.
-  /// patches: of the loss of that window with the gains of `parameters`; decay: 0..1, of the
-  /// shading's rates, so that it settles.
+  /// Adds an image's changes, laid out as the parameters. patches: patches of the window's loss
+  /// with the gains of `parameters`; decay: 0..1, factor of the shading's rates, so that it
+  /// settles.
   void add_changes(std::span<const float> parameters, const Exposure& exposure,
                    const ExposureGaps& gaps, const kernels::RasterSize& size, const ImagePart& part,
                    std::span<const kernels::PatchBrightness> patches, float decay,

@@ -47,7 +47,7 @@ std::vector<ImageLevel> image_levels(const TrainingSet& data, int pixels) {
 
 int level_at(const std::vector<ImageLevel>& levels, double progress, double coarse_progress) {
   int level = progress < kQuarterShare * coarse_progress ? 2 : progress < coarse_progress ? 1 : 0;
-  while (level > 0 && (levels[level].windows.empty() ||  // images of fewer pixels than 4 a side
+  while (level > 0 && (levels[level].windows.empty() ||  // images with fewer than 4 pixels a side
                        levels[level].windows.size() == levels[level - 1].windows.size()))
     --level;
   return level;

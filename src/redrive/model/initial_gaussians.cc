@@ -19,16 +19,17 @@
 namespace redrive {
 namespace {
 
-/// Extruded are returns this high above the lowest camera, by up to kExtrusion_m.
+/// Returns this high above the lowest camera are extruded, by up to kExtrusion_m.
 constexpr float kExtrudedFrom_m = 0.5f, kExtrusion_m = 9;
 constexpr float kFar = 6;             ///< radius of the sky, in distances of the scene's points
 constexpr float kSkyBelow = 0.03f;    ///< the sky of a drive ends this far below the horizon (sine)
-constexpr double kShareOfMost = 0.6;  ///< one kind of points has at most this of max_gaussians
-constexpr float kPointSize = 0.5f;    ///< standard deviation, of the distance to the nearest points
+constexpr double kShareOfMost = 0.6;  ///< maximum share of max_gaussians for one kind of points
+/// standard deviation, as a part of the distance to the nearest points
+constexpr float kPointSize = 0.5f;
 /// Opacity of points that may be floaters: points of image tracks near occlusion boundaries, and
 /// points above returns. Training fits the background through them and removes them.
 constexpr float kUncertainOpacity = 0.1f;
-constexpr float kTrackPointSize = 0.3f;  ///< likewise smaller than kPointSize
+constexpr float kTrackPointSize = 0.3f;  ///< smaller than kPointSize for the same reason
 
 Points points_of(const PointCloud& cloud) {
   Points points(cloud.n);
@@ -41,8 +42,8 @@ Points points_of(const PointCloud& cloud) {
   return points;
 }
 
-/// Moves points of tracks along their rays onto the planes of LiDAR returns around them: returns
-/// are more exact, tracks more dense. Points without returns nearby, or far from their plane, stay.
+/// Moves track points along their rays onto the planes of LiDAR returns around them: returns are
+/// more exact, tracks denser. Points without returns nearby, or far from their plane, stay.
 void move_onto_planes(const Points& returns, const NearestCamera& cameras, ThreadPool& pool,
                       Points* points) {
   constexpr std::size_t kPlaneReturns = 8;
@@ -75,7 +76,7 @@ void move_onto_planes(const Points& returns, const NearestCamera& cameras, Threa
 }
 
 /// Returns some of the points high above the cameras once more, further up: facades and trees reach
-/// above what LiDAR sees of them.
+/// above what the LiDAR hits.
 Points extruded(const Points& points, const Scene& scene, float fraction, std::uint64_t key) {
   Points out;
   float lowest = std::numeric_limits<float>::max();
@@ -91,7 +92,7 @@ Points extruded(const Points& points, const Scene& scene, float fraction, std::u
 }
 
 /// Returns points where an image shows none of `points`: in each empty cell one at the distance of
-/// the nearest cell that has points. Walls without texture have no tracks.
+/// the nearest cell with points. Walls without texture have no tracks.
 Points points_between(const TrainingSet& data, const Points& points, ThreadPool& pool) {
   constexpr int kCell = 16;  // pixels
   constexpr std::size_t kMostViews = 48;
@@ -146,8 +147,8 @@ Points points_between(const TrainingSet& data, const Points& points, ThreadPool&
   return all;
 }
 
-/// Returns the colour of each point in the first training view that sees it, or nothing. The first
-/// one that is asked of point i is view i * step, the others follow, around.
+/// Returns the colour of each point in the first training view that sees it, or nothing. The search
+/// for point i starts at view i * step and wraps around.
 std::vector<std::optional<Eigen::Vector3f>> colours_of(
     const TrainingSet& data, const std::vector<Eigen::Vector3f>& positions, std::size_t step,
     ThreadPool& pool) {
@@ -157,7 +158,7 @@ std::vector<std::optional<Eigen::Vector3f>> colours_of(
   std::vector<std::vector<std::size_t>> of_first(n);  // points by their first view
   for (std::size_t i = 0; i < positions.size(); ++i) of_first[i * step % n].push_back(i);
   std::vector<std::size_t> left;  // begun and without a colour
-  // Twice through the views, so that few images are needed at a time.
+  // Passes through the views twice, so that few images are needed at a time.
   std::vector<std::vector<std::pair<std::size_t, Eigen::Vector3f>>> seen(at_once);
   for (std::size_t turn = 0; turn < 2 * n; turn += at_once) {
     for (std::size_t v = turn; v < std::min(turn + at_once, n); ++v)
@@ -169,7 +170,7 @@ std::vector<std::optional<Eigen::Vector3f>> colours_of(
       if (view.held_out || here >= 2 * n) return;
       const Camera& camera = data.scene.rig[view.camera].camera;
       const Rigid3d camera_from_world = data.scene.world_from_camera(view).inverse();
-      ImagePointer image;  // once it is needed
+      ImagePointer image;  // loaded once it is needed
       for (const std::size_t i : left) {
         const std::size_t first = i * step % n;
         if (here < first || here >= first + n) continue;
@@ -204,7 +205,7 @@ void append_sky(const TrainingSet& data, const Eigen::Vector3f& centre, float ra
   }
   const auto colours = colours_of(data, positions, 7, pool);
   for (int i = 0; i < n; ++i) {
-    if (!colours[i]) continue;  // nobody sees it
+    if (!colours[i]) continue;  // no view sees it
     const Point point{positions[i], *colours[i], centre};
     list->rows.resize(list->rows.size() + kGaussianRows);
     put_gaussian(point, Eigen::Vector3f::Constant(0.6f * side), Eigen::Quaternionf::Identity(),
@@ -213,11 +214,11 @@ void append_sky(const TrainingSet& data, const Eigen::Vector3f& centre, float ra
 }
 
 /// Appends Gaussians at random places of a cube around the origin, inside the visual hull of images
-/// with transparency: what begins outside fades slowly where few images look. In all of the cube
-/// if the hull is empty, as by wrong poses.
+/// with transparency: Gaussians that begin outside fade slowly where few images look. Uses the
+/// whole cube if the hull is empty, as with wrong poses.
 void append_random(const TrainingSet& data, const NearestCamera& cameras, float half_side, int n,
                    std::uint64_t key, ThreadPool& pool, GaussianList* list) {
-  constexpr std::size_t kTries = 256;  // for each; the hull is a small part of the cube
+  constexpr std::size_t kTries = 256;  // tries for each; the hull is a small part of the cube
   const VisualHull hull(data);
   const auto wanted = static_cast<std::size_t>(n);
   Points points;
@@ -241,7 +242,7 @@ void append_random(const TrainingSet& data, const NearestCamera& cameras, float 
       for (int k = 0; k < 3; ++k) points.back().rgb[k] = random_unit(key, 6 * (tried + i) + 3 + k);
     }
   }
-  // The side of a cube with one point, of the volume that they fill.
+  // The side of a cube with one point, in the volume that the points fill.
   const float side = 2 * half_side / std::cbrt(static_cast<float>(tried));
   for (const Point& point : points) {
     list->rows.resize(list->rows.size() + kGaussianRows);
@@ -261,7 +262,7 @@ GaussianList initial_gaussians(const TrainingSet& data, const InitialGaussianOpt
   std::vector<float> distances;
   const auto add = [&](const Points& points, float voxel, float size, float opacity) {
     Points kept = one_per_voxel(points, cameras, voxel, pool);
-    // Fewer and larger ones, not some of the small ones with holes between them.
+    // Takes fewer and larger Gaussians rather than some of the small ones with holes between them.
     const double most = kShareOfMost * options.max_gaussians;
     while (static_cast<double>(kept.size()) > most) {
       voxel *= static_cast<float>(1.05 * std::sqrt(static_cast<double>(kept.size()) / most));

@@ -10,10 +10,10 @@
 namespace redrive {
 
 struct InitialGaussianOptions {
-  float voxel = 0.014f;        ///< side of a voxel that keeps one point, of its distance
-  int max_gaussians = 400000;  ///< a random choice of more is kept
-  int sky = 6000;              ///< on a sphere around the scene
-  int random = 100000;         ///< in the cube of a bounded scene without points
+  float voxel = 0.014f;        ///< side of a voxel that keeps one point, as a part of its distance
+  int max_gaussians = 400000;  ///< of more points a random choice is kept
+  int sky = 6000;              ///< number on a sphere around the scene
+  int random = 100000;         ///< number in the cube of a bounded scene without points
   /// share of the LiDAR returns high above the road that get one more above
   float extruded = 0.08f;
   bool tracks = true;  ///< uses points of image tracks

@@ -20,12 +20,12 @@ using OptionValues = std::vector<std::pair<std::string, std::string>>;
 struct Preset {
   std::string name, help;
   OptionValues values;
-  /// Cameras to train on if --cameras is not given: of each entry the first one that the recording
-  /// has. Empty: all.
+  /// Cameras to train on if --cameras is not given: from each entry the first one that the
+  /// recording has. Empty: all.
   std::vector<std::vector<std::string>> cameras = {};
 };
 
-/// Trains where no method is given: the best after equal time (docs/benchmarks.md).
+/// The default method: the best after equal time (docs/benchmarks.md).
 inline constexpr const char* kDefaultMethod = "splat";
 
 struct Method {
@@ -35,8 +35,8 @@ struct Method {
   OptionValues defaults =
       {};  ///< options other than hyperparameters that differ from TrainOptions{}
   std::vector<Preset> presets = {};
-  /// Returns defaults that follow --max-seconds, where it ends the run; may be null. Presets go
-  /// before them.
+  /// Returns defaults that depend on --max-seconds, where it ends the run; may be null. Presets
+  /// take precedence.
   OptionValues (*defaults_of_time)(double seconds) = nullptr;
   bool refines_poses = false;      ///< default of --refine-poses for drives
   bool random_background = false;  ///< trains transparent images on random backgrounds

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Interface of a method: its hyperparameters, parameters, training step, schedule and rendering.
-// Trainer, run folder, checkpoint, eval and rendering use methods through this header only. Methods
+// Trainer, run folder, checkpoint, eval and rendering use methods only through this header. Methods
 // that march along rays share ray_model.h; a rasteriser derives from Model itself.
 #pragma once
 
@@ -41,8 +41,8 @@ struct TrainingSet {
   const Scene* initial = nullptr;  ///< with the poses that training began with; null: `scene`
 };
 
-/// Adam's moments. Of the first Model::updated_in_step() parameters both are in one word
-/// (optim/packed_moments.h), of the others in floats.
+/// Adam's moments. The first Model::updated_in_step() parameters have both in one word
+/// (optim/packed_moments.h), the others in floats.
 struct AdamState {
   Buffer<float> first_moment, second_moment;
   Buffer<std::uint32_t> packed;
@@ -50,7 +50,7 @@ struct AdamState {
   std::size_t size() const { return first_moment.size() + packed.size(); }
 };
 
-/// What a step changes itself: see Model::updated_in_step().
+/// The update that step() applies itself: see Model::updated_in_step().
 struct StepUpdate {
   double learning_rate = 0;
   std::int64_t step = 0;        ///< from 1
@@ -75,10 +75,10 @@ struct StepRequest {
   const SurfacePlanes* surfaces = nullptr;  ///< planes of TrainingSet::lidar; null: none
 };
 
-/// Outputs of a step beside its StepSums and gradients.
+/// Outputs of a step besides its StepSums and gradients.
 struct StepOutput {
   int pixels = 0;        ///< pixels drawn
-  int epoch_pixels = 0;  ///< those that count towards the epoch; rgb_mse is their error
+  int epoch_pixels = 0;  ///< pixels that count towards the epoch; rgb_mse is their error
   int active_rays = 0;   ///< rays that the field was evaluated on; 0: does not apply
   /// Stage of the schedule, the same on all ranks. Errors of two steps are comparable only within
   /// one stage; a method that draws images at several sizes has a stage for each.
@@ -139,7 +139,7 @@ struct ExportOptions {
   const MovingObject* actor = nullptr;
 };
 
-/// A file format of other programs that a trained model can be written in.
+/// A file format of other programs to which a trained model can be written.
 struct ExportFormat {
   std::string name;                                         ///< value of --to
   std::string help;                                         ///< one line
@@ -151,10 +151,10 @@ class Model : public Configurable {
   // ---- Description and hyperparameters
   virtual const char* method() const = 0;    ///< Method::name
   virtual std::string describe() const = 0;  ///< human-readable sizes and samples
-  /// Visits the numbers that training changes beside `parameters`. They are in checkpoints, not in
+  /// Visits the numbers that training changes besides `parameters`. They are in checkpoints, not in
   /// config.json. Sizes of tensors may depend on them.
   virtual void visit_state(HyperparameterVisitor&) {}
-  /// Checks rules between hyperparameters, each of which is in its range already.
+  /// Checks rules between hyperparameters, each of which is within its range.
   virtual void check(const HyperparameterFailure&) const {}
   /// Sets the hyperparameters that follow from the scene.
   virtual void configure(const Scene& scene) = 0;
@@ -169,8 +169,8 @@ class Model : public Configurable {
   /// step 0 of every start. Must be deterministic; may change the shapes of tensors.
   virtual void initialize_from(const TrainingSet&, std::uint64_t /*seed*/, ThreadPool&) {}
 
-  /// Number of the first parameters that step() updates itself, so that no gradients of theirs are
-  /// kept, if StepRequest::update asks for it. update() is then of the others.
+  /// Number of leading parameters that step() updates itself if StepRequest::update asks for it, so
+  /// that their gradients are not kept. update() then handles the others.
   virtual std::size_t updated_in_step() const { return 0; }
   /// Returns the first of `packed` whose moments are not finite.
   virtual std::optional<std::size_t> bad_moment(std::span<const std::uint32_t> /*packed*/) const {
@@ -191,11 +191,11 @@ class Model : public Configurable {
   /// Whether Scene::actors are drawn; otherwise moving objects are masked.
   virtual bool draws_actors() const { return false; }
   /// Throws InputError naming `recording`, or for found objects (ids below 0) `found`, unless these
-  /// are the objects that training drew, with as many boxes. Nothing before the first step.
+  /// are the objects that training drew, with as many boxes. Does nothing before the first step.
   virtual void check_actors(const std::filesystem::path& /*recording*/,
                             const std::filesystem::path& /*found*/,
                             const std::vector<MovingObject>&) const {}
-  /// Applies what training corrected in the tracks of objects, for rendering; once.
+  /// Applies what training corrected in the tracks of objects, for rendering; call it once.
   virtual void correct_actors(std::vector<MovingObject>*) const {}
   virtual std::string describe_batch() const = 0;  ///< the largest batch: "2048 rays"
   virtual std::int64_t steps_per_epoch(const TrainingSet& data, int world_size) const = 0;
@@ -248,8 +248,8 @@ class Model : public Configurable {
   }
   /// Renders single rays in world metres, whatever their origins, as a LiDAR's beams.
   virtual RenderedRays trace(kernels::Backend& backend, const kernels::Rays& rays) const = 0;
-  /// Adds objects that move to rays that trace() has rendered: each is where it is at the ray's
-  /// own time, t_ns [rays.n]. Methods that draw none add nothing.
+  /// Adds moving objects to rays that trace() has rendered: each is where it is at the ray's own
+  /// time, t_ns [rays.n]. Methods that draw none add nothing.
   virtual void trace_actors(kernels::Backend& /*backend*/, const kernels::Rays& /*rays*/,
                             std::span<const std::int64_t> /*t_ns*/,
                             const std::vector<MovingObject>& /*actors*/,
@@ -262,7 +262,7 @@ class Model : public Configurable {
 
   // ---- Memory
   virtual std::uint64_t step_bytes() const = 0;  ///< estimate for a step, without gradients
-  /// Estimate for steps, beside LidarReturns, with so many of them.
+  /// Estimate for steps, besides LidarReturns, with this many returns.
   virtual std::uint64_t lidar_bytes(const Scene&, std::uint64_t /*returns*/) const { return 0; }
 
   Buffer<float> parameters;

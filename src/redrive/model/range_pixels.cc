@@ -42,7 +42,7 @@ std::vector<RangePixel> find_range_pixels(const TrainingSet& data, const ReturnT
   constexpr int kCell = 8;  // pixels
   // a return farther by this part of the distance is hidden, as a logarithm
   constexpr float kBehind = 0.14f;
-  // Poses that are refined meanwhile would make the result depend on when it is computed.
+  // With poses refined meanwhile, the result would depend on when it is computed.
   const Scene& scene = data.initial ? *data.initial : data.scene;
   const View& view = scene.views[of_view];
   const RigCamera& rig = scene.rig[view.camera];
@@ -75,7 +75,7 @@ std::vector<RangePixel> find_range_pixels(const TrainingSet& data, const ReturnT
       at[k] = double(lidar.origin[k * lidar.n + i]) +
               double(lidar.range_m[i]) * double(lidar.direction[k * lidar.n + i]);
     const auto pixel = pixel_of(at);
-    // An actor may hide by now what the sensor saw then.
+    // An object may by now hide what the sensor saw then.
     if (pixel && std::ranges::none_of(
                      boxes, [&](const MovingBox& box) { return box.intersects(eye, at - eye, 1); }))
       all.push_back(*pixel);

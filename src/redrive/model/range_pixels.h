@@ -16,14 +16,14 @@ struct RangePixel {
   float log_range;  ///< logarithm of its distance from the camera, metres
 };
 
-/// Finds the returns of a time without reading all of them: they come revolution by revolution, so
-/// that returns beside each other are of about the same time.
+/// Finds the returns near a time without reading all of them: they come scan by scan, so
+/// neighbouring returns have similar times.
 class ReturnTimes {
  public:
   using Range = std::pair<std::size_t, std::size_t>;  ///< indices from `first` to `second` - 1
 
   explicit ReturnTimes(const LidarReturns& lidar);
-  /// Returns ranges that hold all returns of these times, and others; in ascending order.
+  /// Returns ranges, ascending, that hold all returns of these times, and others.
   std::vector<Range> ranges(std::int64_t first_ns, std::int64_t last_ns) const;
 
  private:
@@ -41,7 +41,7 @@ class ReturnTimes {
 std::vector<RangePixel> find_range_pixels(const TrainingSet& data, const ReturnTimes& times,
                                           std::size_t of_view);
 
-/// Estimates the bytes of the range pixels of all training views, with so many returns.
+/// Estimates the bytes of the range pixels of all training views for this many returns.
 std::uint64_t range_pixel_bytes(const Scene& scene, std::uint64_t returns);
 
 }  // namespace redrive

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Base of methods that march along rays (nerf_model.h, grid_model.h): a step draws a batch of rays
-// through pixels and one of rays to LiDAR returns; an image is rendered tile by tile.
+// through pixels and a batch of rays to LiDAR returns; an image is rendered tile by tile.
 #pragma once
 
 #include <vector>
@@ -9,7 +9,7 @@
 
 namespace redrive {
 
-/// Outputs of a batch of rays beside its StepSums and gradients.
+/// Outputs of a batch of rays besides its StepSums and gradients.
 struct RayGradientsOutput {
   int active_rays = 0;  ///< rays that the field was evaluated on; 0: not counted
   /// [n], squared error of each ray's colour, mean of its channels. Valid until the next call with
@@ -27,7 +27,7 @@ struct RayBuffers final : MethodBuffers {
 
 struct RayModel : Model {
   int batch_rays = 1024;                         ///< per step and rank
-  double error_rays = 0;                         ///< fraction of them drawn by the error map
+  double error_rays = 0;                         ///< fraction that is drawn by the error map
   int lidar_rays = 0;                            ///< additional rays per step and rank
   double initial_rate = 5e-4, rate_gamma = 0.5;  ///< learning rate and its decay
 
@@ -59,7 +59,7 @@ struct RayModel : Model {
   void render_to(kernels::Backend& backend, const RayTable& rays,
                  const ShutterPoses& world_from_camera, const Exposure& exposure,
                  RenderedImage* image) const override;
-  /// As the rays of LiDAR returns in training, with kLidarBeamAngle_rad.
+  /// Traces like the rays of LiDAR returns in training, with kLidarBeamAngle_rad.
   RenderedRays trace(kernels::Backend& backend, const kernels::Rays& rays) const override;
   std::uint64_t step_bytes() const override;
 
@@ -77,7 +77,7 @@ int max_tile_rays(const RayModel& model);
 void draw_batch(const PixelSampler& sampler, int uniform, int error_rays,
                 const StepRequest& request, RayBatch* batch);
 
-/// Sums the derivatives of rays by view.
+/// Sums the derivatives of rays for each view.
 std::vector<ViewGradient> view_gradients(const Scene& scene, const RayBatch& batch,
                                          std::span<const float> d_origin,
                                          std::span<const float> d_direction);

@@ -11,7 +11,7 @@
 namespace redrive {
 namespace {
 
-// "Distance" is that to the nearest training camera.
+// "Distance" is the distance to the nearest training camera.
 constexpr std::size_t kMostReturns = 1'000'000;  // evenly spaced in the order of the returns
 constexpr float kVoxel = 0.03f;                  // side over distance
 constexpr std::size_t kNeighbours = 16;
@@ -64,7 +64,7 @@ Eigen::Matrix3d aligned_axes(const Eigen::Matrix3d& eigenvectors, const Eigen::M
   return out;
 }
 
-/// Moves Gaussian i towards its plane, as flatten_gaussians() says.
+/// Moves Gaussian i towards its plane, as flatten_gaussians() describes.
 void flatten(const SurfacePlane& plane, float rate, std::size_t i, float* numbers) {
   const auto at = [&](int row) -> float& { return numbers[gaussian_slot(i, row)]; };
   const Eigen::Vector3f position(at(kPositionRow), at(kPositionRow + 1), at(kPositionRow + 2));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Planes of the surfaces that LiDAR returns lie on, and Gaussians that are flattened onto them.
+// Planes fitted to LiDAR returns, and Gaussians that are flattened onto them.
 //
 // Images constrain the extent of a Gaussian along their rays weakly. On a road that all cameras see
 // at a grazing angle, Gaussians stick out of the surface, and views from aside show spikes.
@@ -46,7 +46,7 @@ class SurfacePlanes {
   PointTree tree_;
 };
 
-/// Returns about how many bytes the planes of so many returns take, at most.
+/// Returns roughly how many bytes the planes of this many returns take, at most.
 std::uint64_t surface_planes_bytes(std::uint64_t returns);
 
 /// Moves the first n Gaussians of `numbers` ([blocks, kGaussianRows, kGaussianBlock]) towards the

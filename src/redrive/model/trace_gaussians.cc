@@ -13,22 +13,22 @@
 namespace redrive {
 namespace {
 
-/// Side of the cells that origins are grouped by, metres. The centre of a group is at most 4.3 cm
+/// Side of the cells by which origins are grouped, metres. The centre of a group is at most 4.3 cm
 /// from its origins: from 1.6 m on that shifts a surface by less than the tile around each ray.
 constexpr float kGroup_m = 0.05f;
-/// Pixels of a face, without its margin. One is 0.11 degrees in the middle of the face and 0.06 at
-/// an edge's middle, about as in training images and as a beam diverges.
+/// Pixels along a face, without its margin. One spans 0.11 degrees in the middle of the face and
+/// 0.06 at the middle of an edge, similar to training images and to a beam's divergence.
 constexpr int kFacePixels = 1024;
 constexpr int kMargin = kernels::kTileSide, kSide = kFacePixels + 2 * kMargin,
               kTilesAcross = kSide / kernels::kTileSide;
 constexpr double kFocal = kFacePixels / 2.0, kCentre = (kSide - 1) / 2.0;
-/// Largest ratio of depths that are interpolated: neighbouring pixels of a road differ by as much
-/// 130 m away.
+/// Largest ratio of depths between which the depth is interpolated: neighbouring pixels of a road
+/// differ by as much 130 m away.
 constexpr double kSameSurface = 1.15;
-/// Each divides the error by about the distance over 5 cm.
+/// Each divides the error by roughly the distance over 5 cm.
 constexpr int kIterations = 4;
 
-/// A ray in its group: the cell of its origin and the face that it goes through.
+/// A ray in its group: the cell of its origin and the face that it crosses.
 struct GroupedRay {
   std::array<int, 3> cell{};
   int face = 0;  ///< 2 axis + (negative ? 1 : 0)
@@ -71,7 +71,7 @@ Eigen::Matrix3d world_from_face(int face) {
   return axes;
 }
 
-/// What a face shows in one direction.
+/// The surface that a face shows in one direction.
 struct FaceSample {
   double distance = 0;  ///< from the cube's centre, metres; 0: no Gaussian is there
   double opacity = 0;
@@ -114,8 +114,8 @@ class Face {
 
   const Eigen::Vector3d& centre() const { return centre_; }
 
-  /// Reads the face where `direction` from the centre points (any length > 0). False where that is
-  /// not drawn.
+  /// Reads the face in `direction` from the centre (any length > 0). False where nothing is drawn
+  /// there.
   bool read(const Eigen::Vector3d& direction, FaceSample* sample) const {
     if (direction.dot(world_from_face_.col(2)) <= 0) return false;
     const Eigen::Vector2d at = pixel_of(direction);
@@ -183,7 +183,7 @@ RenderedRays trace_gaussians(kernels::GaussianStages& stages, const kernels::Gau
       const std::size_t i = grouped.ray;
       const Eigen::Vector3d direction = vector_at(rays.direction, n, i),
                             from_centre = vector_at(rays.origin, n, i) - face.centre();
-      // Finds r with |from_centre + r direction| = the distance that is drawn in its direction.
+      // Finds r with |from_centre + r direction| = the distance drawn in its direction.
       double range = 0;
       FaceSample sample;
       for (int k = 0; k < kIterations; ++k) {

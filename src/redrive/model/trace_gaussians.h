@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Depth of Gaussians along single rays of any origin, as a LiDAR sends them.
+// Depth of Gaussians along single rays of any origin, such as a LiDAR's beams.
 //
 // Gaussians are rasterised, not traced (field/gaussian.h). So rays are grouped by their origins,
-// the depth that a group's rays pass is drawn on the faces of a cube around their mean origin, in
-// the tiles that the rays go through, and each ray is intersected with the drawn surface from its
-// own origin.
+// the depth that a group's rays cross is drawn on the faces of a cube around their mean origin, in
+// the tiles that the rays cross, and each ray is intersected with the drawn surface from its own
+// origin.
 #pragma once
 
 #include "redrive/kernels/gaussian_stages.h"
@@ -13,9 +13,9 @@
 
 namespace redrive {
 
-/// Depth and opacity of each ray. Planes are exact from about 2 m on, but for the Gaussians that
-/// they consist of: between pixels the inverse of the depth along the face's axis is interpolated.
-/// At the edge of a surface the nearest pixel counts.
+/// Returns depth and opacity of each ray. Planes are exact from about 2 m on, up to the Gaussians
+/// that they consist of: between pixels the inverse of the depth along the face's axis is
+/// interpolated. At the edge of a surface the nearest pixel counts.
 RenderedRays trace_gaussians(kernels::GaussianStages& stages, const kernels::Gaussians& gaussians,
                              const kernels::Rays& rays);
 

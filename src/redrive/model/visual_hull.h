@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The visual hull of an object in images with transparency (Laurentini 1994): all that no image
-// shows as transparent.
+// The visual hull of an object in images with transparency (Laurentini 1994): the space that no
+// image shows as transparent.
 #pragma once
 
 #include <vector>
@@ -11,11 +11,11 @@ namespace redrive {
 
 class VisualHull {
  public:
-  /// Keeps references to the cameras of `data`. Opaque images tell nothing.
+  /// Keeps references to the cameras of `data`. Opaque images are not used.
   explicit VisualHull(const TrainingSet& data);
 
-  /// Whether no training image is transparent in the 3 x 3 pixels around the point, and one at
-  /// least sees it. Without images that have transparency: true. position: world, metres.
+  /// Whether no training image is transparent in the 3 x 3 pixels around the point, and at least
+  /// one sees it; true if no image has transparency. position: world, metres.
   bool contains(const Eigen::Vector3d& position) const;
 
  private:

@@ -14,16 +14,16 @@ namespace redrive {
 
 constexpr int kMaxLossTerms = 8;
 
-/// Losses and other sums of a step. Those that no stage writes are 0.
+/// Losses and other sums of a step; 0 where no stage writes them.
 struct StepSums {
   double opacity = 0;  ///< mean; 0 means a dead field
-  double rgb_mse = 0;  ///< squared error of colours drawn uniformly, mean over channels: for PSNR
+  double rgb_mse = 0;  ///< squared error of uniformly drawn colours, mean over channels: for PSNR
   double terms[kMaxLossTerms] = {};  ///< losses, which Model::loss_terms names
 };
 
 class Workspace {
  public:
-  /// Starts a pass: slots are taken from the first one on again.
+  /// Starts a pass: slots are taken from the first one again.
   void begin() { next_ = 0; }
 
   /// Returns the next slot: n numbers of any value, valid until the next begin().

@@ -62,7 +62,7 @@ SplatNumbers numbers_of(std::span<const double> values) {
   return out;
 }
 
-/// Fails unless a Gaussian with these numbers can be drawn.
+/// Fails if a Gaussian with these numbers cannot be drawn.
 void check(const PlyVertices& ply, std::size_t index, std::span<const std::string> names,
            std::span<const double> values) {
   const auto fail = [&](const std::string& name, double value, const std::string& rule) {
@@ -79,7 +79,7 @@ void check(const PlyVertices& ply, std::size_t index, std::span<const std::strin
     fail("rot_0", q[0], "must be a quaternion that is not 0");
 }
 
-/// Twice what kWithinSize of the means keep of the origin along each axis.
+/// Twice the range that holds kWithinSize of the means along each axis, from the origin.
 Eigen::Vector3d measured_size(const ActorBody& body) {
   Eigen::Vector3d size_m;
   for (int k = 0; k < 3; ++k) {
@@ -94,7 +94,7 @@ Eigen::Vector3d measured_size(const ActorBody& body) {
   return size_m;
 }
 
-/// Ends a body whose Gaussians are written.
+/// Completes a body whose Gaussians are written.
 void finish(ActorBody* body) {
   clear_unused(body->n, gaussian_blocks(body->n) * kGaussianBlock, body->numbers.data());
   if (body->size_m.isZero()) body->size_m = measured_size(*body);
@@ -245,7 +245,7 @@ ActorBody read_actor_body(const std::filesystem::path& file) {
 }
 
 std::shared_ptr<const ActorBody> ActorBodies::read(const std::filesystem::path& file) {
-  std::error_code missing;  // reading names it
+  std::error_code missing;  // a missing file is an error of reading it
   const auto written = std::filesystem::last_write_time(file, missing);
   Known& known = known_[file];
   if (!known.body || missing || known.written != written)

@@ -30,14 +30,14 @@ std::vector<std::string> body_comments(const std::string& type, const Eigen::Vec
 
 /// Parses a PLY in the layout of 3D Gaussian Splatting (model/gaussian_ply.h), or an SPZ of version
 /// 2 or 3 (model/gaussian_spz.h; version 2 has x y z of the quaternion in 8 bits each, (b - 127.5)
-/// / 127.5, with w >= 0), told apart by their first bytes. Harmonics are of degree 0 to 3, of which
-/// degree 0 and 1 are kept. Without a comment the size is twice what 98 % of the means keep of the
-/// origin along each axis. InputError for damaged files, more than 10^6 Gaussians or none, numbers
-/// that are not finite, and means more than 100 m from the origin.
+/// / 127.5, with w >= 0), by their first bytes. Keeps degree 0 and 1 of harmonics of degree 0 to 3.
+/// Without a comment the size is twice the range that holds 98 % of the means, from the origin
+/// along each axis. InputError for damaged files, more than 10^6 Gaussians or none, numbers that
+/// are not finite, and means more than 100 m from the origin.
 ActorBody parse_actor_body(std::string_view bytes, const std::filesystem::path& file);
 ActorBody read_actor_body(const std::filesystem::path& file);
 
-/// Bodies of files, each read once, and again when it was written since.
+/// Bodies from files. A file is read once, and again after it has changed.
 class ActorBodies {
  public:
   /// As read_actor_body.

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Makes LiDAR rays of a static point cloud. A point of a reconstruction is known to be seen from a
-// position. Others do not record from where they were measured: each is assigned to the nearest
-// camera position, and dropped where points of the same position may occlude it.
+// Makes LiDAR rays from a static point cloud. A point of a reconstruction is known to be seen from
+// a position. Other points do not record from where they were measured: each is assigned to the
+// nearest camera position, and dropped where points of the same position may occlude it.
 #pragma once
 
 #include <span>

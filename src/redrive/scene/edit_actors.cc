@@ -15,7 +15,7 @@
 namespace redrive {
 namespace {
 
-constexpr double kKeys_s = 0.1;  // between keys of a track that was changed
+constexpr double kKeys_s = 0.1;  // seconds between keys of a changed track
 
 std::string known_ids(const std::vector<MovingObject>& actors) {
   if (actors.empty()) return "the run draws no moving object";
@@ -29,7 +29,7 @@ std::int64_t ns_of(double seconds, const Scene& scene) {
   return scene.frames.front().t_ns + std::llround(1e9 * seconds);
 }
 
-/// Returns keys at even times, at most kKeys_s apart. pose_at: of a time in seconds after
+/// Returns keys at even times, at most kKeys_s apart. pose_at: pose at a time in seconds after
 /// `first_ns`.
 template <class PoseAt>
 std::vector<MovingObject::Key> keys_of(std::int64_t first_ns, double seconds,
@@ -77,7 +77,7 @@ void set_track(const std::vector<TrackPoint>& track, const Scene& scene, MovingO
               });
 }
 
-/// The object goes along its track at another speed until the track or the drive ends.
+/// Makes the object follow its track at another speed until the track or the drive ends.
 void set_speed(double speed, const Scene& scene, MovingObject* actor) {
   const MovingObject before = *actor;
   const std::int64_t first_ns = before.keys.front().t_ns, last_ns = before.keys.back().t_ns;
@@ -186,7 +186,7 @@ std::set<Pair> overlapping(const Scene& scene, const std::set<std::int64_t>& cha
     for (const MovingObject& actor : scene.actors)
       if (const auto pose = actor.world_from_box(frame.t_ns))
         there.push_back({&actor, changed.contains(actor.id), *pose, actor.size_m.norm() / 2});
-    // Along x, each meets those alone that begin before it ends.
+    // Sorted along x: each is compared only with those that begin before it ends.
     std::ranges::sort(there, {}, &Standing::first);
     for (auto a = there.begin(); a != there.end(); ++a)
       for (auto b = a + 1; b != there.end() && b->first() <= a->last(); ++b)
@@ -239,7 +239,8 @@ std::vector<std::string> edit_actors(const TrafficEdit& edit, Scene* scene, Acto
     if (change.hide_s) within((*change.hide_s)[0], ".hide_s[0]");
     if (!change.track.empty()) within(change.track.front().time_s, ".track[0].time_s");
     if (change.body) find_own(*change.body, field + ".body");
-    if (!change.body_file.empty()) body_of_file(change.body_file);  // before anything is changed
+    // reads it before anything is changed
+    if (!change.body_file.empty()) body_of_file(change.body_file);
   };
   for (const auto& [id, change] : edit.actors) {
     const std::string field = "actors." + std::to_string(id);

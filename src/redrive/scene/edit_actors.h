@@ -13,10 +13,10 @@
 namespace redrive {
 
 /// Changes scene->actors. InputError naming the edit's file and field where the scene has no such
-/// object, the id of a copy or of what is added is taken, or a time is beyond the drive's end; or
-/// as read_actor_body. Returns remarks: pairs of objects whose boxes overlap then and did not
-/// before, and changed objects that no frame of the drive has. `bodies` keeps those that it reads
-/// for the next edit; null: it does not.
+/// object, the id of a copy or an added object is taken, or a time is beyond the drive's end; or as
+/// read_actor_body. Returns remarks: pairs of objects whose boxes overlap now and did not before,
+/// and changed objects that no frame of the drive has. `bodies` keeps the bodies that it reads for
+/// the next edit; null: they are not kept.
 std::vector<std::string> edit_actors(const TrafficEdit& edit, Scene* scene,
                                      ActorBodies* bodies = nullptr);
 

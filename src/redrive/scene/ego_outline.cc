@@ -12,11 +12,11 @@ namespace {
 constexpr std::size_t kMinViews = 8;
 constexpr double kMinDriven_m = 5;
 constexpr std::int64_t kMaxPair_ns =
-    300'000'000;                     // further apart, images share little of the near road
+    300'000'000;                     // images further apart share little of the near road
 constexpr double kMaxGround_m = 40;  // along the ray; beyond, a pixel of road is metres long
 
-// Costs of the outline, in units of pixels, found on a night drive with known outlines; each may be
-// doubled or halved.
+// Costs of the outline, in units of pixels, tuned on a night drive with known outlines; doubling or
+// halving each makes no difference.
 constexpr float kCostWithoutEvidence = 0.01f, kCostGround = 0.3f, kGainStatic = 0.2f,
                 kGainStructure = 20, kCostStep = 2;
 constexpr float kForbidden = 1e4f;
@@ -101,8 +101,8 @@ cv::Mat static_structure(const std::vector<GreyView>& views, const PixelGeometry
         confidence.at<float>(y, x) =
             static_cast<float>(std::clamp((std::abs(*middle) / error - 5) / 10, 0.0, 1.0));
     }
-  // Keep only the crest of an edge: the gradient of light in front of a bonnet is static, too, but
-  // not its edge.
+  // Keeps only the crest of an edge: the gradient of light in front of a bonnet is static, too, but
+  // has no edge.
   cv::Mat crest;
   cv::dilate(strength, crest, cv::Mat::ones(17, 1, CV_8U));
   confidence.setTo(0, strength < 0.7 * crest);

@@ -36,8 +36,8 @@ struct GreyView {
 };
 
 /// Returns the first row of the vehicle in each column of `camera`, camera.height where there is
-/// none. `views`: by time, all of the camera's size; widths of 200 to 400 pixels are enough. Fewer
-/// than 8 views or 5 m of driving are too little: then there is none in any column.
+/// none. `views`: in order of time, all of the camera's size; widths of 200 to 400 pixels are
+/// enough. With fewer than 8 views or 5 m of driving there is none in any column.
 std::vector<int> find_ego_outline(const Camera& camera, const Rigid3d& body_from_sensor,
                                   const std::vector<GreyView>& views);
 

@@ -25,11 +25,11 @@ constexpr float kLink_m = 0.6f, kLinkPerRange = 0.03f;
 constexpr float kLongest_m = 15;  // length of a cluster, at most: a bus
 
 constexpr double kFastest_m_per_s = 40;
-constexpr double kGate_m = 1.5;  // between a predicted position and a cluster
-constexpr int kLostAfter = 4;    // sweeps without a cluster
+constexpr double kGate_m = 1.5;  // largest distance between a predicted position and a cluster
+constexpr int kLostAfter = 4;    // scans without a cluster after which a track ends
 constexpr std::size_t kLeastKeys = 5, kLeastTrackPoints = 25;
 constexpr double kLeastTime_s = 0.4, kLeastWay_m = 1.5;
-constexpr double kLeastStraight = 0.5;  // displacement over the way from cluster to cluster
+constexpr double kLeastStraight = 0.5;  // least displacement over the way from cluster to cluster
 constexpr double kUsual = 0.8;          // quantile of a track's sizes that is its object's size
 constexpr double kLeastSize_m = 0.4;
 
@@ -44,7 +44,7 @@ float link_of(const SweepPoint& point) {
   return kLink_m + kLinkPerRange * (point.in_world - point.sensor_in_world).norm();
 }
 
-/// Returns the points that vanish and of whose neighbours most do.
+/// Returns vanishing points most of whose neighbours vanish, too.
 std::vector<const SweepPoint*> vanishing(const Sweep& sweep) {
   std::vector<const SweepPoint*> of_interest, vanish;
   for (const SweepPoint& point : sweep.points)
@@ -97,7 +97,7 @@ struct Track {
   double seconds_to(std::int64_t t_ns) const {
     return 1e-9 * static_cast<double>(t_ns - clusters.back().t_ns);
   }
-  /// Velocity over its last clusters; none of a single one.
+  /// Velocity over its last clusters; none for a single one.
   std::optional<Vector3d> velocity_m_per_s() const {
     if (clusters.size() < 2) return std::nullopt;
     const Cluster& from = clusters[clusters.size() - std::min<std::size_t>(clusters.size(), 5)];
@@ -106,8 +106,8 @@ struct Track {
   double seconds_from(const Cluster& from) const {
     return std::max(1e-9 * static_cast<double>(clusters.back().t_ns - from.t_ns), 1e-3);
   }
-  /// Returns how far a cluster is from where it would be, relative to the largest distance that is
-  /// accepted.
+  /// Returns a cluster's distance from its predicted place, relative to the largest accepted
+  /// distance.
   double distance(const Cluster& to) const {
     const double t_s = seconds_to(to.t_ns);
     if (t_s <= 0) return 2;
@@ -117,7 +117,7 @@ struct Track {
   }
 };
 
-/// Joins clusters of sweeps, each to the track whose prediction is nearest.
+/// Joins clusters of scans, each to the track whose prediction is nearest.
 std::vector<Track> join(const std::vector<std::vector<Cluster>>& sweeps) {
   std::vector<Track> ended, open;
   for (int s = 0; s < static_cast<int>(sweeps.size()); ++s) {
@@ -171,7 +171,7 @@ bool moves_steadily(const Track& track) {
          way_m >= kMovingSpeed_m_per_s * seconds && way_m >= kLeastStraight * walked_m;
 }
 
-/// Returns the points of a sweep around a place where most do not stay; none where too few are.
+/// Returns the points of a scan around a place where most do not stay; none where they are too few.
 std::optional<Cluster> cluster_at(const Vector3d& centre, const Vector3d& half, const Sweep& sweep,
                                   int index) {
   Cluster cluster{{}, centre, 0, index};
@@ -192,8 +192,8 @@ std::optional<Cluster> cluster_at(const Vector3d& centre, const Vector3d& half, 
   return cluster;
 }
 
-/// Adds clusters before the first or after the last one where the track would go on: rays of other
-/// times did not reach all places often enough to tell.
+/// Adds clusters before the first or after the last one where the track would continue: rays of
+/// other times did not reach all places often enough to decide.
 void extend(const std::vector<Sweep>& sweeps, bool later, std::vector<Cluster>* clusters) {
   constexpr int kMostAdded = 10;
   constexpr double kMargin_m = 0.5;
@@ -236,7 +236,7 @@ double heading_rad(const std::vector<Cluster>& clusters, std::size_t k) {
   return std::atan2(way.y(), way.x());
 }
 
-/// Encloses the cluster, the other points of the sweep on it, and what is below them.
+/// Encloses the cluster, the other points of the scan on it, and the points below them.
 Extent extent_of(const Cluster& cluster, const Sweep& sweep, double yaw_rad) {
   const Eigen::Matrix3d heading_from_world = world_from_heading(yaw_rad).transpose();
   Extent extent;
@@ -303,7 +303,7 @@ std::pair<Vector3d, Vector3d> line_at(const std::vector<double>& times_s,
   return {point, slope};
 }
 
-/// Puts boxes where lines through those around them are, along these.
+/// Puts boxes where lines through the neighbouring boxes are, and aligns them with these.
 void smooth(MovingObject* object) {
   std::vector<double> times_s;
   std::vector<Vector3d> centres;

@@ -53,8 +53,8 @@ constexpr std::uint64_t kNever = std::numeric_limits<std::uint64_t>::max();
 }  // namespace
 
 struct ImageCache::Impl {
-  /// Order in which images are let go, the last one first: by their next use in the plan; of those
-  /// without one, what was used longest ago.
+  /// The order in which images are evicted, the last one first: by their next use in the plan;
+  /// without one, by their last use.
   struct Rank {
     std::uint64_t next_use, unused_for;
     ImageKey key;
@@ -77,13 +77,13 @@ struct ImageCache::Impl {
   std::set<Rank> ranks;
   std::uint64_t clock = 0;                              ///< calls of get()
   std::vector<ImageKey> plan;                           ///< calls of get()
-  std::map<ImageKey, std::vector<std::uint64_t>> uses;  ///< in the plan, the next one last
-  std::uint64_t at = 0;                                 ///< the part of the plan before is over
-  std::uint64_t scanned = 0;  ///< from `at` to here all images are there or begun
+  std::map<ImageKey, std::vector<std::uint64_t>> uses;  ///< uses in the plan, the next one last
+  std::uint64_t at = 0;                                 ///< the plan before this index is over
+  std::uint64_t scanned = 0;  ///< from `at` to here all images are decoded or begun
   Statistics statistics;
   std::vector<std::jthread> decoders;
 
-  ~Impl() {  // also where a decoder could not be started
+  ~Impl() {  // runs also where a decoder could not be started
     {
       const std::lock_guard lock(mutex);
       ending = true;
@@ -129,7 +129,7 @@ struct ImageCache::Impl {
 
   /// Decodes without the lock.
   void decode(ImageKey key, std::unique_lock<std::mutex>* lock) {
-    Entry& entry = entries[key];  // stays: it is not in `ranks`
+    Entry& entry = entries[key];  // the entry stays: it is not in `ranks`
     entry.bytes = bytes_of(key);
     statistics.bytes += entry.bytes;
     statistics.most_bytes = std::max(statistics.most_bytes, statistics.bytes);
@@ -156,7 +156,7 @@ struct ImageCache::Impl {
     decoded.notify_all();
   }
 
-  /// A decoder's work: decodes the plan's images that are not there, in order, as far as they fit.
+  /// Runs in a decoder: decodes the plan's missing images, in order, as far as they fit.
   void decode_ahead() {
     std::unique_lock lock(mutex);
     while (!ending) {

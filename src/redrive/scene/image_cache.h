@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Training images that need not all be in memory: decoded when needed, ahead of that by background
-// threads, into a cache of bounded size.
+// Training images that need not all be in memory: background threads decode them ahead of their use
+// into a cache of bounded size.
 #pragma once
 
 #include <compare>
@@ -14,7 +14,7 @@
 
 namespace redrive {
 
-/// An image in use; while it is held, it is not let go.
+/// An image in use; while it is held, it is not evicted.
 using ImagePointer = std::shared_ptr<const Image8>;
 
 /// A training view's image, at full or half size.
@@ -51,19 +51,19 @@ class ImageCache {
   ImageCache& operator=(const ImageCache&) = delete;
 
   int views() const;
-  /// Returns the image; decodes it in the caller's thread if nobody has begun to. Rethrows what
-  /// Load throws, also where a background thread called it.
+  /// Returns the image; decodes it in the caller's thread if no thread has begun to. Rethrows what
+  /// Load throws, also on a background thread.
   ImagePointer get(const ImageKey& key);
   /// Replaces the plan: the keys of coming calls of get() in their order. They are decoded ahead as
-  /// far as they fit, and what is needed last is let go first. Other calls of get() are allowed.
+  /// far as they fit, and the last needed are evicted first. Other calls of get() are allowed.
   void plan(std::vector<ImageKey> coming);
 
   struct Statistics {
     std::int64_t reads = 0;        ///< calls of get()
     std::int64_t decoded = 0;      ///< calls of Load that returned
-    double waited_s = 0;           ///< in get(), summed over threads
-    std::uint64_t bytes = 0;       ///< in the cache
-    std::uint64_t most_bytes = 0;  ///< so far
+    double waited_s = 0;           ///< time in get(), summed over threads
+    std::uint64_t bytes = 0;       ///< bytes in the cache
+    std::uint64_t most_bytes = 0;  ///< largest value so far
   };
   Statistics statistics() const;
 

@@ -14,11 +14,12 @@ namespace redrive {
 namespace {
 
 constexpr std::size_t kReturnsPerRange = 16384;
-constexpr std::size_t kReturnsAtOnce = std::size_t{1} << 19;  ///< each image is read once for them
+/// each image is read once for this many
+constexpr std::size_t kReturnsAtOnce = std::size_t{1} << 19;
 constexpr std::size_t kNearestViews =
     32;  // origins of a cloud's points, at most; further ones hardly see its points
-// Views of each camera nearest in time that may see a return, and then further ones: what a camera
-// passes it saw ahead of it before.
+// Views of each camera nearest in time that may see a return, and more of them: a camera saw what
+// it passes ahead of it before.
 constexpr int kViewsInTime = 2, kMoreViewsInTime = 24;
 
 /// A training view that may see a return.
@@ -90,12 +91,12 @@ class Colouring {
   std::vector<std::vector<int>> of_camera_;  ///< views by time
 };
 
-/// A return whose colour is searched.
+/// A return whose colour is being searched.
 struct Uncoloured {
   std::size_t i;          ///< index of the return
-  int tried = 0;          ///< views, of those that may see it
-  int seen_by = -1;       ///< the next of them that it projects into; -1: none is left
-  std::size_t pixel = 0;  ///< there
+  int tried = 0;          ///< views tried, out of those that may see it
+  int seen_by = -1;       ///< the next view into which it projects; -1: none is left
+  std::size_t pixel = 0;  ///< its pixel there
 };
 
 Eigen::Vector3d vector_at(const std::vector<float>& values, std::size_t n, std::size_t i) {
@@ -116,7 +117,7 @@ PointCloud lidar_points(const Scene& scene, const ViewImages& images, const Lida
     return Eigen::Vector3d(vector_at(returns.origin, returns.n, i) +
                            double(returns.range_m[i]) * vector_at(returns.direction, returns.n, i));
   };
-  // Goes on to the next view that each return projects into, whatever its image has there.
+  // Advances each return to the next view into which it projects, whatever its image has there.
   const auto find_views = [&](std::span<Uncoloured> points) {
     std::int64_t near_ns = 0, more_ns = 0;
     std::vector<int> in_time, in_more_time;

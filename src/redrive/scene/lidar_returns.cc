@@ -94,8 +94,8 @@ std::vector<Ray> rays_of(const std::vector<LidarPoint>& points,
   return rays;
 }
 
-/// Returns the points of the recording's cloud, with the first of their frames that the scene has;
-/// not those that other frames alone see.
+/// Returns the points of the recording's cloud, each with the first of its frames that the scene
+/// has; not points that only other frames see.
 std::vector<CloudPoint> read_cloud(const Recording& recording, const Scene& scene) {
   const Rigid3d world_from_global = scene.global_from_world.inverse();
   std::vector<CloudPoint> cloud;
@@ -152,7 +152,7 @@ LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene,
   const auto selected = [&](int f) {
     return !selection.frame || selection.frame(files[f]->frame_id);
   };
-  // A file that is not selected is read for what the next one repeats.
+  // A file that is not selected is still read, to find which points the next one repeats.
   Progress progress("reading LiDAR", 2 * count);
   std::vector<std::vector<LidarPoint>> points(files.size());
   std::vector<LidarReturns> counts(files.size());

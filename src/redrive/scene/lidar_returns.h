@@ -43,8 +43,8 @@ struct LidarReturns {
   std::optional<Finding> damaged;  ///< about revolutions whose files could not be read
 };
 
-/// Whether a point in a box's axes is on its object: the road below, and what stands beside it, is
-/// not. `box`: grown by kBoxMargin_m.
+/// Whether a point in a box's axes is on its object: the road below and things beside it are not.
+/// `box`: grown by kBoxMargin_m.
 bool is_on_object(const MovingBox& box, const Eigen::Vector3d& in_box);
 
 /// Marks the points that are bit for bit in `before`, too: [n] 1 or 0.
@@ -65,19 +65,19 @@ LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene,
                                 const MovingObjects& moving, ThreadPool& pool,
                                 const LidarSelection& selection = {});
 
-/// A finding if most returns of the revolutions are dropped or cannot be metres, whatever the
-/// cause; repeated ones do not count. Nothing without returns at all.
+/// Returns a finding if most returns of the scans are dropped or cannot be metres, whatever the
+/// cause; repeated ones do not count. Nothing without returns.
 std::optional<Finding> lost_returns(const LidarReturns& returns);
-/// The same of a few revolutions, spread over the drive; nothing without usable ones.
+/// The same for a few scans, spread over the drive; nothing without usable ones.
 std::optional<Finding> lost_returns_of_sample(const Recording& recording, ThreadPool& pool);
 
-/// Takes the returns in the boxes of more moving objects out of the static ones, as
-/// load_lidar_returns does with those that it knows.
+/// Removes the returns in the boxes of more moving objects from the static ones, as
+/// load_lidar_returns does with the objects that it knows.
 void take_out(const MovingObjects& moving, LidarReturns* returns);
 
-/// Returns the ids of the frames of which a view is held out. Their revolutions do not train.
-/// Points that a held-out revolution shares with the one before do, those that it shares with the
-/// one after do not: LidarReturns::repeated counts them there.
+/// Returns the ids of the frames with a held-out view. Their scans do not train. Points that a
+/// held-out scan shares with the one before do train, points that it shares with the one after do
+/// not: LidarReturns::repeated counts them there.
 std::set<std::int64_t> held_out_frames(const Scene& scene);
 
 }  // namespace redrive

@@ -22,7 +22,7 @@ struct ImageLine {
 /// Projects lines point by point and collects them.
 class LinePen {
  public:
-  /// Returns where the image has a point of the world; nothing where it does not show.
+  /// Returns where the image shows a point of the world, or nothing.
   using Project = std::function<std::optional<Eigen::Vector2d>(const Eigen::Vector3d& in_world)>;
 
   LinePen(Project project, std::vector<ImageLine>* lines)

@@ -160,7 +160,7 @@ bool DamagedViews::contains(const View& view) const {
 
 std::vector<Finding> DamagedViews::judge(const Recording& recording, const Scene& scene) const {
   const std::lock_guard lock(mutex_);
-  // Photographs are judged together: each may have a camera of its own.
+  // Photographs are judged together, since each may have its own camera.
   const auto group_of = [&](int camera) {
     return recording.metric ? scene.rig[camera].name : std::string("images");
   };

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Loads the images of a scene as they are trained on.
+// Loads the images of a scene as training uses them.
 #pragma once
 
 #include <atomic>
@@ -26,15 +26,16 @@ namespace redrive {
 /// without alpha.
 Image8 load_view(const Scene& scene, const View& view);
 
-/// Views whose files turned out to be damaged when they were decoded. From any thread.
+/// Views whose files turned out to be damaged when they were decoded. Usable from any thread.
 class DamagedViews {
  public:
   void add(const View& view, const std::string& why);
   bool contains(const View& view) const;
-  /// Views that are damaged from now on are errors of what loads them.
+  /// From now on a damaged view is an error of the function that loads it.
   void close() { closed_ = true; }
   bool is_closed() const { return closed_; }
-  /// Findings by camera. InputError where there are more than the recording allows of the scene's.
+  /// Returns findings for each camera. InputError where more of the scene's views are damaged than
+  /// the recording allows.
   std::vector<Finding> judge(const Recording& recording, const Scene& scene) const;
 
  private:
@@ -46,8 +47,8 @@ class DamagedViews {
 /// Loads the views of a scene one at a time, as load_view, from any thread.
 class ViewLoader {
  public:
-  /// `damaged`: takes the views that cannot be decoded, whose images are black and of which no
-  /// pixel is used; null: InputError as load_view.
+  /// `damaged`: takes the views that cannot be decoded, whose images are black without a used
+  /// pixel; null: InputError as load_view.
   ViewLoader(const Scene& scene, ThreadPool& pool, DamagedViews* damaged = nullptr);
   Image8 operator()(const View& view) const;
 
@@ -64,7 +65,7 @@ class ViewLoader {
 std::vector<float> load_depth(const std::filesystem::path& path, const RigCamera& rig);
 
 /// Loads all views in parallel; images[i] belongs to scene.views[i]. Held-out images are loaded, so
-/// that errors are found, and left empty. `damaged`: as of ViewLoader.
+/// that errors are found, and left empty. `damaged`: as in ViewLoader.
 std::vector<Image8> load_views(const Scene& scene, ThreadPool& pool,
                                DamagedViews* damaged = nullptr);
 

@@ -17,7 +17,8 @@ constexpr int kWorkingWidth = 320;  // width of the images for find_ego_outline
 constexpr int kRowMargin = 2;       // rows above broken ones are dark, and JPEG blurs
 constexpr std::uint8_t kBlack = 8, kBright = 50;
 
-/// Selects training views of a camera; of many, pairs of neighbours spread over the drive.
+/// Selects training views of a camera; if there are many, pairs of neighbours spread over the
+/// drive.
 std::vector<std::size_t> choose_views(const Scene& scene, int camera) {
   std::vector<std::size_t> all;
   for (std::size_t i = 0; i < scene.views.size(); ++i)
@@ -75,7 +76,7 @@ int broken_rows(const std::vector<const Image8*>& images) {
   return broken == 0 ? 0 : std::min(broken + kRowMargin, height);
 }
 
-/// Masks the pixels that are black in all images and connected to a corner, and a pixel more, where
+/// Masks the pixels that are black in all images and connected to a corner, plus one pixel, since
 /// JPEG blurs.
 void mask_black_corners(const std::vector<const Image8*>& images, Mask* mask) {
   cv::Mat black(mask->height, mask->width, CV_8U, cv::Scalar(255));
@@ -101,7 +102,7 @@ cv::Mat grey_of(const Image8& image, int rows, cv::Size size) {
   return small;
 }
 
-/// Masks the ego vehicle below find_ego_outline, and a pixel of its working size more above it.
+/// Masks the ego vehicle below find_ego_outline, and one pixel of its working size above it.
 void mask_ego_vehicle(const Scene& scene, int camera, const std::vector<std::size_t>& views,
                       const std::vector<Image8>& images, int rows, Mask* mask) {
   const RigCamera& rig = scene.rig[camera];
@@ -244,7 +245,7 @@ Mask find_static_mask(const Scene& scene, int camera, const std::vector<Image8>&
   const RigCamera& rig = scene.rig[camera];
   Mask mask = full_mask(rig.camera.width, rig.camera.height);
   std::vector<std::size_t> views = choose_views(scene, camera);
-  std::erase_if(views, [&](std::size_t i) {  // damaged, or masked altogether
+  std::erase_if(views, [&](std::size_t i) {  // damaged or fully masked views
     const std::vector<std::uint8_t>& used = images[i].used;
     return !used.empty() && std::ranges::count(used, 0) == std::ssize(used);
   });

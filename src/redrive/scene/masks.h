@@ -35,8 +35,8 @@ void write_mask(const std::filesystem::path& file, const Mask& mask, const RigCa
                 int downscale);
 
 /// Finds the static mask of a camera of the rig in its training images, at the size of training.
-/// images[i] belongs to scene.views[i]. See ego_outline.h; too few views or too little driving give
-/// the image circle and broken rows alone. `on_car`: the body is a car that drives on its x-y
+/// images[i] belongs to scene.views[i]. See ego_outline.h; with too few views or too little driving
+/// it has only the image circle and broken rows. `on_car`: the body is a car that drives on its x-y
 /// plane; otherwise (hand-held cameras, an object on a table) neither vehicle nor broken rows are
 /// searched.
 Mask find_static_mask(const Scene& scene, int camera, const std::vector<Image8>& images,
@@ -53,7 +53,7 @@ std::vector<Mask> static_masks(const Scene& scene, const std::vector<Image8>& im
 /// The same for images that are not in memory; loads the images that a camera's mask is found in.
 std::vector<Mask> static_masks(const Scene& scene, const ViewLoader& load,
                                const std::filesystem::path& folder, ThreadPool& pool, bool on_car);
-/// Training views of a camera that its mask is found in, at most; more add little.
+/// Maximum number of a camera's training views in which its mask is searched; more add little.
 constexpr std::size_t kMostMaskViews = 50;
 
 /// Writes the mask_file of each camera whose mask masks a pixel. The folder must exist. read_masks
@@ -68,14 +68,14 @@ std::vector<Mask> read_masks(const std::filesystem::path& folder, const Scene& s
 Mask view_mask(const Scene& scene, const View& view, const Mask& of_camera,
                const MovingObjects& moving);
 
-/// Returns which moving object the ray of each pixel meets when `view` was exposed, of several the
-/// one whose centre is nearest: its index in moving.objects() plus 1, 0 where it meets none;
+/// Returns which moving object the ray of each pixel meets when `view` was exposed, the one with
+/// the nearest centre if there are several: its index in moving.objects() plus 1, 0 for none;
 /// [height, width].
 std::vector<std::uint32_t> object_map(const Scene& scene, const View& view,
                                       const MovingObjects& moving);
 
-/// Marks pixels that may show one of the objects in training views' images as kMovingPixel, unless
-/// they are masked.
+/// Marks pixels of training images that may show one of the objects as kMovingPixel, unless they
+/// are masked.
 void mark_objects(const Scene& scene, const MovingObjects& objects, ThreadPool& pool,
                   std::vector<Image8>* images);
 

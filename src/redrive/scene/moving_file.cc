@@ -46,7 +46,7 @@ MovingObject object_from_json(const JsonField& json) {
   return object;
 }
 
-/// Rounds yaws to 1e-9 degrees, so that what is read and written again is the same text.
+/// Rounds yaws to 1e-9 degrees, so that reading and writing again gives the same text.
 std::string moving_file_text(const std::vector<MovingObject>& objects) {
   nlohmann::ordered_json list = nlohmann::ordered_json::array();
   for (const MovingObject& object : objects) {

@@ -16,21 +16,20 @@ namespace redrive {
 /// MovingObject::type of objects that nobody annotated (scene/find_moving.h).
 inline constexpr const char* kFound = "FOUND";
 
-/// Sets the velocity of each key from the positions of those around it.
+/// Sets the velocity of each key from the neighbouring positions.
 void set_velocities(MovingObject* object);
 
-/// InputError naming the field that is missing, of another type or out of range, or an id that
-/// repeats.
+/// InputError naming a field that is missing, of another type or out of range, or a repeated id.
 std::vector<MovingObject> parse_moving_objects(std::string_view text,
                                                const std::filesystem::path& file);
-/// Returns FOLDER/moving.json, of a folder of masks.
+/// Returns FOLDER/moving.json, for a folder of masks.
 std::filesystem::path moving_file(const std::filesystem::path& masks);
 /// Returns none where the file does not exist.
 std::vector<MovingObject> read_moving_file(const std::filesystem::path& file);
-/// Returns objects as read_moving_file returns them after write_moving_file. Doing so again changes
+/// Returns objects as read_moving_file would after write_moving_file. Doing so again changes
 /// nothing.
 std::vector<MovingObject> as_in_moving_file(const std::vector<MovingObject>& objects);
-/// Keeps the yaw alone of rotations, to 1e-9 degrees.
+/// Keeps only the yaw of rotations, to 1e-9 degrees.
 void write_moving_file(const std::filesystem::path& file, const std::vector<MovingObject>& objects);
 
 }  // namespace redrive

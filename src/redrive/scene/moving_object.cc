@@ -7,8 +7,8 @@
 namespace redrive {
 namespace {
 
-constexpr std::int64_t kMaxGap_ns = 500'000'000;            // between keys that are interpolated
-constexpr std::int64_t kMaxExtrapolation_ns = 100'000'000;  // a missing revolution or frame
+constexpr std::int64_t kMaxGap_ns = 500'000'000;  // largest gap between keys that is interpolated
+constexpr std::int64_t kMaxExtrapolation_ns = 100'000'000;  // covers a missing scan or frame
 
 }  // namespace
 

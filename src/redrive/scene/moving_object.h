@@ -17,9 +17,9 @@ namespace redrive {
 struct ActorBody;
 
 struct MovingObject {
-  /// Where a time is among the keys.
+  /// The keys that bracket a timestamp.
   struct KeyTime {
-    std::size_t before = 0, after = 0;  ///< keys, the same one where it is extrapolated
+    std::size_t before = 0, after = 0;  ///< indices of keys, equal where the pose is extrapolated
     double part = 0;                    ///< part of the way from one to the other, 0..1
   };
   struct Key {
@@ -35,12 +35,12 @@ struct MovingObject {
   bool is_refined = false;                           ///< the keys have a model's corrections
   // Changes (scene/edit_actors.h):
   std::optional<std::int64_t> body;  ///< id of the object whose Gaussians it shows; its own
-  /// Gaussians of another run that it shows instead (scene/actor_body.h); null: none.
+  /// Gaussians from another run that it shows instead (scene/actor_body.h); null: none.
   std::shared_ptr<const ActorBody> imported = nullptr;
   std::array<float, 3> gain{1, 1, 1};                            ///< factors of r, g, b
   std::vector<std::pair<std::int64_t, std::int64_t>> hidden_ns;  ///< times at which it is not drawn
 
-  /// Two keys at most 0.5 s apart, or the nearest one within 0.1 s; nothing at other times.
+  /// Returns two keys at most 0.5 s apart, or the nearest one within 0.1 s; nothing at other times.
   std::optional<KeyTime> key_time(std::int64_t t_ns) const;
   /// Returns the pose of the box at t_ns: between the keys of key_time interpolated as
   /// trajectories are, or extrapolated by the velocity. Nothing at other times, and while it is

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Annotated moving objects in the world. Methods that do not draw them mask them in images; static
-// LiDAR returns are those outside of their boxes.
+// LiDAR returns are the returns outside their boxes.
 #pragma once
 
 #include <cstdint>
@@ -41,18 +41,18 @@ constexpr double kBoxMargin_m = 0.3;
 /// An object counts as moving, in all frames, if it deforms (Box::deforms) or any of its boxes is
 /// faster than this. A box's velocity in the world is its relative velocity plus the ego vehicle's:
 /// egomotion errors of 10 cm over 0.7 s (samples/street) give a parked car up to 0.5 m/s, and an
-/// object slower than walking pace moves by few of its own lengths.
+/// object slower than walking pace moves by only a few of its own lengths.
 constexpr double kMovingSpeed_m_per_s = 1;
 
 class MovingObjects {
  public:
   MovingObjects() = default;  ///< none
 
-  /// `boxes`: of all frames. Each holds at its own time.
+  /// `boxes`: boxes of all frames. Each holds at its own time.
   MovingObjects(const std::vector<Box>& boxes, const std::vector<FramePose>& frames,
                 const Rigid3d& global_from_world);
 
-  /// `objects`: that move.
+  /// `objects`: all of them move.
   explicit MovingObjects(std::vector<MovingObject> objects) : objects_(std::move(objects)) {}
 
   /// Returns the box of each object that has a pose at t_ns.

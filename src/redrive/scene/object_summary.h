@@ -15,7 +15,7 @@ struct ObjectSummary {
   std::string type;
   bool moves = false;  ///< as MovingObjects has it
   std::size_t boxes = 0;
-  double driven_m = 0;     ///< between its boxes, in a straight line from each to the next
+  double driven_m = 0;     ///< length of the straight lines from each of its boxes to the next
   double nearest_m = 0;    ///< least distance of its centre from the ego vehicle's origin
   std::size_t images = 0;  ///< images that show its centre, unless something hides it
 };

@@ -31,8 +31,7 @@ struct ColouredPoint {
 /// Returns the points of all parts, one part after the other.
 PointCloud make_point_cloud(const std::vector<std::vector<ColouredPoint>>& parts);
 
-/// Value of Image8::used where a moving object that the model draws may be: used, but not of the
-/// static world.
+/// Value of Image8::used where a moving object that the model draws may be: used, but not static.
 constexpr std::uint8_t kMovingPixel = 128;
 
 /// Returns the index of the pixel whose area holds `pixel` (integer coordinates are centres), or
@@ -40,11 +39,11 @@ constexpr std::uint8_t kMovingPixel = 128;
 std::optional<std::size_t> pixel_index(int width, int height, const Eigen::Vector2d& pixel);
 /// Whether pixel `index` is neither masked nor transparent.
 bool is_visible(const Image8& image, std::size_t index);
-/// Likewise, and no moving object may be there.
+/// The same, and no moving object may be there.
 bool is_static(const Image8& image, std::size_t index);
 /// Returns pixel_index, or nothing where it is masked or not opaque.
 std::optional<std::size_t> visible_pixel(const Image8& image, const Eigen::Vector2d& pixel);
-/// Likewise nothing where a moving object may be.
+/// The same, but nothing where a moving object may be.
 std::optional<std::size_t> static_pixel(const Image8& image, const Eigen::Vector2d& pixel);
 
 /// Returns the colour of pixel `index`.

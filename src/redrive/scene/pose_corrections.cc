@@ -11,8 +11,9 @@
 namespace redrive {
 namespace {
 
-/// The interval that contains a time among n ascending ones, and the fraction `part` of it, below 0
-/// and above 1 at the ends as in recording/trajectory.h. With a single time: that one.
+/// The interval that contains a time among n ascending ones, and the fraction `part` in it, below 0
+/// and above 1 at the ends as in recording/trajectory.h. With a single time, both ends are that
+/// one.
 struct Between {
   std::size_t before = 0;
   double part = 0;

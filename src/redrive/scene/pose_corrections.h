@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Small corrections of the initial poses: of the body at each frame, of each camera's extrinsics
-// and time offset. Training refines poses by them (train/pose_refiner.h); a checkpoint holds them.
+// Small corrections of the initial poses: the body's at each frame, each camera's extrinsics and
+// time offset. Training refines poses by them (train/pose_refiner.h); a checkpoint holds them.
 #pragma once
 
 #include <array>
@@ -51,15 +51,16 @@ std::vector<FramePose> apply_corrections(const Scene& initial,
                                          const std::vector<FramePose>& trajectory,
                                          const PoseCorrections& corrections, Scene* corrected);
 
-/// Gradient of the loss by one view's pose, in the world: translating its camera by v and rotating
-/// it by w (rad) raises the loss by d_translation v + d_rotation w.
+/// Gradient of the loss with respect to one view's pose, in the world: translating its camera by v
+/// and rotating it by w (rad) raises the loss by d_translation v + d_rotation w.
 struct ViewGradient {
   Eigen::Vector3d d_translation = Eigen::Vector3d::Zero(), d_rotation = Eigen::Vector3d::Zero();
 };
-/// Gradient by the six numbers (rigid_from_vector) of the body that carries the camera.
+/// Returns the gradient with respect to the six numbers (rigid_from_vector) of the body that
+/// carries the camera.
 Vector6d in_body(const Scene& scene, const View& view, const ViewGradient& gradient);
-/// Converts gradients by view of the scene to gradients by correction, at 0 or at the corrections
-/// of `scene`. A view between two frames (by a time offset) depends on both.
+/// Converts the scene's gradients of views to gradients of corrections, at 0 or at the corrections
+/// of `scene`. A view between two frames (with a time offset) depends on both.
 std::vector<double> gradient_of_corrections(const Scene& scene, const PoseCorrections& corrections,
                                             std::span<const ViewGradient> views);
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Projection into images whose rows have poses of their own.
+// Projection into images whose rows have their own poses.
 #pragma once
 
 #include <optional>
@@ -15,14 +15,14 @@ struct ShutterPixel {
 };
 
 /// Returns where the camera sees a point of the world, or nothing outside the valid region of its
-/// model. `camera_from_world`: of the middle row.
+/// model. `camera_from_world`: at the middle row.
 inline std::optional<ShutterPixel> project_shutter(const Camera& camera,
                                                    const ShutterPoses& world_from_camera,
                                                    const Rigid3d& camera_from_world,
                                                    const Eigen::Vector3d& in_world) {
   Eigen::Vector3d in_camera = camera_from_world * in_world;
   auto pixel = camera.project(in_camera);
-  // The row decides on the pose and the pose on the row, which moves by less each time.
+  // The row determines the pose and the pose the row, which moves by less each time.
   for (int i = 0; i < 3 && pixel && world_from_camera.is_rolling(); ++i) {
     in_camera =
         world_from_camera.at(row_fraction(pixel->y(), camera.height)).inverse(Eigen::Isometry) *

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Images as another camera at the same place sees them.
+// Resamples images to another camera at the same place.
 #pragma once
 
 #include <cstdint>
@@ -11,7 +11,7 @@
 namespace redrive {
 
 /// Position of each pixel of one camera in the image of another: [height, width]; (-1, -1) where
-/// that sees nothing.
+/// the other sees nothing.
 struct ResampleMap {
   int width = 0, height = 0;
   std::vector<float> u, v;

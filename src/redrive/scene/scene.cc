@@ -38,7 +38,8 @@ bool has_split(const Recording& recording) {
                      });
 }
 
-/// Returns the selected cameras in the order of the option; all by name if it is empty.
+/// Returns the selected cameras in the order of the option; all in the order of their names if it
+/// is empty.
 std::vector<const RecordedCamera*> choose_cameras(const Recording& recording,
                                                   const SceneOptions& options) {
   std::vector<const RecordedCamera*> chosen;
@@ -53,7 +54,7 @@ std::vector<const RecordedCamera*> choose_cameras(const Recording& recording,
   return chosen;
 }
 
-/// Leaves out frames that no camera has an image of, unless that are all. Returns their number.
+/// Drops frames that no camera has an image of, unless all frames are. Returns their number.
 std::size_t leave_out_unseen(const std::vector<const RecordedCamera*>& cameras,
                              std::vector<FramePose>* frames) {
   std::set<std::int64_t> shown;
@@ -64,7 +65,7 @@ std::size_t leave_out_unseen(const std::vector<const RecordedCamera*>& cameras,
 }
 
 RigCamera make_rig_camera(const CameraCalibration& calibration, const SceneOptions& options) {
-  constexpr int kColumns = 40;  // there may be a camera for each photograph
+  constexpr int kColumns = 40;  // photographs may have a camera each
   RigCamera camera{calibration.name,           {},
                    make_camera(calibration),   calibration.body_from_sensor,
                    calibration.time_offset_ns, calibration.readout_ns};

@@ -41,8 +41,8 @@ struct View {
   int frame = 0;   ///< index into Scene::frames
   std::filesystem::path image;
   bool held_out = false;
-  Rigid3d world_from_body = Rigid3d::Identity();  ///< when the image was exposed: the frame's
-                                                  ///< unless the camera has an offset
+  /// pose at the exposure of the image: the frame's unless the camera has an offset
+  Rigid3d world_from_body = Rigid3d::Identity();
   MaskFile mask;
   /// Poses of a rolling shutter: world_from_body at even times from the upper edge to the lower one
   std::vector<Rigid3d> by_row;
@@ -61,11 +61,12 @@ struct SceneOptions {
   std::vector<std::string> cameras;                ///< empty: all with images
   std::int64_t first_frame = -1, last_frame = -1;  ///< ids, inclusive; -1: open
   int frame_step = 1;                              ///< keeps every n-th frame, >= 1
-  bool shown_only = false;  ///< without frames that none of these cameras has an image of
+  bool shown_only = false;  ///< drops frames that none of these cameras has an image of
   int downscale = 1;        ///< 1..64
-  int holdout_every = 0;    ///< 0: none; n >= 2: every n-th frame (the first one included), all
-                            ///< cameras; only of recordings without a split of their own
-  bool undistort = false;   ///< resamples pinhole images without distortion first
+  /// 0: none; n >= 2: every n-th frame (the first one included), all cameras; only for recordings
+  /// without a split of their own
+  int holdout_every = 0;
+  bool undistort = false;         ///< resamples pinhole images without distortion first
   double near_m = 1, far_m = 10;  ///< 0 < near < far
   Background background = Background::kNone;
   bool random_background =
@@ -98,7 +99,8 @@ struct Scene {
       const View& view) const;  ///< E_P,0^-1 E_P,n E_C of the report's equation (2)
   /// Returns world_from_camera of each row, with the actors.
   ShutterPoses shutter_poses(const View& view) const;
-  /// Returns the poses with the actors where `camera` sees them, exposed at a frame of this time.
+  /// Returns the poses with the actors where `camera` sees them at its exposure of a frame at this
+  /// time.
   ShutterPoses with_actors(ShutterPoses poses, const RigCamera& camera,
                            std::int64_t frame_ns) const;
   Exposure exposure(int camera, std::int64_t t_ns) const;

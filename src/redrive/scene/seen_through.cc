@@ -18,19 +18,20 @@ constexpr float kMostRange_m = 60, kLeastRange_m = 2;
 // A ray passes through a point within this distance of it: half of that to the next ray, within
 // bounds.
 constexpr float kLeastThrough_m = 0.1f, kMostThrough_m = 0.25f;
-constexpr float kEnded_m = 0.15f;  // farther from a ray that ends at the point
-constexpr float kAlong_m = 0.5f;   // along a ray from its end to the point, where it ends there
+constexpr float kEnded_m = 0.15f;  // a point farther from a ray's end than this was not hit by it
+constexpr float kAlong_m = 0.5f;  // tolerance along a ray between its end and the point that it hit
 // A ray along a wall, 0.1 m before it and at 2 degrees, ends on it 2.9 m behind the point.
 constexpr float kBeyond_m = 3;
 constexpr std::size_t kMostRays = 40'000;  // rays of a scan, at most; more take time
-// Sweeps before and after that count, 0.4 s to 8 s away: slow objects leave their place later.
+// Scans before and after that count, 0.4 s to 8 s away: slow objects leave their place later.
 constexpr std::array<int, 12> kOffsets = {4, 5, 6, 8, 10, 13, 17, 22, 29, 38, 55, 80};
 
-// Indices of all sweeps of a long drive would be large: those that a block looks at are kept.
+// Indices of all scans of a long drive would be large: only the ones that a block looks at are
+// kept.
 constexpr int kBlock = 32;
 constexpr std::size_t kMostGroundPoints = 4'000'000;
 
-constexpr std::int64_t kMostSweeps = 1'000'000;  // a day; longer are gaps or wrong times
+constexpr std::int64_t kMostSweeps = 1'000'000;  // one day; anything longer has gaps or wrong times
 
 Vector3f at(const std::vector<float>& v, std::size_t n, std::size_t i) {
   return {v[i], v[n + i], v[2 * n + i]};
@@ -62,7 +63,7 @@ class Ground {
     }
   }
 
-  /// The lowest of the cell and its neighbours: a car may stand on all of a cell.
+  /// The lowest of the cell and its neighbours: a car may cover a whole cell.
   float under(const Vector3f& p) const {
     float z = p.z();
     for (const float dx : {-1.0f, 0.0f, 1.0f})
@@ -79,7 +80,7 @@ class Ground {
   std::unordered_map<std::int64_t, float> lowest_;
 };
 
-/// The rays of a sweep by direction.
+/// The rays of a scan, indexed by direction.
 class RayIndex {
  public:
   static constexpr int kColumns = 360, kRows = 180;  // azimuth; elevation from -45 to 45 degrees
@@ -116,7 +117,7 @@ class RayIndex {
 
   bool empty() const { return rays_.empty(); }
 
-  /// Counts the sweep's rays at the point.
+  /// Counts the scan's rays at the point.
   void look(const LidarReturns& returns, SweepPoint* point) const {
     const Vector3f& p = point->in_world;
     // The sensor moves while it turns: finds where it was when it looked at the point.
@@ -188,7 +189,8 @@ std::vector<SweepPoint> thinned(const LidarReturns& returns,
 }  // namespace
 
 std::uint64_t search_bytes(std::uint64_t returns, std::uint64_t revolutions) {
-  // A vector that grew by doubling; a point of the ground and a cell of its own in a hash table.
+  // bytes of a vector that grew by doubling; bytes of a ground point with a hash table cell of its
+  // own
   constexpr std::uint64_t kIndex = 2 * sizeof(std::uint32_t), kGroundPoint = 16 + 40;
   const std::uint64_t indices = std::min<std::uint64_t>(revolutions, kBlock + 2 * kOffsets.back());
   return returns * (kIndex + sizeof(SweepPoint)) +
@@ -221,7 +223,7 @@ std::vector<Sweep> seen_through(const LidarReturns& returns, ThreadPool& pool) {
       auto left = static_cast<int>(others.size());
       for (const RayIndex* other : others) {
         other->look(returns, &point);
-        if (point.ended > point.through + --left) break;  // it stays, whatever the others see
+        if (point.ended > point.through + --left) break;  // it stays, whatever the other scans see
       }
     }
   };

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which places of LiDAR returns rays of other times saw through.
+// Finds the places of LiDAR returns through which rays of other times passed.
 #pragma once
 
 #include <array>
@@ -11,13 +11,14 @@
 
 namespace redrive {
 
-/// A return above the ground, one of each kThinning_m of a sweep.
+/// A return above the ground, one of each kThinning_m of a scan.
 struct SweepPoint {
   Eigen::Vector3f in_world = Eigen::Vector3f::Zero(), sensor_in_world = Eigen::Vector3f::Zero();
   std::int64_t t_ns = 0;
   float ground_m = 0;  ///< z of the ground below it
-  /// Sweeps at other times with a ray through it and none that ends at it, and those with one that
-  /// ends at it: of as many as tell whether it vanishes or stays.
+  /// Numbers of scans at other times that have a ray through it and none that ends at it (through),
+  /// and that have one that ends at it (ended). Counting stops once it is clear whether it vanishes
+  /// or stays.
   int through = 0, ended = 0;
   bool vanishes() const { return through >= 2 && 4 * ended <= through; }
   bool stays() const { return ended > through; }
@@ -31,11 +32,11 @@ struct Sweep {
 constexpr double kSweep_s = 0.1;
 constexpr float kThinning_m = 0.25f;
 
-/// Bytes that seen_through works with, of so many returns of so many revolutions, at most.
+/// Maximum bytes of seen_through for this many returns in this many scans.
 std::uint64_t search_bytes(std::uint64_t returns, std::uint64_t revolutions);
 
-/// Returns sweeps one after the other, empty ones included; none where they span more than a day.
-/// Sweeps nearer than 0.4 s to one do not count for it.
+/// Returns scans one after the other, empty ones included; none where they span more than a day.
+/// Scans nearer than 0.4 s to one do not count for it.
 std::vector<Sweep> seen_through(const LidarReturns& returns, ThreadPool& pool);
 
 }  // namespace redrive

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The pose of a camera during an exposure: one, or, with a rolling shutter, one per row.
+// The pose of a camera during an exposure: one for all rows, or, with a rolling shutter, one per
+// row.
 #pragma once
 
 #include <array>
@@ -17,7 +18,7 @@ struct ActorBody;
 
 class ShutterPoses {
  public:
-  /// Poses of the camera in the axes of an object that moves, at the times of the keys.
+  /// Poses of the camera in the axes of a moving object, at the times of the keys.
   struct Actor {
     std::int64_t body = 0;               ///< MovingObject::id of the Gaussians
     std::array<float, 3> gain{1, 1, 1};  ///< factors of r, g, b

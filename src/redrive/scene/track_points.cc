@@ -18,14 +18,15 @@ namespace {
 
 constexpr int kLength = 14;          // images of a track
 constexpr int kMinObservations = 4;  // three would not show an outlier along the epipolar line
-constexpr int kStartEvery = 2;       // images; more where there are more than kMaxStarts
-constexpr int kMaxStarts = 400;      // about 10 s on two cores
+// images between starts; more where there would be more than kMaxStarts
+constexpr int kStartEvery = 2;
+constexpr int kMaxStarts = 400;  // about 10 s on two cores
 // Every kProbeEvery-th start is tracked first. The others follow where at least kLeastYield of the
-// camera's corners have become points, so not where corners are noise.
+// camera's corners have become points, hence not where corners are noise.
 constexpr int kProbeEvery = 8;
 constexpr double kLeastYield = 0.05;
 constexpr int kBatch = kMostTrackImages - kLength;  // images of a batch
-// A larger window takes the depth of what is in front of or beside its centre.
+// A larger window takes the depth of things in front of or beside its centre.
 constexpr int kWindow_px = 7, kBlock_px = 5, kMargin_px = 4;
 constexpr int kMinCell_px = 5, kMaxCells = 20'000;  // one corner a cell
 constexpr double kCornerLevels =
@@ -33,13 +34,14 @@ constexpr double kCornerLevels =
 constexpr double kCornerNoises = 1.5;  // least gradient in standard deviations of the noise
 constexpr int kMaxPixels = 1'000'000;  // larger images are reduced: they are seldom as sharp
 // Where a track starts, the next image is searched from the positions of points so far away that
-// the baseline spans these angles (rad). Lucas-Kanade finds what lies some 30 pixels around.
+// the baseline spans these angles (rad). Lucas-Kanade finds corners within some 30 pixels.
 constexpr std::array<double, 3> kParallaxes{0, 0.07, 0.18};
 constexpr int kLevelsWithPoint = 1;  // pyramid levels searched for a track that has a point
 constexpr float kForwardBackward_px = 0.5f, kEdge_px = 2;
 constexpr double kMaxResidual_px = 1.2, kTracking_px = 0.35;  // error of an observation
 constexpr double kMaxRelativeSigma = 0.06;                    // sigma as a part of the distance
-constexpr double kExactSigma = 0.01;  // likewise: a track that knows it so well ends
+// sigma of a distance at which a track ends: it is exact enough
+constexpr double kExactSigma = 0.01;
 
 /// Distances from the first camera between which points are kept.
 struct DistanceRange {
@@ -93,7 +95,7 @@ cv::Mat usable_pixels(const Image8& image, int factor) {
 }
 
 /// Returns the standard deviation of the noise of the usable pixels, grey levels: the median of a
-/// Laplacian that ramps and most edges do not reach (Immerkaer, CVIU 1996).
+/// Laplacian that is insensitive to ramps and most edges (Immerkaer, CVIU 1996).
 double noise_of(const cv::Mat& grey, const cv::Mat& usable) {
   const cv::Mat laplacian = (cv::Mat_<float>(3, 3) << 1, -2, 1, -2, 4, -2, 1, -2, 1);
   cv::Mat filtered;
@@ -186,13 +188,13 @@ std::optional<Eigen::Vector3d> triangulate_rays(const TrackRays& rays, double ra
   return point;
 }
 
-/// A track that goes on, and where it is in the reduced image.
+/// A track in progress, and its position in the reduced image.
 struct ActiveTrack {
   TrackRays* rays;
   cv::Point2f at;
-  double rad_per_px;  ///< where it started, of the reduced image
+  double rad_per_px;  ///< angle of a pixel of the reduced image where it started
 
-  /// Whether further images would not make its point noticeably more exact.
+  /// Whether further images would hardly make its point more exact.
   bool is_exact() const {
     return rays->n >= kMinObservations &&
            kTracking_px * rad_per_px <
@@ -210,7 +212,8 @@ class CameraTracker {
         images_.push_back({i, scene.shutter_poses(scene.views[i])});
     factor_ =
         static_cast<int>(std::ceil(std::sqrt(double(camera_.width) * camera_.height / kMaxPixels)));
-    // Until the smaller side has a few windows: motions of a tenth of the image are found.
+    // Levels are added until the smaller side has a few windows: motions of a tenth of the image
+    // are found.
     for (int side = std::min(camera_.width, camera_.height) / factor_ / 2; side >= 4 * kWindow_px;
          side /= 2)
       ++levels_;
@@ -218,7 +221,7 @@ class CameraTracker {
 
   int images() const { return static_cast<int>(images_.size()); }
 
-  /// Prepares images [begin, end) for points_from and lets the others go.
+  /// Prepares images [begin, end) for points_from and releases the others.
   void prepare(int begin, int end, const ViewImages& images, ThreadPool& pool) {
     for (int i = 0; i < this->images(); ++i)
       if (i < begin || i >= end) {
@@ -293,7 +296,7 @@ class CameraTracker {
                std::vector<ActiveTrack>* active) const {
     const Rigid3d camera_from_world = to.world_from_camera.at(0.5).inverse(Eigen::Isometry);
     std::vector<std::optional<cv::Point2f>> found(active->size());
-    // Tracks with a point, all or none of them, are searched near it.
+    // If tracks have points, all or none of them, they are searched near these.
     const bool predicted_well = !active->empty() && active->front().rays->n > 1;
     const int levels = predicted_well ? std::min(levels_, kLevelsWithPoint) : levels_;
     for (const double parallax : kParallaxes) {
@@ -318,8 +321,8 @@ class CameraTracker {
     std::erase_if(*active, [](const ActiveTrack& track) { return track.is_exact(); });
   }
 
-  /// Returns a point, or a direction, in camera axes where a track is expected: its own point, or,
-  /// before it has one, that on its ray from which the way to the camera spans `parallax`.
+  /// Returns the point, or the direction, in camera axes where a track is expected: its own point,
+  /// or, before it has one, the point on its ray from which the way to the camera spans `parallax`.
   static Eigen::Vector3d predicted(const TrackRays& rays, const Rigid3d& camera_from_world,
                                    double parallax) {
     const Eigen::Vector3d &origin = rays.origin[rays.n - 1],
@@ -336,8 +339,8 @@ class CameraTracker {
     return camera_from_world.linear() * direction;
   }
 
-  /// Returns where Lucas-Kanade finds the points `at` again, from the guesses on: nothing where it
-  /// does not come back to them.
+  /// Returns where Lucas-Kanade finds the points `at` again, starting from the guesses: nothing
+  /// where tracking back does not return to them.
   std::vector<std::optional<cv::Point2f>> search(const TrackImage& from, const TrackImage& to,
                                                  const std::vector<cv::Point2f>& at,
                                                  const std::vector<cv::Point2f>& guesses,
@@ -356,7 +359,7 @@ class CameraTracker {
     };
     std::vector<cv::Point2f> found = guesses, returned(at.size());
     const std::vector<std::uint8_t> there = flow(from, to, at, &found);
-    // Back with the guessed motion, not with the found one, which would confirm itself.
+    // Tracks back with the guessed motion, not with the found one, which would confirm itself.
     for (std::size_t i = 0; i < at.size(); ++i) returned[i] = found[i] - (guesses[i] - at[i]);
     const std::vector<std::uint8_t> back = flow(to, from, found, &returned);
     const cv::Size size = to.pyramid[0].size();

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Dense points triangulated from feature tracks with the poses of the scene. Corners (Shi, Tomasi
-// 1994) of every other image are tracked forward and backward by pyramidal Lucas-Kanade, and what
-// the poses do not explain is dropped.
+// 1994) of every other image are tracked forward and backward by pyramidal Lucas-Kanade;
+// observations that the poses do not explain are dropped.
 #pragma once
 
 #include <vector>
@@ -21,7 +21,7 @@ namespace redrive {
 /// eighth start only. The poses are the poses of Scene::shutter_poses. The result does not depend
 /// on the number of threads.
 PointCloud track_points(const Scene& scene, const ViewImages& images, ThreadPool& pool);
-/// Images that track_points uses at once, at most.
+/// Maximum number of images that track_points uses at once.
 constexpr int kMostTrackImages = 32;
 
 }  // namespace redrive

@@ -15,7 +15,7 @@
 namespace redrive::view {
 namespace {
 
-/// The name in "name:port" and "[address]:port".
+/// Returns the name in "name:port" and "[address]:port".
 std::string_view without_port(std::string_view host) {
   if (host.starts_with('[')) {
     const std::size_t end = host.find(']');
@@ -30,7 +30,7 @@ bool is_ip_address(const std::string& name) {
          inet_pton(AF_INET6, name.c_str(), address.data()) == 1;
 }
 
-/// Returns the IP address of an interface in use that other machines may reach; else nothing.
+/// Returns the IP address of an active interface that other machines may reach; empty otherwise.
 std::string host_of(const ifaddrs& interface) {
   if (!interface.ifa_addr || !(interface.ifa_flags & IFF_UP) ||
       (interface.ifa_flags & IFF_LOOPBACK))
@@ -41,7 +41,8 @@ std::string host_of(const ifaddrs& interface) {
     address = &reinterpret_cast<const sockaddr_in*>(interface.ifa_addr)->sin_addr;
   if (family == AF_INET6) {
     const in6_addr& six = reinterpret_cast<const sockaddr_in6*>(interface.ifa_addr)->sin6_addr;
-    if (!IN6_IS_ADDR_LINKLOCAL(&six)) address = &six;  // those need the name of an interface
+    // link-local ones need the name of an interface
+    if (!IN6_IS_ADDR_LINKLOCAL(&six)) address = &six;
   }
   std::array<char, INET6_ADDRSTRLEN> text{};
   return address && inet_ntop(family, address, text.data(), text.size()) ? text.data() : "";

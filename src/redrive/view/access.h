@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Who may see the page: whoever knows the token in its address, from a page of this server.
+// Access to the page: whoever knows the token in its address, from a page of this server.
 #pragma once
 
 #include <string>
@@ -11,7 +11,7 @@ namespace redrive::view {
 /// Returns 128 random bits of the system as 32 hexadecimal digits.
 std::string random_token();
 
-/// Compares in a time that depends on the sizes alone.
+/// Compares in a time that depends only on the sizes.
 bool equal_in_constant_time(std::string_view a, std::string_view b);
 
 /// Whether a request's Host names this server: `localhost`, an IP address, or `listen`, each with
@@ -26,8 +26,8 @@ bool is_own_origin(std::string_view origin, std::string_view host);
 /// address: the addresses of all interfaces for 0.0.0.0 and ::, none for loopback.
 std::vector<std::string> outside_hosts(const std::string& listen);
 
-/// What a request's target asks for: the token, and what stands after it ("" for the page itself).
-/// Nothing for a target of another form.
+/// The parts of a request's target: the token, and the rest ("" for the page itself). Nothing for a
+/// target of another form.
 struct Target {
   std::string_view token, file;
   bool valid = false;

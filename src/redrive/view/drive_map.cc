@@ -12,7 +12,7 @@
 namespace redrive::view {
 namespace {
 
-constexpr double kStep = 1e-3;  // to which numbers are rounded
+constexpr double kStep = 1e-3;  // step to which numbers are rounded
 
 /// Returns the distance from `point` to the way from `a` to `b`.
 double distance_to(const Eigen::Vector3d& a, const Eigen::Vector3d& b,
@@ -27,7 +27,7 @@ double distance_to(const Eigen::Vector3d& a, const Eigen::Vector3d& b,
 
 DriveMap::DriveMap(const Scene& scene) : joined_(scene.metric) {
   const Eigen::Vector3d up = up_in_world(scene);
-  // The world's x, or y where x stands up, and what is left of it.
+  // The world's x, or y where x points up, and the axis to its left.
   const Eigen::Vector3d axis =
       std::abs(up.x()) < 0.9 ? Eigen::Vector3d::UnitX() : Eigen::Vector3d::UnitY();
   const Eigen::Vector3d right = (axis - axis.dot(up) * up).normalized();

@@ -7,8 +7,8 @@
 namespace redrive::view {
 namespace {
 
-constexpr std::chrono::seconds kRefresh{1};  // between two images of a camera that rests
-constexpr double kMostCredit_s = 0.2;        // saved up while nobody asks
+constexpr std::chrono::seconds kRefresh{1};  // time between two images of a camera at rest
+constexpr double kMostCredit_s = 0.2;        // time saved up while nobody asks
 
 double seconds_since(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
@@ -16,7 +16,7 @@ double seconds_since(std::chrono::steady_clock::time_point start) {
 
 }  // namespace
 
-/// Lends the model of the run that trains to the run that is shown.
+/// Lends the model in training to the run that is shown.
 class LiveView::Loan {
  public:
   Loan(Run* from, Run* to) : from_(from), to_(to) {
@@ -43,14 +43,14 @@ LiveView::LiveView(Run* run, kernels::Backend& backend, const std::atomic<bool>&
   viewer_->set_training({true, run->state.step, run->state.seconds, false, run->options.max_steps});
 }
 
-/// Shows what was trained since; the model has been lent.
+/// Shows the latest training state; the model has been lent.
 void LiveView::refresh(const Run& run) {
   refresh_at_ = Clock::now() + kRefresh;
   viewer_->set_training({true, run.state.step, run.state.seconds, false, run.options.max_steps});
   viewer_->show_again();
 }
 
-/// Shows moving objects where training has them by now; the model has been lent.
+/// Shows moving objects where training has put them; the model has been lent.
 void LiveView::correct_actors() {
   shown_->scene.actors = annotated_;
   shown_->state.model->correct_actors(&shown_->scene.actors);

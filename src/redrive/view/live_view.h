@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Shows a run while it trains, in the same process: between two steps the trainer's thread makes
-// images of the model that it trains.
+// images of the model.
 #pragma once
 
 #include <atomic>
@@ -18,10 +18,10 @@ class LiveView : public StepObserver {
   /// `run` is the argument of train(), with its model; backend and `stop` must outlive it.
   LiveView(Run* run, kernels::Backend& backend, const std::atomic<bool>& stop);
 
-  Viewer& viewer() { return *viewer_; }  ///< events of the server go there
+  Viewer& viewer() { return *viewer_; }  ///< receives the events of the server
   void use(Server& server) { viewer_->use(server); }
 
-  /// Makes images for at most kShare of the time, and as long as a page pauses training.
+  /// Makes images for at most kShare of the time, or for as long as a page pauses training.
   void between_steps(Run& run, const Scene& scene, const std::vector<FramePose>& frames) override;
 
   /// Shows the run that train() has left, until `stop`.

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the page sends: JSON texts over the WebSocket, parsed and bounded here and nowhere else.
+// Messages from the page: JSON texts over the WebSocket, parsed and checked only here.
 //   {"type": "view", "id", "camera", "frame", "shift_m": [forward, left, up], "yaw_deg",
 //    "pitch_deg", "layer", "exposure", "overlays": [NAME, ..], "reference": bool,
 //    "novel": null or {"set": NAME, "index"},
@@ -31,10 +31,10 @@
 
 namespace redrive::view {
 
-/// The longest message that is read: an EDIT.json with some 10,000 points of tracks.
+/// Maximum length of a message: an EDIT.json with some 10,000 points of tracks.
 constexpr std::size_t kMaxMessageBytes = 1 << 20;
 
-/// What the colours of an image show.
+/// The quantity that the colours of an image show.
 enum class Layer { kImage, kDepth, kNormals, kOpacity, kCoverage };
 
 /// What is drawn over an image.
@@ -47,7 +47,7 @@ struct Overlays {
   bool masks = false;       ///< the pixels of the recorded image that training excludes
 };
 
-/// A view with ground truth: the index-th of a novel set.
+/// A view with ground truth: entry `index` of a novel set.
 struct NovelView {
   std::string set;
   std::size_t index = 0;
@@ -70,7 +70,7 @@ struct ViewRequest {
   Layer layer = Layer::kImage;
   std::string exposure = "own";  ///< as render --exposure
   Overlays overlays;
-  bool reference = false;          ///< also the recorded image
+  bool reference = false;          ///< also sends the recorded image
   std::optional<NovelView> novel;  ///< takes the place of camera, frame, shift and angles
   std::optional<OwnMount> mount;   ///< takes the place of the camera
   std::optional<double> path_s;  ///< time on the path, whose pose replaces frame, shift and angles
@@ -87,10 +87,10 @@ struct Shown {
   std::uint64_t sequence = 0;
 };
 
-/// Asks for the surface in the image that was sent last.
+/// Asks for the surface in the last sent image.
 struct Pick {
   std::uint64_t id = 0;  ///< comes back with the answer
-  double u = 0, v = 0;   ///< 0..1: from the left and upper edge of the image to the others
+  double u = 0, v = 0;   ///< 0..1: from the left and upper edge of the image to the opposite ones
 };
 
 /// Lets training wait, or go on.
@@ -121,11 +121,11 @@ struct EditMessage {
   std::string text;      ///< text of an EDIT.json (recording/traffic_edit.h), not yet parsed
 };
 
-/// Asks where an object belongs that is dragged in the image that was sent last.
+/// Asks for the place of an object that is dragged in the last sent image.
 struct DragMessage {
   std::uint64_t id = 0;  ///< comes back with the answer
   std::int64_t object = 0;
-  bool turns = false;                  ///< its handle is dragged, and turns it
+  bool turns = false;                  ///< its handle is dragged, which turns it
   std::array<double, 2> from{}, to{};  ///< ends of the pointer's motion: u, v as in Pick
   std::array<double, 3> shift_m{};     ///< ActorChange::shift_m when the drag began
   double turn_deg = 0;                 ///< ActorChange::turn_deg when the drag began

@@ -39,7 +39,7 @@ nlohmann::json curve_to_json(const std::vector<MetricsRow>& rows) {
   nlohmann::json steps = nlohmann::json::array(), psnr_db = steps, loss = steps;
   const std::size_t stride = (rows.size() + kMost - 1) / kMost;
   for (std::size_t i = 0; i < rows.size(); ++i) {
-    // The last row is always there.
+    // The last row is always included.
     if ((rows.size() - 1 - i) % stride != 0) continue;
     if (!std::isfinite(rows[i].psnr_db) || !std::isfinite(rows[i].loss)) continue;
     steps.push_back(rows[i].step);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The form of what the viewer sends to a page (viewer.h).
+// The format of the messages that the viewer sends to a page (viewer.h).
 #pragma once
 
 #include <string>

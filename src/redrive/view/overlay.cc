@@ -16,7 +16,7 @@ namespace redrive::view {
 namespace {
 
 constexpr double kFrustumDepth_m = 0.6;
-constexpr double kOwnFrustum_m = 0.05;               // nearer to the viewer it is the camera's own
+constexpr double kOwnFrustum_m = 0.05;  // a frustum this near to the viewer is the camera's own
 constexpr double kNearest_m = 1, kFarthest_m = 100;  // range of the LiDAR points' colours
 constexpr std::size_t kKeptRevolutions = 4;
 
@@ -36,7 +36,7 @@ LinePen pen_of(const Placement& placement, std::vector<OverlayLine>* lines) {
           lines};
 }
 
-/// Returns the direction of a pixel, or of the nearest one towards the principal point that has
+/// Returns the direction of a pixel, or of the nearest pixel towards the principal point that has
 /// one.
 std::optional<Eigen::Vector3d> direction_near(const Camera& camera, const Eigen::Vector2d& pixel) {
   const Eigen::Vector2d middle(camera.cx, camera.cy);
@@ -185,8 +185,8 @@ std::string Overlay::points(const RenderJob& job, const Overlays& which) {
     bytes += static_cast<char>(static_cast<unsigned char>(std::lround(255 * unit)));
     bytes += is_of_frame;
   };
-  // All over the cloud, so that those that come first are evenly spread: a step without a common
-  // factor with the number of points, since it is a larger prime.
+  // Spreads over the cloud, so that the first points are evenly distributed: a step coprime to the
+  // number of points, since it is a larger prime.
   constexpr std::size_t kPrime = 1000003;
   static_assert(kPrime > 2 * kCloudPoints);
   if (which.cloud)

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is drawn over an image: lines and LiDAR points, projected through the camera's real lens,
-// and masked pixels.
+// Overlays of an image: lines and LiDAR points, projected through the camera's real lens, and
+// masked pixels.
 #pragma once
 
 #include <list>
@@ -26,16 +26,16 @@ class Overlay {
   /// Lines are broken where the lens sees nothing. InputError for a damaged box file.
   std::vector<OverlayLine> lines(const Placement& placement, const Overlays& which) const;
 
-  /// Returns the LiDAR points that are not behind a surface of the image, 6 bytes each: u and v in
-  /// 1/65535 of the image (16 bits, little-endian), colour (0 near, 255 far, by the logarithm of
-  /// the range), 1 of the frame's revolution or 0 of the cloud. Of the cloud at most
-  /// kCloudPointsOfImage. InputError for a damaged LiDAR file.
+  /// Returns the LiDAR points that no surface of the image hides, 6 bytes each: u and v in 1/65535
+  /// of the image (16 bits, little-endian), colour (0 near, 255 far, by the logarithm of the
+  /// range), 1 for the frame's scan or 0 for the cloud. At most kCloudPointsOfImage come from the
+  /// cloud. InputError for a damaged LiDAR file.
   std::string points(const RenderJob& job, const Overlays& which);
 
-  /// Reads the next revolution of the run's frames into the cloud. Returns whether there was one.
-  /// InputError for a damaged file, which the next call leaves out.
+  /// Reads the next scan of the run's frames into the cloud. Returns whether there was one.
+  /// InputError for a damaged file, which the next call skips.
   bool read_cloud();
-  /// Number of revolutions that read_cloud has read.
+  /// Number of scans that read_cloud has read.
   std::size_t cloud_revolutions() const { return cloud_read_; }
 
   static constexpr std::size_t kCloudPoints = 200000, kCloudPointsOfImage = 40000;
@@ -53,11 +53,11 @@ class Overlay {
 };
 
 /// Returns the box of a moving object at the placement's time ("object"), and a line on the road
-/// from its middle to the point that turns it ("handle"), where there is one; nothing where it is
-/// not there.
+/// from its middle to the point that turns it ("handle"), where there is one; nothing where the
+/// object does not exist.
 std::vector<OverlayLine> object_lines(const Placement& placement, const MovingObject& object);
 
-/// Returns the lengths of the runs of used and masked pixels in turn, row by row, the first one of
+/// Returns the lengths of the runs of used and masked pixels in turn, row by row, starting with
 /// used pixels: 7 bits a byte, low ones first, the eighth bit set where more follow.
 std::string mask_runs(const Mask& mask);
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// How small an image is rendered, so that it is there in time.
+// Chooses how small an image must be to be rendered in time.
 #pragma once
 
 #include <algorithm>
@@ -8,13 +8,13 @@
 
 namespace redrive::view {
 
-/// Measured rendering times of one camera by downscale factor, and what follows from them.
+/// Measured rendering times of one camera by downscale factor, and choices that follow from them.
 class Pace {
  public:
   static constexpr int kFirstFactor = 4;  ///< before anything was measured
 
-  /// Takes the time of an image. What has changed for this factor, as when other programs take
-  /// the processor, has changed for all.
+  /// Takes the time of an image. A change at this factor, for example when other programs use the
+  /// processor, is taken to hold for all.
   void measured(int factor, double seconds) {
     const auto [known, is_new] = seconds_.try_emplace(factor, std::max(seconds, 1e-6));
     if (is_new) return;

@@ -13,7 +13,7 @@ export interface Shown {
   maskedShare: number;
 }
 
-const worthSaying = 0.05; // from where the camera was driven: metres
+const worthSaying = 0.05;  // distance from the driven way above which it is shown, metres
 
 function beside(hello: Hello, beside: number): string {
   if (!hello.metric) return `beside the photographs: ${Number(beside.toPrecision(2))}`;

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where the card of the selected object stands: beside it in the image, under the image on a
-// narrow page.
+// Places the card of the selected object: beside it in the image, under the image on a narrow page.
 import {element, isNarrow} from "./controls";
 import type {Stage} from "./stage";
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the pointer does in the image: looks around, moves ahead, wipes, drags the selected object,
-// clicks points.
+// Pointer actions in the image: look around, move ahead, wipe, drag the selected object, click
+// points.
 import type {Mark, Stage} from "./stage";
 import type {State} from "./state";
 import type {TrafficPart} from "./traffic";
@@ -18,7 +18,7 @@ interface Page {
   pick(mark: Mark, selects: boolean): void;
   turn(yaw_deg: number, pitch_deg: number): void;
   moveAhead(ahead: number): void;
-  readonly turnsAbout: boolean; // the camera goes around what it looks at
+  readonly turnsAbout: boolean;  // the camera circles the point that it looks at
   readonly unit: number;  // unit of lengths
 }
 

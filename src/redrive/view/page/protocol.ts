@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the page and `redrive view` say to each other (../messages.h, ../viewer.h).
+// Messages between the page and `redrive view` (../messages.h, ../viewer.h).
 
 export interface CameraInfo {
   name: string;
@@ -19,9 +19,9 @@ export interface NovelSet {
 export interface ObjectInfo {
   id: number;
   type: string;
-  frames: [number, number] | null; // the first one and the last one that it is at
+  frames: [number, number] | null;  // its first and last frame
   size_m: number[];
-  nearest: {camera: string; frame: number} | null; // the image that shows it from nearest
+  nearest: {camera: string; frame: number} | null;  // the image that shows it nearest
 }
 
 export interface Hello {
@@ -42,7 +42,8 @@ export interface Hello {
   // range and colours of the layer of depth
   depth: {near_m: number; far_m: number; colours: string[]} | null;
   objects: ObjectInfo[];
-  // Changes to moving objects that pages begin with; no file has them where its name is empty.
+  // Changes to moving objects with which pages begin; an empty file name means that no file has
+  // them.
   edit: {text: string; file: string} | null;
 }
 
@@ -83,7 +84,7 @@ export interface Curve {
 export interface SeenBy {
   kind: "seen_by";
   id: number;
-  text?: string; // why it is not known
+  text?: string;  // reason why it is unknown
   seen?: number;
   of?: number; // training images
   nearest?: {camera: string; frame: number; distance_m: number}[];
@@ -125,7 +126,7 @@ export interface ImageHeader {
   render_ms: number;
   total_ms: number;
   at: [number, number, number, number]; // the camera's place on the map and its direction there
-  beside: number; // from where the camera was driven
+  beside: number;  // distance from the driven way
   lines: Line[];
   trouble: string;  // what part of the overlays could not be read
   jpeg: number;
