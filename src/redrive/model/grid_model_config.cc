@@ -63,16 +63,19 @@ void GridModel::visit_hyperparameters(HyperparameterVisitor& visit) {
   visit_grid("proposal", proposal, 1, 1, 1);
   visit_grid("sky", sky, 0, 4, 4);  // 0 levels: no sky
   visit({"background", "grey behind rays where there is no sky", 0, 1}, background);
-  visit(Hyperparameter{"huber_delta",
-                       "of the Huber loss of colours in [0, 1]; 2 and more: squared error", 0}
-            .exclusive(),
-        huber_delta);
+  visit(
+      Hyperparameter{"huber_delta",
+                     "threshold of the Huber loss for colours in [0, 1]; 2 and more: squared error",
+                     0}
+          .exclusive(),
+      huber_delta);
   visit(Hyperparameter{"appearance.cameras", "cameras with an exposure", 0, 1024}.from_recording(),
         appearance.cameras);
   visit(
       {"appearance.knots", "knots of each camera's exposure over time; 0: no exposure", 0, 100'000},
       appearance.knots);
-  visit({"appearance.regulariser_weight", "of the mean square of the exposures' log gains", 0, 1},
+  visit({"appearance.regulariser_weight", "weight of the mean square of the exposures' log gains",
+         0, 1},
         appearance.regulariser_weight);
   constexpr const char* kCenter = "centre of the near region, m";
   visit({"contraction.center_x", kCenter}, contraction.center[0]);
@@ -113,10 +116,10 @@ void GridModel::visit_hyperparameters(HyperparameterVisitor& visit) {
   visit({"compaction.keep_probability", "share of those rays that training evaluates all the same",
          0, 1},
         keep_probability);
-  visit({"sparsity_weight", "of the sparsity regulariser", 0, 1}, sparsity_weight);
-  visit({"proposal_opacity_weight", "of the opacity term of the proposals' loss", 0, 1000},
+  visit({"sparsity_weight", "weight of the sparsity regulariser", 0, 1}, sparsity_weight);
+  visit({"proposal_opacity_weight", "weight of the opacity term of the proposals' loss", 0, 1000},
         proposal_opacity_weight);
-  visit({"range_weight", "of the LiDAR loss", 0, 1000}, range_weight);
+  visit({"range_weight", "weight of the LiDAR loss", 0, 1000}, range_weight);
   visit(Hyperparameter{"range_spread.first_m",
                        "standard deviation of a return in the LiDAR loss at step 0, m", 0}
             .exclusive(),
@@ -144,9 +147,11 @@ void GridModel::visit_hyperparameters(HyperparameterVisitor& visit) {
             "lidar-rays",
             {"lidar_rays", "LiDAR rays of a step besides, where there are any; 0: none", 0, 65536}),
         lidar_rays);
-  visit(option("learning-rate",
-               Hyperparameter{"learning_rate", "of Adam, at the start", 0, 1}.exclusive()),
-        initial_rate);
+  visit(
+      option(
+          "learning-rate",
+          Hyperparameter{"learning_rate", "learning rate of Adam at the start", 0, 1}.exclusive()),
+      initial_rate);
   visit(option("lr-gamma",
                Hyperparameter{"lr_gamma", "factor of the learning rate at the end of the run", 0, 1}
                    .exclusive()),
@@ -154,7 +159,7 @@ void GridModel::visit_hyperparameters(HyperparameterVisitor& visit) {
   visit({"warm_up_steps", "steps in which the learning rate rises linearly", 0, 1e9},
         warm_up_steps);
   visit({"adam.beta2", "decay of Adam's second moment", 0, 0.999999}, beta2);
-  visit(Hyperparameter{"adam.epsilon", "of Adam", 0, 1}.exclusive(), epsilon);
+  visit(Hyperparameter{"adam.epsilon", "epsilon of Adam", 0, 1}.exclusive(), epsilon);
 }
 
 void GridModel::visit_state(HyperparameterVisitor& visit) {

@@ -67,8 +67,9 @@ void NerfModel::visit_hyperparameters(HyperparameterVisitor& visit) {
             .as_option("fine-samples"),
         fine_samples);
   visit_batch(visit);
-  visit(Hyperparameter{"learning_rate", "of Adam, at the start", 0, 1}.exclusive().as_option(
-            "learning-rate"),
+  visit(Hyperparameter{"learning_rate", "learning rate of Adam at the start", 0, 1}
+            .exclusive()
+            .as_option("learning-rate"),
         initial_rate);
   visit(Hyperparameter{"lr_gamma", "factor of the learning rate at each milestone", 0, 1}
             .exclusive()

@@ -3,7 +3,8 @@
 //   not finite:  a step within the first 1000 gives no finite loss or gradients;
 //   dead:        mean opacity below 1e-4 in 20 consecutive steps within the first 1000: every
 //                density is at or below the kink of its ReLU, and all gradients are zero;
-//   diverging:   the mean squared error over steps 400..499 is not 10 % below the error of steps 0..19.
+//   diverging:   the mean squared error over steps 400..499 is not 10 % below the error of steps
+//   0..19.
 // A field that explains its images has not failed: none is dead or diverging below an error of 1e-4
 // (40 dB: black images, one constant colour), nor diverging while it is no worse than the best
 // constant colour (noise).
