@@ -26,7 +26,7 @@
 namespace redrive {
 namespace {
 
-// Limits of a usable result. Poses less certain than this make rendered images worse, not better.
+// Limits of a usable result. Poses less certain than this make rendered images worse.
 constexpr double kMaxSigma_m = 0.08, kMaxSigma_rad = 0.2 / kDegreesPerRadian;
 constexpr double kMaxLastChange_m = 0.015,
                  kMaxLastChange_rad = 0.04 / kDegreesPerRadian;  // change in the last round
@@ -148,7 +148,8 @@ AlignResult describe(const RigModel& model, BundleResult bundle, const BundlePri
   for (int f = 0; f < n; ++f)
     result.corrections.push_back({model.corrections[f], sigmas_at(variance, 6 * f)});
   const std::vector<int>& unsupported = bundle.unsupported_frames;
-  for (const int f : unsupported) {  // as known as the neighbours that they stand between
+  // they are known as well as the neighbours between which they stand
+  for (const int f : unsupported) {
     Vector6d& sigma = result.corrections[f].sigma;
     sigma.setZero();
     for (const int step : {-1, 1}) {
@@ -332,8 +333,8 @@ Recording with_alignment(Recording recording, const AlignResult& result) {
   return recording;
 }
 
-/// Returns the time offsets without which edges of the LiDAR's depth lie better on the images.
-/// Where the car hardly turns, small errors that all images share look like a time offset.
+/// Returns the time offsets without which edges of LiDAR depth lie better on the images. Where the
+/// car hardly turns, small errors that all images share look like a time offset.
 std::vector<UnobservableTimeOffset> offsets_against_edges(const Recording& recording,
                                                           const AlignResult& result,
                                                           const ContrastData& source,
@@ -364,8 +365,8 @@ std::vector<LidarSample> load_align_samples(const Recording& recording, const Al
 
 namespace {
 
-/// States corrections by the recorded poses, and names frames whose recorded poses were wrong:
-/// those that needed another correction than the frames around them.
+/// States corrections relative to the recorded poses, and names frames whose recorded poses were
+/// wrong: frames that needed another correction than their neighbours.
 void report_wrong_poses(const Recording& recorded, AlignResult* result) {
   constexpr double kLeast_m = 0.15, kLeast_rad = 1 * kRadiansPerDegree;
   constexpr double kMuchLarger = 8;  // larger than in the median frame
@@ -413,7 +414,7 @@ AlignResult align(const Recording& recorded, const AlignOptions& options, Thread
     throw InsufficientDataError(
         recorded.root, "photographs have neither an egomotion nor times; align is for drives",
         recorded.format);
-  Recording recording = recorded;  // begins with poses that may be true
+  Recording recording = recorded;  // begins with poses that may be correct
   recording.frames = without_stray_poses(recorded.frames, find_pose_faults(recorded.frames));
   const bool is_long =
       options.window > 0 && recording.frames.size() > static_cast<std::size_t>(options.window);

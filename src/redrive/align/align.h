@@ -31,9 +31,9 @@ inline constexpr int kMinWindow = 10;
 /// The correction of one frame's pose, with its standard deviation: forward, left, up (m), roll,
 /// pitch, yaw (rad), in the axes of the body.
 struct Correction {
-  /// sigma^2: of the residuals, at least as correlated within a point, patch, image or scan
-  /// (reduced_covariance.h), without motions of the whole; for rotations plus (0.004 degrees)^2,
-  /// the error that the tracks of neighbouring frames share.
+  /// sigma^2: variance of the residuals, at least as correlated within a point, patch, image or
+  /// scan (reduced_covariance.h), without motions of the whole; for rotations plus (0.004
+  /// degrees)^2, the error that the tracks of neighbouring frames share.
   Vector6d value = Vector6d::Zero(), sigma = Vector6d::Zero();
 };
 
@@ -53,7 +53,7 @@ struct CameraCorrection {
 };
 
 struct AlignResult {
-  std::vector<FramePose> frames;           ///< all of the recording
+  std::vector<FramePose> frames;           ///< all frames of the recording
   std::vector<CameraCalibration> cameras;  ///< as Recording::cameras
   /// One per frame. Sigmas belong to the trajectory's shape: they exclude a rigid motion of the
   /// whole, which nothing measures, and without LiDAR the scale, which is the egomotion's.
@@ -80,11 +80,11 @@ AlignResult align(const Recording& recording, const AlignOptions& options, Threa
 AlignResult align_whole(const Recording& recording, const AlignOptions& options, ThreadPool& pool,
                         std::vector<Track>* tracks = nullptr);
 
-/// All LiDAR samples that `options` allow to use.
+/// Returns all LiDAR samples that `options` allows to use.
 std::vector<LidarSample> load_align_samples(const Recording& recording, const AlignOptions& options,
                                             ThreadPool& pool);
 
-/// The most LiDAR samples that planes are found in.
+/// Maximum number of LiDAR samples in which planes are searched.
 inline constexpr std::size_t kMaxPlaneSamples = 800'000;
 
 /// Registers the initial poses and the poses of `result` with the ground truth, where the recording

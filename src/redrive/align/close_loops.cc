@@ -15,8 +15,9 @@
 namespace redrive {
 namespace {
 
-constexpr double kKnot_m = 10, kEach_m = 20;       // along the way; of candidates
-constexpr double kLeastLoop_m = 60, kLanes_m = 6;  // driven between passes; beside each other
+// distance of knots along the way; distance of candidates
+constexpr double kKnot_m = 10, kEach_m = 20;
+constexpr double kLeastLoop_m = 60, kLanes_m = 6;  // least way between passes; width of two lanes
 constexpr double kMostSearch_m = 12, kMostSearch_rad = 4 * kRadiansPerDegree;
 constexpr double kHalfMap_m = 15;     // half the length of way that a map covers
 constexpr int kMostRevolutions = 24;  // scans in a map, at most
@@ -31,7 +32,7 @@ std::vector<double> way_of(const std::vector<FramePose>& frames) {
   return way;
 }
 
-/// Frames that are kKnot_m apart, the first and the last one among them.
+/// Returns frames that are kKnot_m apart, the first and the last one among them.
 std::vector<int> knots_of(const std::vector<double>& way) {
   std::vector<int> knots{0};
   for (std::size_t f = 1; f < way.size(); ++f)
@@ -41,7 +42,7 @@ std::vector<int> knots_of(const std::vector<double>& way) {
   return knots;
 }
 
-/// Frames around one, kHalfMap_m of the way to both sides.
+/// Returns the frames around one, kHalfMap_m of the way to both sides.
 FrameWindow around(const std::vector<double>& way, int frame) {
   const auto first = std::lower_bound(way.begin(), way.end(), way[frame] - kHalfMap_m),
              last = std::upper_bound(way.begin(), way.end(), way[frame] + kHalfMap_m);
@@ -89,7 +90,7 @@ std::vector<Eigen::Vector3d> load_points(const Recording& recording,
   return points;
 }
 
-/// Moves all frames with the knots, in between in proportion to the way.
+/// Moves all frames with the knots, between two knots in proportion to the way.
 void apply(const Recording& recording, const std::vector<double>& way,
            const std::vector<int>& frame_of_knot, const std::vector<Knot>& knots,
            const ClosedTrajectory& closed, const Rigid3d& world_from_global, AlignResult* result) {
@@ -102,7 +103,7 @@ void apply(const Recording& recording, const std::vector<double>& way,
     const auto change = [&](std::size_t knot) -> Rigid3d {
       return knots[knot].world_from_body.inverse(Eigen::Isometry) * closed.poses[knot];
     };
-    // The changes of both knots, in the axes of the body, carried over to this frame.
+    // The changes of both knots, in the axes of the body, applied to this frame.
     const Rigid3d pose = world_from_global * result->frames[f].global_from_body;
     const auto carried = [&](std::size_t knot) -> Rigid3d {
       const Rigid3d from_knot = knots[knot].world_from_body.inverse(Eigen::Isometry) * pose;
@@ -218,7 +219,7 @@ void close_loops(const Recording& recording, const AlignOptions& options, Thread
           " places; without LiDAR, which tells where, they tie nothing together");
     return;
   }
-  const std::vector<FramePose> aligned = result->frames;  // which place the points
+  const std::vector<FramePose> aligned = result->frames;  // they place the points
   const LoopClosures report = close_loops(
       recording,
       [&](const FrameWindow& window) {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Loop closures: where the drive passes a place again, LiDAR points of both passes are registered
-// with each other (lidar/register_maps.h), and what the trajectory and they differ by is spread
-// along the way between (pose_graph.h).
+// with each other (lidar/register_maps.h), and the difference from the trajectory is spread along
+// the way between (pose_graph.h).
 #pragma once
 
 #include <functional>
@@ -26,16 +26,17 @@ struct LoopCandidate {
 /// over the way between, and at most max_search_m. Takes time linear in the drive's length.
 std::vector<LoopCandidate> find_loop_candidates(const std::vector<FramePose>& frames);
 
-/// Bound of the drift that is searched, horizontally: three deviations (drift_m), 12 m at most.
+/// Bound of the horizontal search for the drift: three deviations (drift_m), 12 m at most.
 double loop_search_m(double way_m);
 
 /// LiDAR points of some frames, in global axes of `frames`, the aligned trajectory.
 using PointsOfFrames = std::function<std::vector<Eigen::Vector3d>(const FrameWindow& frames)>;
 
-/// What close_loops did.
+/// The results of close_loops.
 struct LoopClosures {
   int candidates = 0, registered = 0, accepted = 0;
-  double before_m = 0, before_rad = 0;  ///< RMS difference of the accepted from the trajectory
+  /// RMS difference of the accepted closures from the trajectory
+  double before_m = 0, before_rad = 0;
   double after_m = 0, after_rad = 0;
   std::vector<std::string> doubts;  ///< one per candidate that was not registered: why
 };
@@ -44,7 +45,7 @@ struct LoopClosures {
 /// nothing is accepted.
 LoopClosures close_loops(const Recording& recording, const PointsOfFrames& points,
                          AlignResult* result);
-/// With the LiDAR of the recording. Adds a remark where there are candidates.
+/// The same with the recording's LiDAR. Adds a remark where there are candidates.
 void close_loops(const Recording& recording, const AlignOptions& options, ThreadPool& pool,
                  AlignResult* result);
 

@@ -14,11 +14,12 @@ namespace redrive {
 namespace {
 
 constexpr int kOverlapDivisor = 5;  // an overlap is a fifth of a window
-// Neighbours disagree smoothly over an overlap of a few seconds: like this many independent frames.
+// Neighbours disagree smoothly over an overlap of a few seconds, which counts as this many
+// independent frames.
 constexpr double kIndependent = 3;
 constexpr double kMinResidual_m = 2e-4, kMinResidual_rad = 1e-5;
 
-/// The motion about `from` as one about a point that lies at `offset` from there.
+/// Converts a motion about `from` to a motion about a point at `offset` from there.
 Matrix6d about(const Eigen::Vector3d& offset) {
   Matrix6d s = Matrix6d::Identity();
   s.topRightCorner<3, 3>() = -skew(offset);
@@ -129,7 +130,7 @@ std::vector<FrameWindow> cut_windows(int frames, int most) {
   const int overlap = most / kOverlapDivisor,
             count = (frames - overlap + most - overlap - 1) / (most - overlap);
   std::vector<FrameWindow> windows;
-  const auto border = [&](int k) {  // evenly spaced beginnings of what a window adds
+  const auto border = [&](int k) {  // evenly spaced beginnings of the part that each window adds
     return static_cast<int>(static_cast<std::int64_t>(frames - overlap) * k / count);
   };
   for (int k = 0; k < count; ++k) windows.push_back({border(k), border(k + 1) + overlap});

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Joins trajectories of a drive's windows, which overlap, into one. Each window was aligned on its
-// own: what nothing measures but the egomotion, a rigid motion of the whole window, differs from
-// window to window. These motions are estimated together, from the overlaps and from how well the
+// own: a rigid motion of the whole window, which only the egomotion measures, differs from window
+// to window. These motions are estimated together, from the overlaps and from how precisely the
 // egomotion determines each. Over an overlap the joined trajectory passes from one window to the
 // next, so that it has no step.
 #pragma once
@@ -58,7 +58,7 @@ struct JoinedTrajectory {
   /// were independent; what they share of their frames counts twice then, so variances are
   /// multiplied by how often a frame is in a window on average.
   std::vector<Vector6d> variance;
-  double seam_m = 0, seam_rad = 0;  ///< RMS disagreement of neighbours over overlaps, once joined
+  double seam_m = 0, seam_rad = 0;  ///< RMS disagreement of neighbours over overlaps after joining
 };
 
 /// `windows`: in order, from the drive's first to its last frame, at least one.

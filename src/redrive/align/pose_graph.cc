@@ -36,7 +36,8 @@ Vector6d residual_of(const Rigid3d& from, const Rigid3d& to, const Rigid3d& from
   return r;
 }
 
-/// Derivatives of the residual, where it is small, by pose [exp(phi), rho] of either end.
+/// Derivatives of the residual, where it is small, with respect to the pose [exp(phi), rho] of
+/// either end.
 void derivatives(const Rigid3d& from, const Rigid3d& to, const Rigid3d& from_to, Matrix6d* by_from,
                  Matrix6d* by_to) {
   const Rigid3d relative = from.inverse(Eigen::Isometry) * to;
@@ -87,7 +88,7 @@ class Graph {
   void set_weight(std::size_t closure, double weight) { weights_[closure] = weight; }
   double weight(std::size_t closure) const { return weights_[closure]; }
 
-  /// RMS residuals of closures by their weights, translation and rotation.
+  /// Weighted RMS residuals of closures, translation and rotation.
   Eigen::Vector2d rms() const {
     Eigen::Vector2d squares = Eigen::Vector2d::Zero();
     double sum = 0;

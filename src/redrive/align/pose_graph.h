@@ -13,7 +13,7 @@
 namespace redrive {
 
 /// Largest drift of a trajectory, as a random walk: standard deviations after 1 m, which grow with
-/// the root of the way. After 300 m the end is known to 1.1 m, mostly by its direction.
+/// the root of the way. After 300 m the end is known to 1.1 m, mainly limited by its direction.
 constexpr double kDrift_m = 0.02, kDrift_rad = 3.5e-4;
 
 /// Standard deviation of the position at the end of so much way relative to its start.
@@ -22,11 +22,11 @@ double drift_m(double way_m);
 /// A pose of the trajectory. Neighbours are joined by a link with their relative motion.
 struct Knot {
   Rigid3d world_from_body = Rigid3d::Identity();
-  double way_m = 0;                      ///< driven up to here
+  double way_m = 0;                      ///< way driven up to here
   Vector6d variance = Vector6d::Zero();  ///< stated: translation (m^2), rotation, body axes
 };
 
-/// Measured: the pose of knot `to` in the axes of knot `from`.
+/// A measurement: the pose of knot `to` in the axes of knot `from`.
 struct LoopClosure {
   int from = 0, to = 0;
   Rigid3d from_to = Rigid3d::Identity();
@@ -40,7 +40,7 @@ struct ClosedTrajectory {
   /// nothing was accepted
   std::vector<Vector6d> variance;
   std::vector<bool> accepted;  ///< one per closure
-  /// RMS of what the accepted closures and the trajectory differ by, before and after.
+  /// RMS difference between the accepted closures and the trajectory, before and after.
   double before_m = 0, before_rad = 0, after_m = 0, after_rad = 0;
 };
 

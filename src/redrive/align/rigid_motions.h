@@ -24,7 +24,8 @@ inline Matrix6d by_motion(const Rigid3d& world_from_body, const Eigen::Vector3d&
   return g;
 }
 
-/// Weighs a pose's error: a rotation by what it moves at 30 m, as register_trajectories.
+/// Weighs a pose's error: a rotation by the displacement that it causes at 30 m, as
+/// register_trajectories does.
 inline Vector6d motion_weights() {
   constexpr double kArm_m = 30;
   Vector6d w;
@@ -32,8 +33,8 @@ inline Vector6d motion_weights() {
   return w;
 }
 
-/// Takes a rigid motion of the whole out of a covariance C of parts: (P C P^T)_kk with
-/// P = 1 - B S^-1 B^T W, S = B^T W B. By part: `effect` B of such a motion, `weighted` W B,
+/// Removes a rigid motion of the whole from a covariance C of parts: (P C P^T)_kk with P = 1 - B
+/// S^-1 B^T W, S = B^T W B. One entry per part: `effect` B of such a motion, `weighted` W B,
 /// `shared` C W B. *covariance: C_kk.
 inline void remove_common_motion(const std::vector<Matrix6d>& effect,
                                  const std::vector<Matrix6d>& weighted,

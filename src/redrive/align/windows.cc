@@ -16,7 +16,7 @@
 namespace redrive {
 namespace {
 
-/// The recording's part in a window. Cameras without an image there are left out.
+/// Returns the part of the recording in a window. Cameras without an image there are left out.
 Recording part_of(const Recording& recording, const FrameWindow& window) {
   Recording part = recording;
   part.frames.assign(recording.frames.begin() + window.begin,
@@ -52,7 +52,7 @@ std::vector<int> cameras_of(const Recording& recording, const Recording& part) {
   return indices;
 }
 
-/// Sums of what a camera's images say in all windows.
+/// Sums of a camera's estimates over all windows.
 class CameraSum {
  public:
   void add(const CameraCorrection& k, const CameraFit& fit) {
@@ -66,7 +66,7 @@ class CameraSum {
     used_ += fit.used;
   }
 
-  /// The estimates of the drive. Sets the model's camera.
+  /// Combines the estimates for the drive. Sets the model's camera.
   CameraCorrection combined(const BundlePriors& priors, double repeated,
                             RigModelCamera* camera) const {
     CameraCorrection result;
@@ -183,7 +183,7 @@ std::vector<Correction> corrections_of(const RigModel& initial, const JoinedTraj
 
 std::optional<NumberEstimate> combine_estimates(const std::vector<NumberEstimate>& windows,
                                                 double prior, bool robust, double repeated) {
-  // What the observations of a window alone say, without the prior that its estimate contains.
+  // Estimates from the observations of a single window, without the prior that its result contains.
   std::vector<NumberEstimate> alone;
   double information = 0, sum = 0;
   for (const NumberEstimate& window : windows) {

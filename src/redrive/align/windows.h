@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Aligns a long drive in windows that overlap, in time and memory linear in its length: images of
-// one window alone are in memory. Each window is aligned on its own; what the windows say about the
-// cameras is combined; each window is aligned again with cameras fixed, from the same tracks; and
-// the trajectories are joined (join_trajectories.h).
+// Aligns a long drive in overlapping windows, in time and memory linear in its length: only one
+// window's images are in memory at a time. Each window is aligned on its own; the windows'
+// estimates of the cameras are combined; each window is aligned again with cameras fixed, from the
+// same tracks; and the trajectories are joined (join_trajectories.h).
 #pragma once
 
 #include <functional>
@@ -21,9 +21,10 @@ struct NumberEstimate {
 
 /// Combines estimates of windows by their information. Each contains the prior, of standard
 /// deviation `prior` and, if `robust`, a Cauchy distribution (BundlePriors), which counts once. The
-/// variance is multiplied by `repeated` >= 1, how often a frame is counted on average, and by
-/// chi^2 per degree of freedom where that is above 1: by how much the windows disagree (Birge, "The
-/// calculation of errors by the method of least squares", 1932). Nothing without estimates.
+/// variance is multiplied by `repeated` >= 1, how often a frame is counted on average, and by chi^2
+/// per degree of freedom where that is above 1, which measures how much the windows disagree
+/// (Birge, "The calculation of errors by the method of least squares", 1932). Nothing without
+/// estimates.
 std::optional<NumberEstimate> combine_estimates(const std::vector<NumberEstimate>& windows,
                                                 double prior, bool robust, double repeated);
 

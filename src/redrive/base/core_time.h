@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Time of this process's work as it is on an idle machine.
+// Measures the time that this process's work would take on an idle machine.
 #pragma once
 
 #include <chrono>
@@ -10,9 +10,9 @@ namespace redrive {
 class CoreTimer {
  public:
   CoreTimer();
-  /// Seconds of one core for work that had `cores`: their time but for that in which threads waited
-  /// for a core that another program had (/proc/self/task/*/schedstat), and at least the processor
-  /// time. Counts processor time alone where Linux does not tell.
+  /// Seconds of one core for work that had `cores`: their time minus the time in which threads
+  /// waited for a core that another program had (/proc/self/task/*/schedstat), and at least the
+  /// processor time. Counts only processor time where Linux does not report waiting.
   double core_seconds(int cores) const;
 
  private:

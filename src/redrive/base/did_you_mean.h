@@ -12,8 +12,8 @@ namespace redrive {
 /// that turn one text into the other; case does not count.
 int edit_distance(std::string_view a, std::string_view b);
 
-/// Returns "; did you mean NAME?" with the name that is nearest to `word`: one that begins with it,
-/// or that differs by a third of its letters at most. Empty where none is near.
+/// Returns "; did you mean NAME?" with the name nearest to `word`: one that begins with it, or that
+/// differs by at most a third of its letters. Empty where none is near.
 std::string did_you_mean(std::string_view word, const std::vector<std::string>& names);
 
 /// Returns "unknown; known are A, B; did you mean A?".

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Exceptions and exit codes. Library code throws one of these errors; cli/failure.cc alone maps
-// each to its exit code. A broken invariant of redrive itself is a REDRIVE_CHECK
-// instead.
+// Exceptions and exit codes. Library code throws one of these errors; only cli/failure.cc maps each
+// to its exit code. A broken invariant of redrive itself is a REDRIVE_CHECK instead.
 #pragma once
 
 #include <filesystem>

@@ -15,7 +15,8 @@
 
 namespace redrive {
 
-// The most bytes that are read of a file, by its kind. Text becomes ten times its size in memory.
+// Maximum number of bytes that are read from a file, by its kind. Text becomes ten times its size
+// in memory.
 constexpr std::uint64_t kMaxTextBytes = std::uint64_t{1} << 28;   ///< JSON, calibrations, poses
 constexpr std::uint64_t kMaxImageBytes = std::uint64_t{1} << 30;  ///< PNG, JPEG
 constexpr std::uint64_t kMaxDataBytes = std::uint64_t{1} << 36;   ///< points, models, checkpoints
@@ -45,8 +46,8 @@ void make_folders_within(const std::filesystem::path& root, const std::filesyste
 bool has_extension(const std::filesystem::path& path,
                    std::initializer_list<std::string_view> extensions);
 
-/// Parses JSON of at most 64 levels, in time in proportion to its bytes. InputError names the file
-/// and the parser's line and column.
+/// Parses JSON of at most 64 levels in linear time. InputError names the file and the parser's line
+/// and column.
 nlohmann::json parse_json(std::string_view text, const std::filesystem::path& path);
 nlohmann::json read_json(const std::filesystem::path& path);
 

@@ -15,7 +15,7 @@ std::string gzip(std::string_view bytes);
 /// Returns the bytes of a gzip file; nothing if it is damaged or holds more than `most` bytes.
 std::optional<std::string> gunzip_at_most(std::size_t most, std::string_view file);
 
-/// Returns the bytes of a gzip file that this program made or embeds; fails a check for others.
+/// Returns the bytes of a gzip file that this program made or embeds; other files fail a check.
 std::string gunzip(std::string_view file);
 
 }  // namespace redrive

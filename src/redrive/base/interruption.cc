@@ -18,7 +18,7 @@ static_assert(std::atomic<bool>::is_always_lock_free);
 
 bool has_finished() { return finished_count() > finished_before; }
 
-/// Calls only what a signal's handler may call.
+/// Calls only functions that a signal handler may call.
 void on_signal(int) {
   stop = true;
   if (caller_looks || has_unfinished() || has_finished()) return;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Ctrl-C and other signals that end the program.
+// Handles Ctrl-C and other signals that end the program.
 #pragma once
 
 #include <atomic>
@@ -13,11 +13,11 @@ namespace redrive {
 /// ends the program in any case. SIGPIPE and SIGXFSZ are ignored: writes fail instead.
 void handle_signals();
 
-/// Returns a flag that these signals set from now on, for a caller that looks at it and ends its
-/// work in order; nothing else ends the program.
+/// Returns a flag that these signals set from now on, for a caller that checks it and ends its work
+/// in order; the signals no longer end the program.
 const std::atomic<bool>& stop_on_signal();
 
-/// Sets that flag as a signal does.
+/// Sets that flag as a signal would.
 void request_stop();
 
 /// Throws Interrupted if a signal came, unless stop_on_signal was called. ThreadPool calls it

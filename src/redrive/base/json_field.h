@@ -44,7 +44,8 @@ class JsonField {
             std::string field)
       : value_(value), file_(std::move(file)), field_(std::move(field)) {}
   const nlohmann::json* value_;
-  std::shared_ptr<const std::filesystem::path> file_;  ///< copying a path costs more than parsing
+  /// shared, since copying a path costs more than parsing
+  std::shared_ptr<const std::filesystem::path> file_;
   std::string field_;
 };
 

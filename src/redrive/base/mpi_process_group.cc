@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The library that base/process_group.cc loads: a ProcessGroup by MPI. The only user of MPI.
+// The library that base/process_group.cc loads: a ProcessGroup by MPI, and the only user of MPI.
 #include <sched.h>
 
 #include <cstring>
@@ -64,7 +64,7 @@ class MpiProcessGroup final : public ProcessGroup {
   }
 
   void mean(std::span<float> numbers) override {
-    constexpr std::size_t kAtOnce = std::size_t{1} << 22;  // bounds the buffer
+    constexpr std::size_t kAtOnce = std::size_t{1} << 22;  // limits the size of the buffer
     for (std::size_t begin = 0; begin < numbers.size(); begin += kAtOnce)
       mean_at_once(numbers.subspan(begin, std::min(kAtOnce, numbers.size() - begin)));
   }

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Included wherever OpenCV is: turns its own threads off, since ours call it side by side.
+// Include it wherever OpenCV is included: it turns OpenCV's own threads off, since our threads call
+// it concurrently.
 #pragma once
 
 #include <opencv2/core/utility.hpp>
@@ -7,7 +8,7 @@
 namespace redrive {
 
 /// Set once, before main: cv::setNumThreads replaces an arena of oneTBB that belongs to the whole
-/// process, so two threads that call it at a time may crash.
+/// process, so two threads that call it at the same time may crash.
 inline const bool kOpenCvThreadsAreOff = [] {
   cv::setNumThreads(1);
   return true;

@@ -12,7 +12,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// A file of every folder that was made here, and of no other.
+/// The file that marks every folder made here.
 constexpr const char* kMarker = ".redrive-export";
 
 }  // namespace
@@ -30,7 +30,7 @@ void check_output_folder(const char* option, const fs::path& folder, bool force)
 void write_output_folder(const char* option, const fs::path& folder, bool force,
                          const std::function<void(const fs::path&)>& fill) {
   write_folder(folder, force, [&](const fs::path& made) {
-    check_output_folder(option, folder, force);  // again: now no other process writes it
+    check_output_folder(option, folder, force);  // again, now that no other process writes it
     fill(made);
     write_file(made / kMarker, "redrive made this folder; --force replaces it\n");
   });

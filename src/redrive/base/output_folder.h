@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A folder for an option that names one, written whole or not at all.
+// Writes a folder that an option names, whole or not at all.
 #pragma once
 
 #include <filesystem>

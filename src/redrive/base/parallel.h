@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A thread pool that takes chunks of work from a queue. Which thread runs a chunk varies from run
-// to run, the work of a chunk does not: sums kept per chunk and added in chunk order are bit-equal.
+// A thread pool that takes chunks of work from a queue. Which thread runs a chunk varies, but the
+// work of a chunk does not: sums kept per chunk and added in chunk order are bit-equal.
 #pragma once
 
 #include <cstddef>

@@ -13,7 +13,7 @@ namespace {
 
 constexpr const char* kLibrary = "libredrive_mpi.so";
 
-/// Returns the launcher's variable of the environment, null where none started this process.
+/// Returns the launcher's environment variable; null where none started this process.
 const char* launcher_variable() {
   // Open MPI's mpirun, MPICH's and srun --mpi=pmi2, srun --mpi=pmix.
   for (const char* name : {"OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "PMIX_RANK"})
@@ -28,7 +28,7 @@ int srun_tasks() {
   return tasks && in_step ? std::atoi(tasks) : 1;
 }
 
-/// Loads the library from the program's folder, as built, or where it is installed.
+/// Loads the library from the program's folder, as built, or from where it is installed.
 void* load_library(const char* launcher) {
   std::error_code error;
   const std::filesystem::path folder =

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The processes that a launcher (mpirun, srun) started together. MPI is in a library of its own,
-// which is loaded only then, so the program runs without MPI.
+// The processes that a launcher (mpirun, srun) started together. MPI is in a separate library that
+// is loaded only then, so the program runs without MPI.
 #pragma once
 
 #include <algorithm>
@@ -23,8 +23,8 @@ class ProcessGroup {
   virtual ~ProcessGroup() = default;  ///< waits for the other processes' groups to end
   virtual int rank() const { return 0; }
   virtual int size() const { return 1; }
-  /// Number of the group's processes on this machine, and of those that run on the same of its
-  /// processors, each with this one.
+  /// Number of the group's processes on this machine, and of those on the same processors, each
+  /// including this one.
   virtual int on_machine() const { return 1; }
   virtual int on_processors() const { return 1; }
   /// Sends a message of 4000 bytes at most. Messages of one process arrive in order.
@@ -41,14 +41,15 @@ class ProcessGroup {
   /// Replaces each number by its mean over the processes. Sums are in the order of ranks, so that
   /// all have the same bits.
   virtual void mean(std::span<float> /*numbers*/) {}
-  /// Ends all processes at once, also those that wait in a collective.
+  /// Ends all processes at once, including those that wait in a collective.
   [[noreturn]] virtual void abort(int code) { std::_Exit(code); }
 };
 
-/// This process's rank by the environment alone, without joining the group; 0 without a launcher.
+/// Returns this process's rank from the environment, without joining the group; 0 without a
+/// launcher.
 int launched_rank();
 
-/// Joins the group of the launcher that the environment names, else returns a group of one.
+/// Joins the group of the launcher that the environment names; without one, returns a group of one.
 /// UsageError where there is a launcher and MPI cannot be used.
 std::unique_ptr<ProcessGroup> join_process_group();
 

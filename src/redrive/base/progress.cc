@@ -39,7 +39,7 @@ std::string clock_text(double seconds) {
 void write_bytes(int to, std::string_view bytes) {
   while (!bytes.empty()) {
     const ssize_t n = ::write(to, bytes.data(), bytes.size());
-    if (n <= 0) return;  // what nobody sees ends no work
+    if (n <= 0) return;  // output that nobody reads ends no work
     bytes.remove_prefix(static_cast<std::size_t>(n));
   }
 }
@@ -49,7 +49,7 @@ void write_bytes(int to, std::string_view bytes) {
 std::string progress_text(const std::string& what, std::int64_t done, std::int64_t total,
                           double seconds, bool terminal) {
   constexpr int kBar = 20;
-  constexpr double kLeast_s = 1;  // before that a rate says little
+  constexpr double kLeast_s = 1;  // before that, a rate means little
   char text[120];
   if (total <= 0 || done <= 0) {
     std::snprintf(text, sizeof text, terminal ? "  %s" : ": %s so far",
@@ -72,11 +72,11 @@ bool progress_line_due(double now_s, double last_line_s, double began_s, bool an
   return now_s - last_line_s >= kLine_s || (!announced && now_s - began_s >= kFirstLine_s);
 }
 
-/// What is on the terminal, and the thread that draws it.
+/// The line on the terminal, and the thread that draws it.
 class ProgressDisplay {
  public:
   static ProgressDisplay& get() {
-    static ProgressDisplay* const display = new ProgressDisplay;  // outlives all that prints
+    static ProgressDisplay* const display = new ProgressDisplay;  // outlives everything that prints
     return *display;
   }
 
@@ -126,7 +126,7 @@ class ProgressDisplay {
     prefix_ = prefix;
   }
 
-  /// Writes what stdio has to print to a terminal.
+  /// Writes stdio's output to a terminal.
   void write_to(int to, std::string_view bytes) {
     const std::lock_guard lock(mutex_);
     erase_line();
@@ -144,7 +144,7 @@ class ProgressDisplay {
     }
   }
 
-  /// The latest work that has taken some time: short parts of longer work would only flicker.
+  /// Draws the latest work that has taken some time: short parts of longer work would only flicker.
   void draw() {
     const double now = now_s();
     const auto shown = std::find_if(alive_.rbegin(), alive_.rend(), [&](const Progress* progress) {
@@ -211,7 +211,8 @@ std::string Progress::text(bool terminal, double now_s) const {
 
 namespace {
 
-/// Makes a stream of stdio that writes to a terminal by the display; the stream itself elsewhere.
+/// Makes a stream of stdio that writes to a terminal through the display; elsewhere returns the
+/// stream itself.
 FILE* through_display(FILE* stream, int to) {
   if (isatty(to) != 1) return stream;
   std::fflush(stream);

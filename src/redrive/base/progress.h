@@ -10,20 +10,20 @@
 
 namespace redrive {
 
-/// Shows work while it lives: the latest of those that live. A thread of its own prints, so that
-/// nothing is silent, however long a part takes.
+/// Shows work while it lives: the latest Progress alive. A thread of its own prints, so that there
+/// is output however long a part takes.
 class Progress {
  public:
-  /// `what`: the work, "decoding images". `total`: its parts, which are counted; 0: the time that
-  /// it has taken is shown instead.
+  /// `what`: the work, "decoding images". `total`: number of its parts, which are counted; 0: shows
+  /// the elapsed time instead.
   explicit Progress(std::string what, std::int64_t total = 0);
   ~Progress();
   Progress(const Progress&) = delete;
   Progress& operator=(const Progress&) = delete;
 
   void count(std::int64_t parts = 1) { done_ += parts; }  ///< from any thread
-  void show(std::string text);  ///< a line of the caller's own in place of the parts
-  void print();                 ///< prints that line, if any, for good
+  void show(std::string text);  ///< shows the caller's own line in place of the parts
+  void print();                 ///< prints that line, if any, permanently
 
   /// From now on output is lines only, as into a pipe. `prefix`: returns the beginning of the
   /// calling thread's lines.
@@ -41,7 +41,7 @@ class Progress {
   bool announced_ = false;
 };
 
-/// While it lives, what stdio prints on a terminal takes the place of a line of progress there.
+/// While it lives, output of stdio on a terminal replaces a line of progress there.
 class TerminalOutput {
  public:
   TerminalOutput();
@@ -55,7 +55,7 @@ class TerminalOutput {
 /// done.
 std::string progress_text(const std::string& what, std::int64_t done, std::int64_t total,
                           double seconds, bool terminal);
-/// Whether a line is due in a pipe: 2 s after work began that has none yet, and 5 s after the last.
+/// Whether a line is due in a pipe: 2 s after work began without one, and 5 s after the last.
 bool progress_line_due(double now_s, double last_line_s, double began_s, bool announced);
 
 }  // namespace redrive

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Counter-based random numbers: a value is a function of (seed, stream, counter), so that every
-// backend draws the same ones in any order and a resumed run needs its counters alone. Mixer: the
+// backend draws the same ones in any order and a resumed run needs only its counters. Mixer: the
 // finaliser of SplitMix64 (Steele, Lea, Flood, "Fast splittable pseudorandom number generators",
 // 2014).
 #pragma once

@@ -25,7 +25,7 @@ std::atomic<int> unfinished{0};
 std::atomic<int> finished{0};
 static_assert(std::atomic<int>::is_always_lock_free);
 
-/// Returns a hidden name with the program's own, so that it is no user's file.
+/// Returns a hidden name that contains the program's own, so that it is no user's file.
 fs::path beside(const fs::path& place, const std::string& ending) {
   std::string name = ".";
   name.append(place.filename().string()).append(ending);
@@ -48,14 +48,14 @@ int make_folder(const fs::path& path) {
   return ::open(path.c_str(), O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
 }
 
-/// Removes what lies at `path` unless a living process holds its lock. Returns whether the name is
-/// free now, or was taken and freed by others.
+/// Removes the leftover at `path` unless a living process holds its lock. Returns whether the name
+/// is free now, or was taken and freed by others.
 bool remove_leftover(const fs::path& path) {
   const int left = ::open(path.c_str(), O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
   if (left < 0 && errno == ENOENT) return true;
   std::error_code error;
   bool is_free = false;
-  if (left < 0) {  // a link, or somebody else's
+  if (left < 0) {  // a link, or another user's file
     is_free = fs::is_symlink(fs::symlink_status(path, error)) && fs::remove(path, error);
   } else if (::flock(left, LOCK_EX | LOCK_NB) == 0) {
     is_free = true;
@@ -85,7 +85,7 @@ int make_locked(const fs::path& path, int (*make)(const fs::path&)) {
   return -1;
 }
 
-/// Notes that the last unfinished file or folder is in its place; others are parts of a folder.
+/// Records that the last unfinished file or folder is in place; others are parts of a folder.
 void note_finished(bool is_in_place) {
   if (is_in_place && unfinished == 1) ++finished;
 }
@@ -100,7 +100,7 @@ void sync_folder(const fs::path& folder) {
   ::close(file);
 }
 
-/// A folder beside its place, removed unless it is moved.
+/// A folder beside its destination, removed unless it is moved there.
 class UnfinishedFolder {
  public:
   explicit UnfinishedFolder(const fs::path& place) : path_(beside(place, ".redrive-tmp")) {
@@ -130,8 +130,8 @@ class UnfinishedFolder {
     moved_ = !error;
     note_finished(moved_);
   }
-  /// Exchanges both folders, so that one of them is in its place at any time; the old one is then
-  /// the unfinished one. Some file systems of networks cannot.
+  /// Exchanges both folders, so that one of them is in place at any time; the old one is then the
+  /// unfinished one. Some network file systems cannot.
   void replace(const fs::path& place, std::error_code& error) {
     if (::renameat2(AT_FDCWD, path_.c_str(), AT_FDCWD, place.c_str(), RENAME_EXCHANGE) == 0)
       return note_finished(true);

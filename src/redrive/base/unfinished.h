@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Files and folders that are written beside their place and moved there when they are whole.
+// Files and folders that are written beside their destination and moved there when complete.
 //
-// Their names are new ones: nothing that lies there, a link above all, is written through. Each is
-// locked as long as its process lives, so that what a dead process left is told from what a living
-// one writes, and removed. On file systems without locks a leftover stays.
+// Their names are new, so nothing that exists, above all no link, is written through. Each is
+// locked as long as its process lives, which distinguishes the leftover of a dead process, which is
+// removed, from the output of a living one. On file systems without locks a leftover stays.
 #pragma once
 
 #include <filesystem>
@@ -22,7 +22,7 @@ class UnfinishedFile {
 
   const std::filesystem::path& path() const { return path_; }
   void write(std::string_view bytes) const;  ///< IoError
-  /// Moves the file, once it is on disk, to its place and replaces what lies there. IoError.
+  /// Moves the file, once it is on disk, to its destination and replaces what lies there. IoError.
   void finish();
 
  private:
@@ -32,16 +32,17 @@ class UnfinishedFile {
   int descriptor_ = -1;
 };
 
-/// Makes a folder beside `place`, calls `fill` with it and moves it to its place, where nothing or
-/// an empty folder may lie, or with `replace` any folder, which is removed then. If anything
-/// throws, everything is as before. UsageError if another process is writing it or has written it
+/// Makes a folder beside `place`, calls `fill` with it and moves it to `place`, where nothing or an
+/// empty folder may lie, or with `replace` any folder, which is then removed. If anything throws,
+/// everything is as before. UsageError if another process is writing it or has written it
 /// meanwhile; IoError.
 void write_folder(const std::filesystem::path& place, bool replace,
                   const std::function<void(const std::filesystem::path& folder)>& fill);
 
-/// Whether this process has an unfinished file or folder. May be called by a signal's handler.
+/// Whether this process has an unfinished file or folder. A signal handler may call it.
 bool has_unfinished();
-/// Returns how many this process finished, those within an unfinished folder aside. Likewise.
+/// Returns how many this process finished, without those within an unfinished folder. A signal
+/// handler may call it.
 int finished_count();
 
 }  // namespace redrive

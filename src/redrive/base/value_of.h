@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The plain number behind a scalar, for code that also runs on numbers that carry derivatives.
+// The plain number behind a scalar, for code that also runs on numbers with derivatives.
 #pragma once
 
 #include <type_traits>

@@ -18,7 +18,7 @@
 namespace redrive::bench {
 namespace {
 
-/// Per sample, or per other item that a Result counts.
+/// Cost per sample, or per other item that a Result counts.
 struct Cost {
   double flops, bytes;
 };
@@ -143,7 +143,7 @@ void time_render(Runner& runner, kernels::Backend& backend, const SyntheticDrive
                  const std::string& name, const Size& size, double forward_macs,
                  const std::string& filter) {
   if (!runner.wanted(name)) return;
-  // The reference backend would take hours; an explicit filter runs it.
+  // The reference backend would take hours; it runs only with an explicit filter.
   if (backend.name() == "ref" && filter.empty()) return;
   const TrainState state =
       make_initial_state(options_of(size.method, size.width, size.samples), drive.scene);
@@ -167,7 +167,7 @@ Camera bench_fisheye() {
                       kSide});
 }
 
-/// Times whole images of --method splat and steps on one window, also of twice the Gaussians, and
+/// Times whole images of --method splat and steps on one window, also with twice the Gaussians, and
 /// with as many of which 50 objects have a quarter. A sample is a Gaussian.
 void time_splats(Runner& runner, kernels::Backend& backend, const SyntheticDrive& drive) {
   constexpr double kRead = kGaussianRows * sizeof(float);  // bytes of a Gaussian

@@ -32,8 +32,8 @@ struct Result {
   double flops = 0,
          /// arithmetic and bytes of one run; bytes: inputs and outputs, each number once
       bytes = 0;
-  /// The least time by the report's ceilings, in percent of the median. Exceeds 100 where a kernel
-  /// saves arithmetic or its data is in a cache.
+  /// The least time that the report's ceilings allow, in percent of the median. Exceeds 100 where a
+  /// kernel saves arithmetic or its data is in a cache.
   double percent_of_roofline = 0;
   bool memory_bound = false;  ///< limited by copies rather than arithmetic
 };

@@ -23,7 +23,7 @@ double range_of(const RenderedImage& image, std::size_t pixel, double far_m) {
   return image.opacity[pixel] < 0.5f ? far_m : image.depth[pixel];
 }
 
-/// Returns the coordinate in the full image of the centre of a pixel of the small one.
+/// Returns the coordinate, in the full image, of the centre of a pixel of the small one.
 std::size_t centre(int small, int factor) {
   return static_cast<std::size_t>(small) * factor + factor / 2;
 }
@@ -37,7 +37,7 @@ Rigid3d actor_from_camera(const ShutterPoses::Actor& actor) {
   return rigid(actor.actor_from_camera[actor.actor_from_camera.size() / 2]);
 }
 
-/// `table`: of the small image.
+/// `table`: table of the small image.
 TrainingDepth render_depth(const Run& run, kernels::Backend& backend, const View& of,
                            const Exclusions& left_out, const RayTable& table) {
   const Camera& full = run.scene.rig[of.camera].camera;
@@ -106,8 +106,8 @@ bool Coverage::step() {
   return !to_render_.empty();
 }
 
-/// Whether a training image saw a point that a camera sees, in its axes. `middle`: its pose in the
-/// middle row.
+/// Whether a training image saw a point that a camera sees, in the camera's axes. `middle`: the
+/// camera's pose in the middle row.
 bool Coverage::sees(const Eigen::Vector3d& point_in_camera, const ShutterPoses& world_from_camera,
                     const Rigid3d& middle) const {
   const auto shows = [&](const ShutterPoses::Actor& actor) {

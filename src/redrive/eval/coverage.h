@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Coverage of a novel view: the pixels whose surface some training image saw. Elsewhere the field
-// is extrapolated. Likewise the training images that saw a point.
+// is extrapolated. Also finds the training images that saw a point.
 #pragma once
 
 #include <cstdint>
@@ -16,7 +16,8 @@
 namespace redrive {
 
 /// The depth of a training view, rendered small from the run's own field. It finds occlusions
-/// without ground truth, so on every recording; where the field's geometry is wrong, so are they.
+/// without ground truth, so on every recording; where the field's geometry is wrong, so are the
+/// occlusions.
 struct TrainingDepth {
   Camera camera;  ///< camera of the small image
   Rigid3d camera_from_world;
@@ -45,7 +46,7 @@ class Coverage {
   std::vector<std::uint8_t> seen(const Camera& camera, const ShutterPoses& world_from_camera,
                                  const RenderedImage& rendered) const;
 
-  /// Returns the share of the valid pixels that seen() has, 0 to 1, from every eighth row and
+  /// Returns the share of the valid pixels that seen() marks, 0 to 1, from every eighth row and
   /// column.
   double seen_share(const Camera& camera, const ShutterPoses& world_from_camera,
                     const RenderedImage& rendered) const;
@@ -61,7 +62,7 @@ class Coverage {
 
   const Run& run_;
   kernels::Backend& backend_;
-  std::optional<Exclusions> exclusions_;  ///< until all views are rendered
+  std::optional<Exclusions> exclusions_;  ///< kept until all views are rendered
   std::vector<const View*> to_render_;    ///< the next one last
   std::vector<TrainingDepth> views_;
   /// half sides of moving objects, with a margin

@@ -77,7 +77,7 @@ std::vector<EditedSet> read_sets(const fs::path& folder, const Scene& scene, std
   return sets;
 }
 
-/// Registers held-out views among the images with the field, as scores of held-out images have it.
+/// Registers held-out views among the images with the field, as for scores of held-out images.
 void align_held_out(const Run& run, kernels::Backend& backend, const std::vector<EditedSet>& sets,
                     const Exclusions& left_out, Scene* scene) {
   if (!run.state.poses.refines()) return;

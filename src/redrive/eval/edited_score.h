@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Scores a run's edits of moving objects by images of the edited scene, which generators of
+// Scores a run's edits of moving objects against images of the edited scene, which generators of
 // recordings can make (tools/street, samples/street_traffic/edited).
 //
 // A folder of ground truth holds edit.json (recording/traffic_edit.h) and, by camera and frame,

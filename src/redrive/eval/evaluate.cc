@@ -33,7 +33,7 @@ double median_depth_error(const RenderedImage& rendered, std::span<const std::ui
   return *middle;
 }
 
-/// Returns the views to score, by camera of the rig.
+/// Returns the views to score, one list for each camera of the rig.
 std::vector<std::vector<std::size_t>> views_to_score(const Scene& scene, bool held_out,
                                                      const EvalOptions& options) {
   std::vector<std::vector<std::size_t>> by_camera(scene.rig.size());
@@ -50,7 +50,7 @@ std::vector<std::vector<std::size_t>> views_to_score(const Scene& scene, bool he
   return by_camera;
 }
 
-/// Takes views whose images cannot be decoded out of the lists.
+/// Drops views whose images cannot be decoded from the lists.
 std::vector<Finding> leave_out_damaged_views(const Run& run, int threads,
                                              std::vector<std::vector<std::size_t>>* by_camera) {
   ThreadPool pool(threads);

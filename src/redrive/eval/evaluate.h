@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Scores a run: compares renderings with held-out images (with training images where none is held
-// out) and with the ground truth of novel views where the recording has it.
+// Scores a run: compares renderings with held-out images (training images if none is held out) and
+// with the ground truth of novel views where the recording has it.
 #pragma once
 
 #include <functional>
@@ -33,8 +33,8 @@ struct Score;
 struct EvalOptions {
   int max_images = 0;  ///< per camera and per novel set, evenly spaced, and of LiDAR revolutions;
                        ///< 0: all held-out ones, or kTrainingImagesPerCamera
-  bool all = false;    ///< every image, also of the training frames
-  /// Names the part of the drive, such as a block, that images of a frame are also scored with;
+  bool all = false;    ///< scores every image, including training frames
+  /// Names the part of the drive, such as a block, with which images of a frame are also scored;
   /// empty: there are no parts.
   std::function<std::string(std::int64_t frame_id)> part_of;
   /// Called with each scored image of a camera, the view at the pose that it was rendered from; may
@@ -50,8 +50,8 @@ struct Score {
   double depth_error =
       0;  ///< median over an image's pixels of |depth - ground truth| / ground truth, along the ray
   int images = 0;
-  std::int64_t left_out = 0;  ///< pixels of these images in the camera model's valid region that
-                              ///< masks exclude from scores
+  /// masked pixels of these images within the camera model's valid region
+  std::int64_t left_out = 0;
   std::int64_t pixels = 0, scored = 0;  ///< pixels of these images: all, and the compared ones
 
   /// Share of the pixels that were compared; 1 without pixels.

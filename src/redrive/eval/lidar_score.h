@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Scores a run by the LiDAR revolutions of held-out frames: each recorded return is rendered from
-// the sensor's position at its time along its own direction.
+// Scores a run by the LiDAR scans of held-out frames: each recorded return is rendered from the
+// sensor's position at its time along its own direction.
 #pragma once
 
 #include <cstdint>
@@ -37,12 +37,12 @@ struct LidarScore : RangeScore {
 double chamfer_distance(const std::vector<Eigen::Vector3f>& a,
                         const std::vector<Eigen::Vector3f>& b);
 
-/// Returns the frames of the revolutions that did not train: none where no frame is held out, where
-/// the recording has no revolutions, or where the run is of an earlier build, which trained on all.
+/// Returns the frames whose scans did not train: none where no frame is held out, where the
+/// recording has no scans, or where the run is of an earlier build, which trained on all.
 std::vector<std::int64_t> held_out_revolutions(const Run& run);
 
-/// Scores the revolutions of `frames` and counts them. `left_out`: objects whose returns
-/// do not count. Nothing if they have no return.
+/// Scores the scans of `frames` and counts them. `left_out`: objects whose returns do not count.
+/// Nothing if they have no return.
 std::optional<LidarScore> score_lidar(const Run& run, kernels::Backend& backend,
                                       const std::vector<std::int64_t>& frames,
                                       const MovingObjects& left_out, Progress* progress = nullptr);

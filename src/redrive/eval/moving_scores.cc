@@ -10,8 +10,7 @@
 namespace redrive {
 namespace {
 
-/// The smallest part of an image that has all pixels of an object, with the windows of SSIM around
-/// them.
+/// The smallest part of an image with all pixels of an object and the windows of SSIM around them.
 struct Part {
   int x = 0, y = 0, width = 0, height = 0;
 

@@ -14,8 +14,8 @@ namespace redrive {
 /// Images with fewer pixels of an object, or of all of them, do not count.
 constexpr std::int64_t kLeastObjectPixels = 100;
 
-/// Adds up scores of images. Pixels of moving objects are those whose rays meet a box, grown by
-/// kBoxMargin_m, also where the model does not draw them.
+/// Adds up scores of images. Pixels of moving objects are pixels whose rays meet a box, grown by
+/// kBoxMargin_m, even where the model does not draw it.
 class MovingScores {
  public:
   MovingScores(const Run& run, kernels::Backend& backend);

@@ -15,7 +15,7 @@ NovelGroundTruth::NovelGroundTruth(const Run& run, const NovelSet& set,
       rig_(poses_rig(poses_, run.scene, /*like_run=*/true)),
       ground_truth_global_from_world_(alignment.run_from_ground_truth.inverse(Eigen::Isometry) *
                                       run.scene.global_from_world) {
-  // The run may have trained some of the cameras only: skips views of the others.
+  // The run may have trained only some of the cameras: skips views of the others.
   for (std::size_t i = 0; i < poses_.views.size(); ++i)
     if (run.scene.camera_index(poses_.views[i].camera) >= 0 &&
         std::filesystem::exists(poses_.path.parent_path() / poses_.views[i].file))
@@ -31,7 +31,8 @@ GroundTruthView NovelGroundTruth::load(std::size_t index) const {
   const RequestedView& view = poses_.views[views_[index]];
   const std::filesystem::path image = poses_.path.parent_path() / view.file;
 
-  // load_view checks the size, undistorts and downscales as the run does: a scene of one image.
+  // load_view checks the size, undistorts and downscales as the run does: makes a scene of one
+  // image.
   Scene scene;
   const RigCamera& camera = this->camera(index);
   scene.rig = {camera};

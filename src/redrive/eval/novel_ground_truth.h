@@ -27,7 +27,7 @@ struct GroundTruthView {
       depth_m;  ///< [height, width] along the ray, 0 where unknown; empty without FILE_depth.png
 };
 
-/// The views of one novel set that have ground truth, of cameras that the run trained.
+/// The views of one novel set with ground truth, from cameras that the run trained.
 class NovelGroundTruth {
  public:
   /// Throws InputError if poses.json is malformed.

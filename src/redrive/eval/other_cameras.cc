@@ -18,13 +18,13 @@
 namespace redrive {
 namespace {
 
-/// The run's scene with the camera in place of the nearest one, and its views alone.
+/// The run's scene with the camera in place of the nearest one, and only its views.
 struct OtherScene {
   Scene scene;
   int camera = 0;  ///< in the scene's rig
 };
 
-/// Index of the camera of the run that is nearest to a position in the body.
+/// Returns the index of the run's camera nearest to a position in the body.
 int nearest_camera(const Scene& scene, const Eigen::Vector3d& in_body) {
   const auto distance = [&](const RigCamera& camera) {
     return (camera.body_from_sensor.translation() - in_body).norm();

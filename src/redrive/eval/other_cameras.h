@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Scores a run by cameras of its recording that it did not train on, as the right one of a stereo
-// pair after training on the left one: real images of views that were not driven by.
+// Scores a run by cameras of its recording that it did not train on, such as the right one of a
+// stereo pair after training on the left one: real images from a path that was not driven.
 //
 // Such a camera is mounted to the nearest camera of the run as the recording's calibration has it:
 // corrections of that camera's extrinsics and time offset are applied to it, too. Where training
@@ -26,7 +26,7 @@ struct OtherCameraScore {
   std::optional<MovingEvaluation> moving;       ///< empty where no image shows a moving object
 };
 
-/// Scores by name. Takes options.max_images images of each camera, evenly spaced,
+/// Returns scores by camera name. Takes options.max_images images of each camera, evenly spaced,
 /// kTrainingImagesPerCamera by default; their rendered images stay in memory. Throws UsageError for
 /// a camera that was trained on, or that the recording lacks; InputError as load_view.
 std::map<std::string, OtherCameraScore> score_other_cameras(const Run& run,

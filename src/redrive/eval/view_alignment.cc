@@ -13,7 +13,7 @@ namespace {
 
 // A few hundred rays per image and step; the decaying learning rate averages their noise.
 constexpr int kSteps = 80, kRaysOfView = 128;
-constexpr double kFirstRate_m = 1e-2, kLastRate = 0.02;  // a step; of it at the end
+constexpr double kFirstRate_m = 1e-2, kLastRate = 0.02;  // rate of a step; its factor at the end
 
 View moved(View view, const Rigid3d& motion, bool held_out) {
   view.world_from_body = view.world_from_body * motion;

@@ -21,7 +21,8 @@ struct Image16 {
   std::vector<std::uint16_t> values;  ///< [height, width]
 };
 
-/// The largest image that is read. A file of a few bytes must not make the program take all memory.
+/// Maximum number of pixels of an image that is read. A file of a few bytes must not make the
+/// program take all memory.
 constexpr std::int64_t kMaxImagePixels = std::int64_t{1} << 28;
 
 }  // namespace redrive

@@ -9,8 +9,8 @@
 
 namespace redrive {
 
-/// Reads a JPEG or PNG file, recognised by its first bytes, as it stands there: EXIF orientation
-/// and colour profiles are not applied, colours are not multiplied by alpha. Grey becomes RGB, a
+/// Reads a JPEG or PNG file, recognised by its first bytes, without changes: EXIF orientation and
+/// colour profiles are not applied, colours are not multiplied by alpha. Grey becomes RGB, a
 /// palette its colours, 16 bits round(x / 257), a transparent colour (tRNS) alpha. InputError:
 /// missing, not an image, truncated, damaged, CMYK, more than kMaxImagePixels.
 Image8 read_image(const std::filesystem::path& path);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // libpng reports errors by longjmp. Functions that it may leave this way are called within
-// PngCodec::guarded, where nothing that has a destructor is alive.
+// PngCodec::guarded, where no object with a destructor is alive.
 #include "redrive/image/png.h"
 
 #include <algorithm>
@@ -76,7 +76,8 @@ class PngReader {
            png_get_bit_depth(codec_.png, codec_.info) == 16;
   }
 
-  /// Has the pixels converted to RGB or RGBA with 8 bits; returns the number of channels.
+  /// Configures the conversion of pixels to RGB or RGBA with 8 bits; returns the number of
+  /// channels.
   int convert_to_rgb8() {
     require([&] {
       png_set_expand(codec_.png);  // palettes, fewer than 8 bits, tRNS

@@ -126,7 +126,8 @@ struct VideoWriter::Impl {
     throw IoError(file, std::string("cannot ") + what + ": " + reason);
   }
 
-  /// Encodes a frame, or with null what the encoder still holds, and writes finished packets.
+  /// Encodes a frame, or with null the frames that the encoder still holds, and writes finished
+  /// packets.
   void encode(const AVFrame* next) {
     const FFmpeg& ff = ffmpeg();
     check(ff.avcodec_send_frame(codec, next), "encode");

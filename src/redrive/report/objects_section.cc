@@ -24,7 +24,7 @@ namespace {
 
 constexpr std::size_t kRowsShown = 100;   // rows of the table, at most
 constexpr double kFarthestBox_m = 80;     // boxes drawn in images, at most so far away
-constexpr double kClear_m = 20;           // a nearer object is as good to see
+constexpr double kClear_m = 20;           // nearer objects count as equally visible
 constexpr double kParkedCounts = 0.2;     // weight of a parked object; a moving one has 1
 constexpr int kFineBits = 4;              // fractional bits of pixels
 constexpr std::size_t kLabelsAbove = 40;  // more would hide the tracks
@@ -100,7 +100,7 @@ void draw_boxes(const Scene& scene, const View& view, const std::vector<Shown>& 
   }
 }
 
-/// Returns the figure of the camera's image that shows most; empty if none shows an object.
+/// Returns the figure of the camera's image that shows the most objects; empty if none shows any.
 std::string camera_figure(const std::filesystem::path& folder, const Recording& recording,
                           const RigImages& images, int camera) {
   SceneOptions options;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The section of annotated objects on the page of inspect --report.
+// The section on annotated objects of the page of inspect --report.
 #pragma once
 
 #include <filesystem>

@@ -158,7 +158,7 @@ std::vector<double> running_mean(const std::vector<double>& values, int radius) 
 
 std::string loss_script(const std::vector<MetricsRow>& rows) {
   // Labels at 1, 2 and 5 of each decade, and a margin of a tenth of a decade: a whole run often
-  // stays within one decade. A shorter way would pass less than two of them.
+  // stays within one decade. A shorter axis would show fewer than two labels.
   constexpr double kLeastRatio = 3;
   double low = std::numeric_limits<double>::infinity(), high = 0;
   for (const MetricsRow& row : rows)

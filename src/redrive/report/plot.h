@@ -22,7 +22,7 @@ struct PlotAxes {
   std::string x_label, y_label;
   int height_px = 560;
 };
-/// Returns the height of a plot whose key has as many cameras, each in a row of its own.
+/// Returns the height of a plot whose key has this many cameras, each in a row of its own.
 int height_with_cameras(std::size_t cameras);
 /// The beginning of a script: terminal, axes with a grid, the key above them.
 std::string plot_preamble(const PlotAxes& axes);

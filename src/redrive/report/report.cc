@@ -23,7 +23,8 @@
 namespace redrive {
 namespace {
 
-constexpr std::size_t kCamerasShown = 8;  // with images: photographs may have a camera each
+// number of cameras with images: photographs may have a camera each
+constexpr std::size_t kCamerasShown = 8;
 
 std::string training(const Run& run, const std::filesystem::path& folder) {
   std::string out = "<h2>Training</h2>\n";
@@ -74,7 +75,7 @@ std::vector<std::string> lidar_row(const std::string& name,
           fixed(100 * score->chamfer_m, 1)};
 }
 
-/// Returns the row of a run's score of returns on moving objects; it has no chamfer distance.
+/// Returns the row of a run's score for returns on moving objects; it has no chamfer distance.
 std::vector<std::string> moving_lidar_row(const std::string& name, const LidarScore& score) {
   LidarScore moving{*score.moving, score.revolutions, std::numeric_limits<double>::quiet_NaN(), {}};
   return lidar_row(name + ", on moving objects", moving);
@@ -98,8 +99,8 @@ std::string lidar_scores(const Evaluation& evaluation, const Evaluation* other,
          "error: median of |rendered - recorded|.</p>\n";
 }
 
-/// Returns the scores of moving objects, inside and beside their boxes and by object; empty if no
-/// image shows one.
+/// Returns the scores of moving objects, inside and outside their boxes and for each object; empty
+/// if no image shows one.
 std::string moving_scores(const Evaluation& evaluation, const Evaluation* other,
                           const std::string& name_of_other) {
   if (!evaluation.moving) return "";

@@ -33,7 +33,8 @@ std::string scored_caption(kernels::Backend& backend, const std::string& what,
   return what + text + depth + ")";
 }
 
-/// Returns a view's recorded image as it is scored: masked, composited over the background.
+/// Returns a view's recorded image in the form in which it is scored: masked, composited over the
+/// background.
 Image8 scored_image(const Run& run, const View& view) {
   Image8 image = load_view(run.scene, view);
   const Exclusions left_out = read_exclusions(run);

@@ -16,7 +16,7 @@ namespace {
 constexpr double kTypicalSigma_px = 0.1;  // Observation::sigma_px of a well-localised point
 constexpr double kCorrelation = 2.5;  // integral of a squared exponential over time, in correlation
                                       // times: sqrt(2 pi)
-constexpr double kHeld = 1e-7;        // m and rad: nothing else weighs as much
+constexpr double kHeld = 1e-7;        // m and rad: far stronger than any other prior
 
 ceres::Problem::Options problem_options() {
   ceres::Problem::Options options;
@@ -40,7 +40,7 @@ AdjustmentProblem::AdjustmentProblem(RigModel* model, const std::vector<Track>& 
       options_(options),
       held_(held),
       problem_(problem_options()) {
-  landmarks_.reserve(landmarks);  // Ceres keeps pointers
+  landmarks_.reserve(landmarks);  // Ceres keeps pointers to them
 }
 
 void AdjustmentProblem::add(std::vector<TriangulatedTrack>* triangulated,

@@ -16,7 +16,7 @@
 
 namespace redrive {
 
-/// A track and its point by the present corrections.
+/// A track and its point under the present corrections.
 struct TriangulatedTrack {
   int track = 0;
   InverseDepthPoint point;
@@ -54,7 +54,7 @@ class AdjustmentProblem {
   void compute_covariance(BundleResult* result);
 
  private:
-  /// A copy of `target` that is solved instead. Ceres orders the blocks of a group by their
+  /// Returns a copy of `target` that is solved instead. Ceres orders the blocks of a group by their
   /// addresses: contiguous copies have the same order, and so the same sums, in every run.
   double* landmark(std::array<double, 3>* target);
 
@@ -64,7 +64,7 @@ class AdjustmentProblem {
   const BundleOptions& options_;
   const HeldNumbers& held_;
   ceres::CauchyLoss image_loss_{2}, lidar_loss_{2}, prior_loss_{1};
-  ceres::CauchyLoss egomotion_loss_{10};  ///< quadratic but for poses that are wrong by far more
+  ceres::CauchyLoss egomotion_loss_{10};  ///< quadratic except for poses that are wrong by far more
   ceres::Problem problem_;
   std::vector<double*> rig_, points_;
   std::vector<std::array<double, 3>> landmarks_;

@@ -11,11 +11,12 @@ namespace redrive {
 namespace {
 
 constexpr double kMinSigma_px = 0.05;  // lower bound of the noise of an image
-constexpr double kContradicted = 0.5;  // share of a frame's observations that agree with its pose:
-                                       // below, it begins again between its neighbours
-constexpr int kMostRestarts = 2;       // restarts of a frame, at most
+// share of a frame's observations that agree with its pose below which it restarts between its
+// neighbours
+constexpr double kContradicted = 0.5;
+constexpr int kMostRestarts = 2;  // restarts of a frame, at most
 
-/// All tracks that can be triangulated with the present corrections, by track.
+/// Returns all tracks that can be triangulated with the present corrections, one per track.
 std::vector<TriangulatedTrack> triangulate_tracks(const RigModel& model,
                                                   const std::vector<Track>& tracks,
                                                   const std::vector<double>& sigma_px,
@@ -35,8 +36,8 @@ std::vector<TriangulatedTrack> triangulate_tracks(const RigModel& model,
   return triangulated;
 }
 
-/// Noise of each camera from the median of the components' absolute values, which is 0.6745 sigma.
-/// A point takes three degrees of freedom.
+/// Returns the noise of each camera from the median of the components' absolute values, which is
+/// 0.6745 sigma. A point takes three degrees of freedom.
 std::vector<double> measure_noise(const RigModel& model, const std::vector<Track>& tracks,
                                   const std::vector<TriangulatedTrack>& triangulated) {
   std::vector<std::vector<double>> sizes(model.cameras.size());
@@ -56,7 +57,7 @@ std::vector<double> measure_noise(const RigModel& model, const std::vector<Track
   return sigma_px;
 }
 
-/// Rejects outliers, and tracks with fewer than two inliers. Returns what is left of `frames`.
+/// Rejects outliers, and tracks with fewer than two inliers. Returns the rest of `frames`.
 std::vector<FrameSupport> reject_outliers(const std::vector<Track>& tracks,
                                           const std::vector<double>& sigma_px, std::size_t frames,
                                           std::vector<TriangulatedTrack>* triangulated) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which observations agree with the present corrections of a rig.
+// Finds the observations that agree with the present corrections of a rig.
 #pragma once
 
 #include <vector>
@@ -10,9 +10,10 @@
 namespace redrive {
 
 inline constexpr double kStartSigma_px = 4;  ///< in the first round; later the residuals' median
-inline constexpr double kOutlierSigmas = 4;  ///< standard deviations of an outlier
+/// residuals above this many standard deviations are outliers
+inline constexpr double kOutlierSigmas = 4;
 
-/// Median of the values, which it reorders; 0 of none.
+/// Returns the median of the values, which it reorders; 0 if there are none.
 double median_or_zero(std::vector<double>* values);
 
 /// The tracks that agree with the present corrections, and their noise by camera.
@@ -22,8 +23,9 @@ struct AgreeingTracks {
   std::vector<FrameSupport> support;
 };
 
-/// Finds them. A frame that most of its observations contradict begins again between its neighbours
-/// first, twice at most. `sigma_px`: the noise so far; `restarts`: by frame, how often it did.
+/// Finds them. A frame that most of its observations contradict restarts between its neighbours
+/// first, twice at most. `sigma_px`: the noise so far; `restarts`: for each frame, how often it
+/// did.
 AgreeingTracks find_agreeing(const std::vector<Track>& tracks, std::vector<double> sigma_px,
                              ThreadPool& pool, RigModel* model, std::vector<int>* restarts);
 

@@ -22,18 +22,22 @@ namespace {
 
 constexpr double kMinPose_m = 0.01,
                  kMinPose_rad = 3e-4;  // lower bounds of the prior of the egomotion
-// Time offsets are estimated from the LiDAR's contrast with initial calibration and poses: at night
+// Time offsets are estimated from LiDAR contrast with the initial calibration and poses: at night
 // tracks rotate a camera by more than its calibration error. Where the initial poses are too far
 // off for that, the contrast is evaluated again with the poses of this round.
 constexpr int kSecondContrastRound = 2;
-constexpr int kRoundsAfterReset = 3;   // to converge again after unobservable numbers were reset
-constexpr double kMaxTied_m = 40;      // distance of points that are tied to surfaces of the LiDAR
-constexpr double kUnsupported = 0.25;  // share of a frame's observations that agree with its pose
-constexpr double kMuchLarger = 5;      // times the median correction: no measure of the usual ones
+// rounds to converge again after unobservable numbers were reset
+constexpr int kRoundsAfterReset = 3;
+constexpr double kMaxTied_m = 40;  // largest distance of points that are tied to LiDAR surfaces
+// share of a frame's observations that agree with its pose below which it is unsupported
+constexpr double kUnsupported = 0.25;
+// times the median correction: larger ones are no measure of the usual ones
+constexpr double kMuchLarger = 5;
 constexpr int kLeastRounds = 4;
 // A round has converged when it changes poses by less than this part of their sigma.
 constexpr double kConvergedSigmas = 0.1;
-constexpr double kNear = 10;  // times the least change below: standard deviations may exceed it
+// in multiples of the least change below: standard deviations may exceed it
+constexpr double kNear = 10;
 constexpr double kConverged_m = 1e-3, kConverged_rad = 3e-5,
                  kConverged_s = 1e-4;  // least change of a round that counts
 
@@ -176,7 +180,7 @@ void fill_result(const RigModel& model, const std::vector<Track>& tracks,
   result->initial_lidar_rms_m = initial_plane_rms_m(model, lidar, patches);
 }
 
-/// Inlier observations by camera.
+/// Returns the number of inlier observations of each camera.
 std::vector<int> count_used(const std::vector<Track>& tracks,
                             const std::vector<TriangulatedTrack>& triangulated,
                             std::size_t cameras) {
@@ -187,11 +191,11 @@ std::vector<int> count_used(const std::vector<Track>& tracks,
   return used;
 }
 
-/// Largest distance of a point from the surface that it is tied to: with poses that are off by
+/// Returns the largest distance of a point from the surface that it is tied to: poses are off by
 /// decimetres at first.
 double max_tie_m(int round) { return round <= 1 ? 0.5 : round == 2 ? 0.3 : 0.15; }
 
-/// Ties of the points to the patches, and their numbers by camera.
+/// Returns ties of the points to the patches, and their number for each camera.
 std::vector<LidarTie> tie_points(const RigModel& model, const std::vector<Track>& tracks,
                                  const std::vector<TriangulatedTrack>& triangulated,
                                  const std::vector<LidarSample>& lidar,
@@ -223,7 +227,8 @@ std::vector<LidarTie> tie_points(const RigModel& model, const std::vector<Track>
   return ties;
 }
 
-/// Finds what is unobservable and returns it to its initial values. Whether there is any.
+/// Finds unobservable numbers and resets them to their initial values. Returns whether there are
+/// any.
 bool hold_unobservable(const std::vector<int>& used, const BundlePriors& priors, bool lidar,
                        RigModel* model, BundleResult* result, HeldNumbers* held) {
   const std::vector<UnobservableTimeOffset> offsets =
@@ -259,7 +264,7 @@ void keep_observable(const std::vector<ContrastFit>& fits, std::vector<ContrastF
     if (!(*kept)[c].observable) (*kept)[c] = fits[c];
 }
 
-/// Notes by how much the last round changed the model.
+/// Records how much the last round changed the model.
 void note_changes(const RigModel& now, const RigModel& before, BundleResult* result) {
   // Compares the shape: a rigid motion of the whole is hardly observable, and irrelevant.
   const TrajectoryRegistration change =
@@ -273,7 +278,7 @@ void note_changes(const RigModel& now, const RigModel& before, BundleResult* res
          std::abs(now.cameras[c].readout_s - before.cameras[c].readout_s) / 2});
 }
 
-/// Whether standard deviations, which take time, may tell that a round changed nothing.
+/// Whether to compute standard deviations, which takes time, to see if a round changed nothing.
 bool is_near_convergence(const BundleResult& result) {
   return result.last_translation_m < kNear * kConverged_m &&
          result.last_rotation_rad < kNear * kConverged_rad && result.last_time_s < kConverged_s;

@@ -19,8 +19,8 @@ namespace redrive {
 /// Standard deviations of the priors.
 struct BundlePriors {
   /// Egomotion: an upper bound. From the third round on 1.5 times the RMS of the corrections so far
-  /// takes its place if it is less. Errors of the egomotion are about constant over correlation_s,
-  /// so that poses within that time count as one.
+  /// replaces it if that is less. Errors of the egomotion are about constant over correlation_s, so
+  /// that poses within that time count as one.
   Vector6d pose = (Vector6d() << 0.5, 0.5, 0.5, 0.0175, 0.0175, 0.0175).finished();
   double correlation_s = 0.7;
   /// Extrinsics of a camera. For its angles and its time offset these are scales of a Cauchy
@@ -36,7 +36,7 @@ struct BundlePriors {
 struct UnobservableTimeOffset {
   int camera = 0;
   double offset_s = 0, sigma_s = 0;
-  bool by_edges = false;  ///< whether edges of the LiDAR's depth contradict it
+  bool by_edges = false;  ///< whether edges of LiDAR depth contradict it
 };
 
 struct BundleOptions {
@@ -48,7 +48,7 @@ struct BundleOptions {
   std::vector<UnobservableTimeOffset> held_offsets;  ///< known to be unobservable
   bool fixed_cameras = false;  ///< whether extrinsics and time offsets keep their initial values
   int rounds = 10;       ///< at most; fewer once poses move by less than a tenth of their sigma
-  bool verbose = false;  ///< prints a line a round
+  bool verbose = false;  ///< prints one line a round
 
   bool estimates_readout(std::size_t camera) const {
     return camera < readouts.size() && readouts[camera];
@@ -58,9 +58,10 @@ struct BundleOptions {
 /// Reprojection errors of one camera.
 struct CameraFit {
   int observations = 0, used = 0;
-  double initial_px = 0, aligned_px = 0;  ///< RMS over the used ones, with initial and final poses
-  double sigma_px = 0;                    ///< robust, from the median
-  double ties_m = 0;  ///< median distance of its tied points from the LiDAR's surfaces
+  /// RMS over used observations, with initial and final poses
+  double initial_px = 0, aligned_px = 0;
+  double sigma_px = 0;  ///< robust, from the median
+  double ties_m = 0;    ///< median distance of its tied points from the LiDAR's surfaces
 };
 
 /// A number of a camera's extrinsics that keeps its initial value: the best fit and its standard
@@ -86,7 +87,7 @@ struct BundleResult {
   std::vector<ContrastFit> contrast;       ///< one per camera; empty: not computed
   std::vector<int> observations_in_frame;  ///< one per frame
   /// Indices of frames whose observations contradict every pose that was tried: they stand between
-  /// their neighbours, and what the covariance says of them is not so.
+  /// their neighbours, and the covariance does not hold for them.
   std::vector<int> unsupported_frames;
   bool converged = false;
   int rounds = 0;

@@ -150,7 +150,8 @@ class ReprojectionCost final : public ceres::SizedCostFunction<2, 6, 6, 6, 1, 1,
   }
 
  private:
-  const RigModelCamera& camera_;  // initial values; the solver's come as parameters
+  // initial values; the solver passes the present ones as parameters
+  const RigModelCamera& camera_;
   LocalMotion motion_;
   double offset_s_, readout_s_, after_middle_;
   Eigen::Vector2d pixel_;

@@ -71,7 +71,7 @@ void place_between_neighbours(const std::vector<int>& frames, RigModel* model) {
 Vector6d interpolation_sigma(const RigModel& model, const std::vector<int>& listed, int frame) {
   const std::vector<FramePose> all = model.corrected_frames();
   const int n = static_cast<int>(all.size());
-  int before = 1, after = 1;  // frames to the nearest that are not listed
+  int before = 1, after = 1;  // distance in frames to the nearest frames that are not listed
   while (contains(listed, frame - before)) ++before;
   while (contains(listed, frame + after)) ++after;
   // At an end the two nearest frames on the other side are extrapolated.

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Frames whose image points contradict their pose: a single wrong position of the egomotion makes
-// outliers of a frame's own observations, so that nothing would move it.
+// Frames whose image points contradict their pose. With a single wrong position of the egomotion,
+// all observations of the frame become outliers, so no residual would move it.
 #pragma once
 
 #include <vector>
@@ -19,8 +19,8 @@ struct FrameSupport {
 std::vector<int> doubtful_frames(const std::vector<FrameSupport>& support, double share);
 
 /// Sets initial poses and corrections of `frames` (ascending) so that both their initial and their
-/// corrected poses are interpolated from the other frames': priors hold nothing where it was.
-/// Nothing where all frames are listed.
+/// corrected poses are interpolated from the other frames': the priors no longer hold them at the
+/// wrong place. Does nothing where all frames are listed.
 void place_between_neighbours(const std::vector<int>& frames, RigModel* model);
 
 /// Standard deviations of a pose that place_between_neighbours interpolated, beyond its neighbours'

@@ -11,7 +11,7 @@ namespace redrive {
 namespace {
 
 constexpr double kInverseDepths[] = {0, 0.015, 0.03, 0.06, 0.12, 0.25, 0.5, 1};  // 1/m
-constexpr double kBehindInfinity = -0.01;  // 1/m: the noise of distant points may go this far
+constexpr double kBehindInfinity = -0.01;  // 1/m: the noise of distant points may reach this value
 
 using Terms = std::vector<std::unique_ptr<ceres::CostFunction>>;
 

@@ -9,7 +9,7 @@ namespace redrive {
 namespace {
 
 constexpr double kNear_m = 1;           // distance of a point to a return of its patch
-constexpr double kPointSigma_m = 0.01;  // deviation of a point from its surface, beside the noise
+constexpr double kPointSigma_m = 0.01;  // deviation of a point from its surface, besides the noise
 
 // A point this near to a return of a patch that faces elsewhere lies in a corner
 constexpr double kCorner_m = 0.5;
@@ -59,8 +59,8 @@ void for_each_near(const std::vector<Return>& returns, const Eigen::Vector3d& po
     }
 }
 
-/// The return nearest to the point; nullptr if there is none, and in corners, where another patch
-/// faces elsewhere.
+/// Returns the return nearest to the point; nullptr if there is none, and in corners, where another
+/// patch faces elsewhere.
 const Return* nearest(const std::vector<Return>& returns, const std::vector<PlanarPatch>& patches,
                       const Eigen::Vector3d& point) {
   const Return* best = nullptr;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Ties of image points to surfaces of the LiDAR. On a straight drive a camera that is rotated about
-// the driving direction sees the same motion in its images as one that is not, and its points lie
-// off the surfaces that the LiDAR measures.
+// Ties image points to surfaces of the LiDAR. On a straight drive, a camera that is rotated about
+// the driving direction sees the same motion as one that is not, but its points lie off the
+// surfaces that the LiDAR measures.
 #pragma once
 
 #include <cstddef>
@@ -25,8 +25,8 @@ struct LidarTie {
 /// The position of a point in the world; nothing beyond max_m from its anchor.
 std::optional<Eigen::Vector3d> position_of(const InverseDepthPoint& point, double max_m);
 
-/// A tie for each of the `points` in the world with a return of a patch within 1 m and at most
-/// max_distance_m from that patch's plane, in their order. Points without a position, and in
+/// Returns a tie for each of the `points` in the world with a return of a patch within 1 m and at
+/// most max_distance_m from that patch's plane, in their order. Points without a position, and in
 /// corners of two patches, have none.
 std::vector<LidarTie> find_lidar_ties(const RigModel& model, const std::vector<LidarSample>& lidar,
                                       const std::vector<PlanarPatch>& patches,

@@ -24,7 +24,7 @@ struct RowTerms {
   Eigen::Vector3d own;  ///< derivatives with respect to the block's own parameters
 };
 
-/// One eliminated block: its own part of the normal matrix, that with the rig, and its rows.
+/// An eliminated block: its own part of the normal matrix, its part with the rig, and its rows.
 struct Eliminated {
   double curvature = 1;  ///< as a fraction of the normal matrix: curvature_fractions
   Eigen::Matrix3d own = Eigen::Matrix3d::Zero();
@@ -32,8 +32,8 @@ struct Eliminated {
   std::vector<RowTerms> rows;
 };
 
-/// Sums, by group, of the gradients of a block's rows by the rig's parameters, in the order of
-/// with_rig, with the block eliminated. `inverse`: of `own`.
+/// Returns, for each group, the sum of the gradients of a block's rows with respect to the rig's
+/// parameters, in the order of with_rig, with the block eliminated. `inverse`: inverse of `own`.
 std::map<int, Eigen::VectorXd> gradients_by_group(const Eliminated& e,
                                                   const Eigen::Matrix3d& inverse) {
   std::map<int, int> position;
@@ -54,7 +54,7 @@ std::map<int, Eigen::VectorXd> gradients_by_group(const Eliminated& e,
   return gradients;
 }
 
-/// Sums of gradients of all blocks by group.
+/// Sums of gradients of all blocks, one for each group.
 class GroupGradients {
  public:
   explicit GroupGradients(int n) : n_(n) {}
@@ -120,8 +120,8 @@ std::vector<double> curvature_fractions(const ceres::Problem& problem,
   return fractions;
 }
 
-/// Inverse after scaling columns to a unit diagonal, since they are metres and radians. Damped by
-/// 1e-12 where it is singular.
+/// Returns the inverse after scaling columns to a unit diagonal, since they are metres and radians.
+/// Damps it by 1e-12 where it is singular.
 Eigen::MatrixXd inverse_of(const Eigen::MatrixXd& normal) {
   const Eigen::Index n = normal.rows();
   const Eigen::VectorXd scale = normal.diagonal().cwiseMax(1e-12).cwiseSqrt().cwiseInverse();

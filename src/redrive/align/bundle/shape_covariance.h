@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// How well a bundle adjustment knows the trajectory's shape.
+// How precisely a bundle adjustment determines the trajectory's shape.
 #pragma once
 
 #include <Eigen/Core>

@@ -15,13 +15,14 @@ constexpr double kSignificantSigmas = 3;  // standard deviations
 // largest sigma of an extrinsic that counts as observable
 constexpr double kMaxSigma_m = 0.02, kMaxSigma_rad = 0.1 * kRadiansPerDegree;
 // Errors that observations share: lens models, shapes of surfaces, a LiDAR's own calibration.
-constexpr double kMotion_rad = 0.02 * kRadiansPerDegree,  // rotation of camera against car
-    kMotion_m = 0.002,                                    // motion across the driving direction
+// rotation of the camera relative to the car
+constexpr double kMotion_rad = 0.02 * kRadiansPerDegree,
+                 kMotion_m = 0.002,  // motion across the driving direction
     kTied_rad = 0.013 * kRadiansPerDegree, kTied_m = 0.004;
 constexpr int kMinTies = 50;  // fewer may share one wrong surface
 
-/// Mean square, over the frames, of the car's rotation and position about their means, that is
-/// perpendicular to `axis` of the body.
+/// Mean square, over the frames, of the part of the car's rotation and position about their means
+/// that is perpendicular to `axis` of the body.
 struct Excitation {
   double rad2 = 0, m2 = 0;
 };

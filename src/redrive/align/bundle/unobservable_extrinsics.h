@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Decides which numbers of the cameras' extrinsics of an adjusted rig are unobservable, along and
-// about the axes of the body. The images of one camera on a straight drive tell neither its
-// rotation about the driving direction nor its position in the car. Their best fit then is made of
-// small errors that all observations have in common, which the residuals do not show; the
-// calibration's value is better.
+// about the axes of the body. The images of one camera on a straight drive determine neither its
+// rotation about the driving direction nor its position in the car. Their best fit then follows
+// small errors that all observations share, which the residuals do not show; the calibration's
+// value is better.
 #pragma once
 
 #include <vector>
@@ -23,7 +23,7 @@ Vector6d body_axis_of_extrinsics(const RigModelCamera& camera, int axis);
 Vector6d extrinsics_in_body(const RigModelCamera& camera);
 
 /// Standard deviation of a number: min(sqrt(v + model_error^2), max(prior, |change|)) with v the
-/// variance of the residuals, the larger one of independent ones and of those correlated within a
+/// variance of the residuals, the larger of the independent one and the one correlated within a
 /// point, patch, image or scan (ReducedCovariance::robust), and model_error the error that remains
 /// however many residuals agree.
 double extrinsic_sigma(const RigModel& model, const BundleResult& result, const Vector6d& prior,
@@ -38,16 +38,16 @@ double model_error(const RigModel& model, int axis, int ties);
 /// are too few to count.
 double tie_error_m(int ties);
 
-/// Numbers of cameras with observations in `used` [cameras] that are observable neither by
-/// themselves nor relative to the mean of the other cameras'. Observable is a number with a
-/// standard deviation of at most half of its prior's, and one that differs from its initial value
-/// by three standard deviations of at most 0.1 degrees or 2 cm.
+/// Returns the numbers of cameras with observations in `used` [cameras] that are observable neither
+/// by themselves nor relative to the mean of the other cameras'. A number is observable if its
+/// standard deviation is at most half of its prior's, or if it differs from its initial value by
+/// three standard deviations of at most 0.1 degrees or 2 cm.
 std::vector<UnobservableExtrinsic> unobservable_extrinsics(const RigModel& model,
                                                            const BundleResult& result,
                                                            const std::vector<int>& used,
                                                            const Vector6d& prior);
 
-/// Returns the number to its initial value.
+/// Resets the number to its initial value.
 void reset_extrinsic(RigModelCamera* camera, int axis);
 
 }  // namespace redrive

@@ -30,8 +30,8 @@ double shared_error_s(const RigModel& model, const BundleResult& result, int cam
   return error_m == 0 ? 0 : error_m / std::max(kMinSpeed_m_per_s, mean_speed_m_per_s(model));
 }
 
-/// The change of a time offset from its initial value, its variance by the residuals, and the error
-/// that is added to it.
+/// The change of a time offset from its initial value, its variance from the residuals, and the
+/// error that is added to it.
 struct OffsetEstimate {
   int camera = 0, index = 0;  ///< index: in the covariance
   double change_s = 0, variance = 0, shared_s = 0;

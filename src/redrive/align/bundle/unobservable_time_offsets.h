@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Decides which time offsets of an adjusted rig are unobservable. At constant velocity a camera
-// that exposes late sees the same as a camera further forward. Its offset then is determined by the
+// that exposes late sees the same as a camera further forward. Its offset is then determined by the
 // prior of the camera's position, by few points that other cameras see, and by errors that its
-// tracks have in common; the calibration's value is better than the best fit.
+// tracks share; the calibration's value is better than the best fit.
 #pragma once
 
 #include <optional>
@@ -23,10 +23,10 @@ inline double max_observable_sigma_s(double prior_s) { return prior_s / 2; }
 std::optional<double> time_offset_sigma(const RigModel& model, const BundleResult& result,
                                         double prior_s, int camera);
 
-/// Cameras with observations in `used` [cameras] and an offset in result.covariance whose time
-/// offset is observable neither by itself nor relative to the mean of the others'. Observable is an
-/// offset with a standard deviation of at most max_observable_sigma_s, one that differs from its
-/// initial value by three standard deviations, and one that the LiDAR's contrast determined
+/// Returns the cameras with observations in `used` [cameras] and an offset in result.covariance
+/// whose time offset is observable neither by itself nor relative to the mean of the others'. An
+/// offset is observable if its standard deviation is at most max_observable_sigma_s, if it differs
+/// from its initial value by three standard deviations, or if LiDAR contrast determined it
 /// (result.contrast). Without LiDAR only the egomotion ties the offsets to an absolute time, and
 /// the offset of a single camera counts as observable.
 std::vector<UnobservableTimeOffset> unobservable_time_offsets(const RigModel& model,

@@ -13,7 +13,7 @@
 namespace redrive {
 namespace {
 
-constexpr int kImages = 16;        // a camera
+constexpr int kImages = 16;        // images of a camera, at most
 constexpr double kMargin_s = 0.2;  // images this close to the ends are not used: the LiDAR passed
                                    // their scene before the drive began
 constexpr double kClosest_m = 1, kFarthest_m = 50;
@@ -74,7 +74,7 @@ struct Hit {
   float distance_m = 0;
 };
 
-/// The returns in view of the camera that no nearer one occludes.
+/// Returns the returns in view of the camera that no nearer one occludes.
 std::vector<Hit> visible(const Camera& camera, const Rigid3d& camera_from_world,
                          const cv::Mat& usable, const std::vector<Eigen::Vector3f>& in_world) {
   const int across = usable.cols / kBlock_px + 1, down = usable.rows / kBlock_px + 1;
@@ -140,7 +140,7 @@ std::optional<Path> path_of(const Camera& camera, const std::array<Rigid3d, 3>& 
   return Path{*now, 0.5 * (*after - *before), 0.5 * (*after + *before) - *now};
 }
 
-/// Products of both contrasts, by time offset.
+/// Products of both contrasts, one for each time offset.
 struct Sums {
   int cells = 0;  ///< compared
   std::array<double, 2 * kSteps + 1> product{}, lidar{}, image{};
@@ -279,7 +279,7 @@ Sums compare(const RigModel& model, const ContrastData& source,
         if ((values[k] = sample(image, path->at(k)))) mean += *values[k], ++inside;
       for (int k = 0; k <= 2 * kSteps; ++k) {
         if (!values[k]) continue;
-        const double value = *values[k] - mean / inside;  // relative to its path, too
+        const double value = *values[k] - mean / inside;  // relative to its path as well
         sums.product[k] += *contrast * value;
         sums.lidar[k] += *contrast * *contrast;
         sums.image[k] += value * value;

@@ -13,7 +13,7 @@
 namespace redrive {
 namespace {
 
-constexpr int kImagesScored = 16;  // a camera
+constexpr int kImagesScored = 16;  // images of a camera, at most
 constexpr int kMaxWidth = 640;
 constexpr std::int64_t kAround_ns = 50'000'000;  // half a revolution at 10 Hz
 constexpr double kClosestEdge_m = 2, kFarthestEdge_m = 60;
@@ -38,8 +38,8 @@ struct Gradient {
     cv::Sobel(smooth, dx, CV_32F, 1, 0, 1, 0.5);
     cv::Sobel(smooth, dy, CV_32F, 0, 1, 1, 0.5);
   }
-  /// The largest slope along `direction` between two pixels; nothing where that leaves what is
-  /// usable.
+  /// Returns the largest slope along `direction` between two pixels; nothing where that leaves the
+  /// usable area.
   std::optional<double> strongest(const cv::Mat& usable, const Eigen::Vector2d& from,
                                   const Eigen::Vector2d& direction, double length_px) const {
     double most = 0;

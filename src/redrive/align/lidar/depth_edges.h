@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// How well edges of the LiDAR's depth lie on edges of the images: a check of extrinsics, poses and
+// Scores how well edges of LiDAR depth lie on edges of the images: a check of extrinsics, poses and
 // time offsets together that needs neither tracks nor ground truth. Where the LiDAR steps from a
 // near surface to a far one, the image usually has an edge, too.
 #pragma once
@@ -35,8 +35,7 @@ struct ProjectedReturn {
 std::vector<DepthEdge> find_depth_edges(const std::vector<ProjectedReturn>& returns,
                                         const cv::Size& image);
 
-/// How much an image changes across edges of depth and across their parallels up to 10 pixels
-/// beside them.
+/// How much an image changes across depth edges and across parallels up to 10 pixels beside them.
 struct EdgeScore {
   int edges = 0;
   double on_edges = 0, beside = 0;  ///< sums over edges; of the parallels' mean
@@ -48,7 +47,7 @@ struct EdgeScore {
   }
 };
 
-/// `grey`: 8 bits; `usable`: of the same size, 0 where pixels do not count. `shift`: of all edges,
+/// `grey`: 8 bits; `usable`: same size, 0 where pixels do not count. `shift`: shift of all edges,
 /// pixels, to see where they would lie better.
 EdgeScore score_depth_edges(const cv::Mat& grey, const cv::Mat& usable,
                             const std::vector<DepthEdge>& edges,

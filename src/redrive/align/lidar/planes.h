@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Planar patches in the LiDAR points of all revolutions, each point transformed by the pose at its
-// own time. Their planes become unknowns of the bundle adjustment as image points do: the poses are
-// corrected until all revolutions agree on one plane. Thus revolutions too sparse to determine a
-// normal alone contribute, too.
+// Planar patches in the LiDAR points of all scans, each point transformed by the pose at its own
+// time. Their planes become unknowns of the bundle adjustment as image points do: the poses are
+// corrected until all scans agree on one plane. So scans that are too sparse to determine a normal
+// contribute, too.
 #pragma once
 
 #include <array>
@@ -75,7 +75,7 @@ struct PlaneParameters {
 
 struct PlanarPatch {
   PlaneParameters plane;
-  std::vector<int> samples;  ///< on it, by index
+  std::vector<int> samples;  ///< indices of samples on it
   /// sigma of their distances (errors of the poses, range noise, roughness); at least 5 mm
   double sigma_m = 0;
 };

@@ -27,7 +27,8 @@ constexpr double kMaxPlane_m = 0.1;  // deviation of points from their plane
 // distance of a point that fits; noise of a cell
 constexpr double kOnPlane_m = 0.15, kNoise_m = 0.05;
 constexpr double kLeastSigma_m = 0.02, kLeastSigma_rad = 0.03 * kRadiansPerDegree;
-constexpr double kUnknown_m = 3, kUnknown_rad = 3 * kRadiansPerDegree;  // without any surface
+// where no surface constrains it
+constexpr double kUnknown_m = 3, kUnknown_rad = 3 * kRadiansPerDegree;
 constexpr double kSeen_m = 25, kAboveGround_m = 0.4;
 constexpr double kMinOverlap = 0.5, kMinUpright = 0.5;
 constexpr std::size_t kMinMatches = 300, kMinUprightPoints = 100;
@@ -80,7 +81,7 @@ std::vector<Vector3d> upright_places(const PointMap& points, const Columns& colu
   return result;
 }
 
-/// The view of a map from above: 2 where a column is upright, 1 beside.
+/// A map seen from above: 2 where a column is upright, 1 beside it.
 class View {
  public:
   View(const std::vector<Vector3d>& places, double reach_m)
@@ -109,8 +110,8 @@ class View {
   std::vector<std::uint8_t> pixels_;
 };
 
-/// The guess, turned and shifted to where upright columns lie on each other best. Of places as good
-/// the nearest counts.
+/// Returns the guess, turned and shifted to where upright columns overlap best. Among equally good
+/// places the nearest counts.
 Rigid3d correlated(const PointMap& target, const PointMap& source, const Rigid3d& guess,
                    double search_m, double search_rad) {
   PointMap moved;
@@ -141,7 +142,7 @@ Rigid3d correlated(const PointMap& target, const PointMap& source, const Rigid3d
   Rigid3d result = Rigid3d::Identity();
   result.linear() = so3_exp({0, 0, best_turn * kTurn_rad});
   result.translation() = middle - result.linear() * middle + kPixel_m * Vector3d(best_x, best_y, 0);
-  // The height by the median of columns without anything upright.
+  // The height is the median over columns without anything upright.
   std::vector<double> steps;
   for (const Vector3d& p : moved) {
     if (of_source.at(key_of(column_of(p))).upright()) continue;
@@ -216,8 +217,8 @@ PointMap thinned(const PointMap& points) {
   return result;
 }
 
-/// The planar cell around a point, or the one beside it to whose plane it is nearest; null without.
-/// *near: whether there are points at all.
+/// Returns the planar cell around a point, or the neighbouring one to whose plane it is nearest;
+/// null if there is none. *near: whether there are any points.
 Cell* plane_at(Cells* cells, const Vector3d& p, bool* near) {
   const Vector3i at = cell_of(p, kCell_m);
   Cell* best = nullptr;

@@ -25,17 +25,18 @@ struct MapRegistration {
   /// Covariance of the source's pose, in its axes: translation (m), rotation (rad). Large along
   /// what the surfaces do not constrain. At least (2 cm)^2 and (0.03 degrees)^2.
   Eigen::Matrix<double, 6, 6> covariance = Eigen::Matrix<double, 6, 6>::Zero();
-  double overlap = 0;  ///< part of the source's points that lie where the target has some
-  /// Part of the source's points above the ground, within 25 m of both places, that lie on surfaces
-  /// of the target: within 0.15 m of a plane, or among points that are on none, as leaves.
+  double overlap = 0;  ///< share of the source's points that lie where the target has some
+  /// Share of the source's points above the ground, within 25 m of both places, that lie on
+  /// surfaces of the target: within 0.15 m of a plane, or among points that lie on no plane, such
+  /// as leaves.
   double upright = 0;
   double residual_m = 0;  ///< RMS distance of all points within 0.15 m of a plane from it
-  /// Why it cannot be trusted: too little overlap, or surfaces that do not fit. Empty: it can.
+  /// Why it cannot be trusted: too little overlap, or surfaces that do not fit. Empty: it can be.
   std::string doubt;
 };
 
-/// `guess`: target from source, to within `search_m` horizontally, from which the height follows,
-/// `search_rad` about the vertical axis, and 1 degree about the others.
+/// `guess`: target from source, to within `search_m` horizontally (the height follows),
+/// `search_rad` about the vertical axis, and 1 degree about the other axes.
 MapRegistration register_maps(const PointMap& target, const PointMap& source, const Rigid3d& guess,
                               double search_m, double search_rad);
 

@@ -14,7 +14,7 @@ constexpr double kReturn_px = 0.5;
 constexpr double kNearest_m = 0.3, kBelowGround_m = 1;
 constexpr double kMinMove_px = 0.25;  // less is dirt, a reflection, or infinitely far
 constexpr double kMaxEpipolar_px = 1;
-// Least mean square of the gradient in its weaker direction, of 2 grey levels a pixel, in OpenCV's
+// Least mean square of the gradient in its weaker direction, for 2 grey levels a pixel, in OpenCV's
 // unit: its derivatives are 32 times too large, their squares 2^20 times too small.
 constexpr double kMinEigenvalue = 2.0 * 2.0 * 32 * 32 / (1 << 20);
 constexpr double kQuality = 0.005;  // quality of a corner, relative to the image's best
@@ -25,7 +25,8 @@ std::vector<cv::Mat> pyramid_of(const cv::Mat& grey) {
   return pyramid;
 }
 
-/// The next image, at most options.max_frames away, after min_driven_m; -1 if there is none.
+/// Returns the next image, at most options.max_frames away, after min_driven_m; -1 if there is
+/// none.
 int partner(const RigImages& images, int camera, int a, const CorrespondenceOptions& options) {
   const auto& frames = images.scene.frames;
   for (int b = a + 1; b < images.frames() && b <= a + options.max_frames; ++b) {
@@ -37,7 +38,7 @@ int partner(const RigImages& images, int camera, int a, const CorrespondenceOpti
   return -1;
 }
 
-/// Tracks points of image a to image b through all images between; far outside where lost.
+/// Tracks points of image a to image b through all images between; lost points lie far outside.
 std::vector<cv::Point2f> follow(const RigImages& images, int camera, int a, int b,
                                 const std::vector<cv::Point2f>& start) {
   const cv::TermCriteria until(cv::TermCriteria::COUNT | cv::TermCriteria::EPS, 30, 0.01);
@@ -61,8 +62,8 @@ std::vector<cv::Point2f> follow(const RigImages& images, int camera, int a, int 
   return at;
 }
 
-/// The pairs that agree with the relative pose fitted to them, independent of calibration and
-/// poses; none where less than half of them do.
+/// Returns the pairs that agree with the relative pose fitted to them, independent of calibration
+/// and poses; none where less than half of them do.
 std::vector<RayPair> consistent(const std::vector<RayPair>& pairs) {
   std::vector<Rigid3d> starts;
   for (int axis = 0; axis < 3; ++axis)  // an epipolar error has no sign

@@ -17,8 +17,8 @@ namespace {
 constexpr int kBlack = 2;       // largest grey value of a black image, 0..255
 constexpr int kBlackRoot = 23;  // the same in the square root of brightness: sqrt(2 * 255)
 constexpr std::size_t kReturns = 20'000;
-constexpr double kFewReturns = 0.001;  // share
-constexpr double kFocalFactor = 1.5;   // EXIF is rounded and of film in another format
+constexpr double kFewReturns = 0.001;  // share of returns in images below which it is reported
+constexpr double kFocalFactor = 1.5;   // EXIF is rounded and refers to film of another format
 
 /// Views of one camera by time.
 struct CameraViews {

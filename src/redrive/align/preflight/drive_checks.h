@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Checks of what a recording says of itself, which need no tracked points.
+// Checks of a recording's own statements, which need no tracked points.
 #pragma once
 
 #include <optional>
@@ -24,7 +24,7 @@ bool is_black(const Image8& image);
 std::vector<Finding> find_black_images(const RigImages& images);
 
 /// A finding where the focal length of EXIF in a camera's first image is more than 1.5 times the
-/// calibrated one, or less than that share of it; of perspective models.
+/// calibrated one, or less than 1 / 1.5 of it; for perspective models.
 std::optional<Finding> contradicted_focal_length(const RecordedCamera& camera);
 
 }  // namespace redrive

@@ -14,15 +14,15 @@ namespace {
 constexpr double kMinFlow_px = 1.5;
 constexpr double kScan_ms = 100, kScanStep_ms = 5;
 constexpr double kGood_px = 1;  // median error; pose noise of 6 cm and 0.12 degrees makes up to 0.5
-constexpr double kUsable_px = 2;  // correctable by redrive align
+constexpr double kUsable_px = 2;  // redrive align can correct it
 constexpr double kFactor = 2.5;   // factor by which a hypothesis has to lower the error
 constexpr double kMutualFactor =
-    1.3;  // the same if each of two cameras fits the other's extrinsics
+    1.3;  // the same factor if each of two cameras fits the other's extrinsics
 constexpr double kSynchronous_ms = 5, kAlignable_ms = 30;
 constexpr double kObservableFactor = 1.4;  // ratio of the scan's ends to its minimum
 constexpr double kScanFactor = 0.8;        // factor by which the scan's minimum has to be lower,
 constexpr double kSigmas = 2;  // or standard deviations from 0: a false "usable" costs little
-constexpr std::size_t kMinOfPair = 10;  // points of two images
+constexpr std::size_t kMinOfPair = 10;  // least number of points of two images
 constexpr double kNearTie = 1.25;       // ratio of errors whose hypotheses are named together
 constexpr std::size_t kMaxNamed = 3;
 const char* const kUnobservableByImages =
@@ -274,7 +274,7 @@ class Checker {
     const double frame_s = 1e-9 * static_cast<double>(frames_.back().t_ns - frames_[0].t_ns) /
                            static_cast<double>(frames_.size() - 1);
     for (int shift = -5; shift <= 5; ++shift) {
-      if (std::abs(shift) * frame_s * 1e3 < kScan_ms) continue;  // covered by the scan
+      if (std::abs(shift) * frame_s * 1e3 < kScan_ms) continue;  // the scan covers it
       Setup setup = recorded_;
       setup.offset_s += shift * frame_s;
       try_setup(Fault::kUnsynchronised,

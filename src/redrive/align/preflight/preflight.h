@@ -63,15 +63,15 @@ struct CameraCheck {
   std::string name;
   Verdict verdict = Verdict::kCannotTell;
   Fault fault = Fault::kNone;
-  std::string why;     ///< a sentence
-  int points = 0;      ///< compared
+  std::string why;     ///< reason, a sentence
+  int points = 0;      ///< number of compared points
   double flow_px = 0;  ///< median displacement of the points
   int scale = 1;  ///< factor by which images are downscaled; all pixels are of the smaller image
   std::vector<OddPair> odd_pairs;  ///< sorted by frame
   std::vector<Hypothesis> tried;   ///< "as recorded" first, then in ascending order of error
   std::vector<ScanPoint> scan;     ///< over time offsets relative to the recorded one
   double offset_ms = 0;            ///< position of the scan's minimum, from a parabola
-  double offset_error_px = 0;      ///< there
+  double offset_error_px = 0;      ///< error there
   /// sigma of offset_ms, from the jackknife over pairs of images; infinite for less than four
   double offset_sigma_ms = 0;
   bool offset_observable = false;  ///< whether the scan has a minimum, which needs turns or bumps
@@ -94,7 +94,7 @@ struct ClockCheck {
   std::string why;
 };
 
-/// A check of what all cameras share: "motion", "lidar".
+/// A check that concerns all cameras: "motion", "lidar".
 struct SharedCheck {
   std::string name;
   Verdict verdict = Verdict::kCannotTell;
@@ -110,9 +110,9 @@ struct Preflight {
       const;  ///< the result in a sentence, with the cameras that could not be checked
 };
 
-/// The best hypothesis and up to two more whose errors are at most a quarter larger: "A, or B: then
-/// half of the points agree to 0.40 or 0.44 px, as ...". `tried`: as in CameraCheck, with at least
-/// one beside "as recorded".
+/// Describes the best hypothesis and up to two more whose errors are at most a quarter larger: "A,
+/// or B: then half of the points agree to 0.40 or 0.44 px, as ...". `tried`: as in CameraCheck,
+/// with at least one besides "as recorded".
 std::string explanation_of(const std::vector<Hypothesis>& tried);
 
 /// Checks a drive (Recording::metric); the verdict on photographs is kCannotTell. `images`: of the

@@ -14,7 +14,7 @@ struct ScanPoint {
   double offset_ms = 0, error_px = 0;
 };
 
-/// The error of each point by offset; offsets are evenly spaced and ascending.
+/// The error of each point at each offset; offsets are evenly spaced and ascending.
 struct OffsetErrors {
   std::vector<double> offsets_ms;
   std::vector<std::vector<double>> px;  ///< [offsets, points]; NaN where there is no pose

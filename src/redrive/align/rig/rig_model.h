@@ -58,8 +58,8 @@ struct RigModel {
   /// The motion that, with the present corrections added, is the smooth motion. Before the first
   /// and after the last frame it continues uniformly.
   LocalMotion motion_at(std::int64_t t_ns) const;
-  /// The motion at an image's middle row, or its row v, with the camera's present offset and
-  /// readout.
+  /// Returns the motion at an image's middle row, or its row v, with the camera's present offset
+  /// and readout.
   LocalMotion image_motion(int camera, int frame) const;
   LocalMotion row_motion(int camera, int frame, double v) const;
 

@@ -21,7 +21,7 @@ constexpr double kAmbiguous =
     0.08;  // margin by which the best position has to exceed any other, in the wide search
 constexpr std::size_t kMinMatches = 20;
 constexpr int kSampledFrames = 16;       // frames that the first pass looks at
-constexpr std::size_t kWidePoints = 40;  // a frame and pair in the first pass
+constexpr std::size_t kWidePoints = 40;  // points for each frame and pair in the first pass
 constexpr double kMaxCorrection_rad = 0.08,
                  kMaxCorrection_m = 1.5;  // beyond, matches agree by chance
 constexpr double kApart_px = 2;           // spread of a track's matches around the prediction
@@ -72,14 +72,14 @@ class CrossCameraMatcher {
   }
 
  private:
-  /// As the calibration has it. The time between the exposures of one frame is in the poses of that
-  /// frame.
+  /// Returns the calibrated relative pose. The time between the exposures of one frame is in the
+  /// poses of that frame.
   Rigid3d calibrated(int a, int b) const {
     const int middle = images_.frames() / 2;
     return images_.world_from_camera[b][middle].inverse() * images_.world_from_camera[a][middle];
   }
 
-  /// Depth of all tracks by the poses as recorded.
+  /// Finds the depth of all tracks with the poses as recorded.
   void find_sources() {
     std::vector<std::vector<std::vector<Source>>> of_camera(images_.cameras());
     pool_.run(images_.cameras(), [&](int c) {
@@ -131,7 +131,8 @@ class CrossCameraMatcher {
     return all;
   }
 
-  /// Points of camera a that project into the image of camera b; for the wide search some of them.
+  /// Returns points of camera a that project into the image of camera b; for the wide search only
+  /// some of them.
   std::vector<Source> visible(const CameraPair& pair, int frame) const {
     std::vector<Source> all, some;
     const Camera& camera = images_.camera(pair.b);

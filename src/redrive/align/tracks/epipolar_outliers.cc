@@ -15,8 +15,8 @@ struct Seen {
   std::size_t track, a, b;
 };
 
-/// The recorded relative pose, and one that drives straight ahead, in case the recorded translation
-/// is noise.
+/// Returns the recorded relative pose, and one that drives straight ahead, in case the recorded
+/// translation is noise.
 std::vector<Rigid3d> likely_poses(const Rigid3d& body_from_camera, const Rigid3d& b_from_a) {
   std::vector<Rigid3d> starts = {b_from_a};
   Rigid3d ahead = b_from_a;  // the older camera lies behind the newer one

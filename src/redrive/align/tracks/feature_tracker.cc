@@ -22,7 +22,7 @@ constexpr double kFar_m = 1e5;
 constexpr float kCornerLevels =
     1.5f;  // least gradient of a corner in its weaker direction, grey levels per pixel
 
-/// A track that is not finished.
+/// A track in progress.
 struct ActiveTrack {
   Track track;
   Patch patch;  ///< reference that the other images are registered with

@@ -10,8 +10,8 @@
 
 namespace redrive {
 
-/// Tracks of two and more observations of one camera, not yet checked by drop_epipolar_outliers.
-/// `progress`: counts images.
+/// Returns tracks with two or more observations of one camera, not yet checked by
+/// drop_epipolar_outliers. `progress`: counts images.
 std::vector<Track> track_features(const RigImages& images, int camera, const TrackOptions& options,
                                   Progress* progress);
 

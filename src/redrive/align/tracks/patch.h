@@ -28,8 +28,8 @@ SmoothImage smooth_image(const cv::Mat& grey);
 /// values[i] at (column, row) = (i % kPatchSize, i / kPatchSize) - kPatchHalf from the centre.
 using Patch = std::array<float, kPatchSize * kPatchSize>;
 
-/// Samples image(centre + warp offset), averaged over what one pixel of the patch covers if that is
-/// more than one of the image's. Nothing where that leaves the image.
+/// Samples image(centre + warp offset), averaged over the area of one patch pixel if that is more
+/// than one image pixel. Nothing where that leaves the image.
 std::optional<Patch> sample_patch(const SmoothImage& image, const Eigen::Vector2d& centre,
                                   const Eigen::Matrix2d& warp = Eigen::Matrix2d::Identity());
 

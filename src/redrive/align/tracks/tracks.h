@@ -35,7 +35,7 @@ struct TrackOptions {
   double relaxed_max_sigma_px = 0.3;  ///< the same for cameras with few such points
   int few = 50;                       ///< observations per image, fewer are few
   double max_epipolar_error_px =
-      1;                        ///< from the relative pose that most tracks of two images agree on
+      1;  ///< largest error under the relative pose that most tracks of two images agree on
   int min_observations = 3;     ///< least number of observations in a track, >= 2
   std::filesystem::path masks;  ///< folder of masks (static_masks); empty: they are computed
 };

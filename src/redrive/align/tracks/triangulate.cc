@@ -17,7 +17,7 @@ struct RayToPoint {
 std::optional<Eigen::Vector3d> nearest_to_rays(std::span<const RayToPoint> rays) {
   Eigen::Matrix3d a = Eigen::Matrix3d::Zero();
   Eigen::Vector3d b = Eigen::Vector3d::Zero();
-  const Eigen::Vector3d near = rays[0].origin;  // for digits
+  const Eigen::Vector3d near = rays[0].origin;  // keeps the numbers small
   for (const RayToPoint& ray : rays) {
     const Eigen::Matrix3d across =
         Eigen::Matrix3d::Identity() - ray.direction * ray.direction.transpose();
@@ -40,7 +40,7 @@ struct Problem {
                                  cameras[track.seen[i].camera]);
   }
 
-  /// sum of r^2 / (r^2 + scale^2): what cannot be seen counts as infinitely far.
+  /// sum of r^2 / (r^2 + scale^2); a point that is not seen counts as infinitely far.
   double cost(const Eigen::Vector3d& point) const {
     double sum = 0;
     for (std::size_t i = 0; i < track.seen.size(); ++i) {
