@@ -24,14 +24,8 @@ if(REDRIVE_TESTS)
     <gtest/gtest.h>)
 endif()
 
-# Compiles a target's files together: what they share, templates above all, is compiled once. For
-# what is built whole; a change of one file compiles all. Names in a folder's anonymous namespaces
-# must differ.
-set(REDRIVE_UNITY "" CACHE STRING
-  "What is compiled together: nothing, `tests` (those marked TOGETHER), or `all` (libraries, too)")
-function(redrive_unity_build target)
-  set_target_properties(${target} PROPERTIES UNITY_BUILD ON UNITY_BUILD_BATCH_SIZE 8)
-endfunction()
+# Presets that are built whole set CMAKE_UNITY_BUILD: a target's files are compiled together, and
+# what they share, templates above all, once. Names in a folder's anonymous namespaces must differ.
 
 # Done by redrive_library; a program with heavy headers asks for it.
 function(redrive_precompile target)
@@ -47,11 +41,10 @@ function(redrive_library name)
     add_library(redrive_${name} STATIC ${ARG_SOURCES})
     target_include_directories(redrive_${name} PUBLIC ${CMAKE_SOURCE_DIR}/src)
     target_link_libraries(redrive_${name} PUBLIC ${ARG_DEPENDS})
-    if(NOT name MATCHES "^kernels")
+    if(name MATCHES "^kernels")
+      set_target_properties(redrive_${name} PROPERTIES UNITY_BUILD OFF)
+    else()
       redrive_precompile(redrive_${name})
-      if(REDRIVE_UNITY STREQUAL "all")
-        redrive_unity_build(redrive_${name})
-      endif()
     endif()
   else()
     add_library(redrive_${name} INTERFACE)
@@ -77,7 +70,7 @@ endif()
 
 # Unit tests sit beside the source:
 #   redrive_test(camera SOURCES mei_test.cc DEPENDS redrive::camera
-#     [SANITIZE address|thread|none...] [THREAD_TESTS FILTER] [TOGETHER])
+#     [SANITIZE address|thread|none...] [THREAD_TESTS FILTER])
 # makes the program test_camera. A build with a sanitizer has only the tests that name it. SANITIZE
 # is `address` if it is not given: it is for what parses or indexes, `thread` for what runs on
 # several threads, and `none` for optimisations and trainings as a whole, whose parts have tests of
@@ -86,7 +79,7 @@ endif()
 # optional private recordings are compiled in; a test that needs the latter skips visibly where they
 # are not.
 function(redrive_test name)
-  cmake_parse_arguments(ARG "TOGETHER" "THREAD_TESTS" "SOURCES;DEPENDS;SANITIZE" ${ARGN})
+  cmake_parse_arguments(ARG "" "THREAD_TESTS" "SOURCES;DEPENDS;SANITIZE" ${ARGN})
   if(ARG_UNPARSED_ARGUMENTS)
     message(FATAL_ERROR "redrive_test(${name}): unknown arguments ${ARG_UNPARSED_ARGUMENTS}")
   endif()
@@ -102,9 +95,6 @@ function(redrive_test name)
     GTest::gtest_main)
   target_compile_options(test_${name} PRIVATE ${redrive_test_options})
   target_precompile_headers(test_${name} REUSE_FROM redrive_test_pch)
-  if(ARG_TOGETHER AND REDRIVE_UNITY MATCHES "^(tests|all)$")
-    redrive_unity_build(test_${name})
-  endif()
   target_compile_definitions(test_${name} PRIVATE
     REDRIVE_SAMPLES="${CMAKE_SOURCE_DIR}/samples" REDRIVE_SHARED="${CMAKE_SOURCE_DIR}/../shared"
     REDRIVE_SOURCE="${CMAKE_SOURCE_DIR}" REDRIVE_BINARY="${CMAKE_BINARY_DIR}/redrive")

@@ -168,7 +168,7 @@ Eigen::Vector2d largest(const std::vector<Eigen::Vector2d>& errors) {
 }
 
 /// RMS of the stated deviations of poses, metres and degrees.
-Eigen::Vector2d stated(const AlignResult& result) {
+Eigen::Vector2d stated_rms(const AlignResult& result) {
   Eigen::Vector2d sum = Eigen::Vector2d::Zero();
   for (const Correction& c : result.corrections)
     sum += Eigen::Vector2d(c.sigma.head<3>().squaredNorm(), c.sigma.tail<3>().squaredNorm());
@@ -183,7 +183,7 @@ TEST(AlignInWindows, AgreesWithOneBundleAndHasNoStepAtTheSeams) {
   ThreadPool pool(2);
   const AlignResult whole =
       align_with(drive.rig.recording, drive.rig.tracks, drive.rig.lidar, drive.options, pool);
-  const Eigen::Vector2d sigma = stated(joined), of_whole = stated(whole);
+  const Eigen::Vector2d sigma = stated_rms(joined), of_whole = stated_rms(whole);
   const TrajectoryRegistration between = register_trajectories(joined.frames, whole.frames, "");
   EXPECT_LT(between.residual_m, 2 * std::hypot(sigma.x(), of_whole.x()));
   EXPECT_LT(between.residual_deg, 2 * std::hypot(sigma.y(), of_whole.y()));
@@ -244,7 +244,7 @@ TEST(AlignInWindows, OfADriveWithImages) {
   EXPECT_THAT(joined.remarks[0], HasSubstr("aligned in 2 windows of at most 10 frames"));
   ASSERT_EQ(joined.frames.size(), 16u);
   const TrajectoryRegistration between = register_trajectories(joined.frames, whole.frames, "");
-  EXPECT_LT(between.residual_deg, 2 * std::hypot(stated(joined).y(), stated(whole).y()));
+  EXPECT_LT(between.residual_deg, 2 * std::hypot(stated_rms(joined).y(), stated_rms(whole).y()));
   EXPECT_GT(joined.bundle.cameras[1].used, 100);
 }
 

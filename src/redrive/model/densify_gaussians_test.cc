@@ -11,7 +11,7 @@
 #include <gtest/gtest.h>
 #include <Eigen/Geometry>
 
-#include "redrive/base/rng.h"
+#include "redrive/model/known_splats_testing.h"
 #include "redrive/optim/packed_moments.h"
 
 namespace redrive {
@@ -20,9 +20,6 @@ namespace {
 constexpr std::size_t kTail = 5;
 constexpr float kLeastLogit = -4.59512f;  // logit of an opacity of 0.01
 
-/// Uniform in [-1, 1).
-float uniform(std::uint64_t key, std::uint64_t i) { return 2 * random_unit(key, i) - 1; }
-
 /// n visible Gaussians of all shapes within 20 m. The red of each is its number, so that it is
 /// recognised wherever it goes.
 GaussianList random_list(std::size_t n) {
@@ -30,7 +27,8 @@ GaussianList random_list(std::size_t n) {
   list.rows.resize(n * kGaussianRows);
   for (std::size_t i = 0; i < n; ++i) {
     float* const rows = &list.rows[i * kGaussianRows];
-    for (int row = 0; row < kGaussianRows; ++row) rows[row] = uniform(1, i * kGaussianRows + row);
+    for (int row = 0; row < kGaussianRows; ++row)
+      rows[row] = signed_random(1, i * kGaussianRows + row);
     for (int k = 0; k < 3; ++k) rows[kPositionRow + k] *= 20;
     for (int k = 0; k < 3; ++k) rows[kLogScaleRow + k] -= 2;
     rows[kColourRow] = static_cast<float>(i);

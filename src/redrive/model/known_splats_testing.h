@@ -15,7 +15,9 @@
 
 namespace redrive::known_splats {
 
-inline float uniform(std::uint64_t key, std::uint64_t i) { return 2 * random_unit(key, i) - 1; }
+inline float signed_random(std::uint64_t key, std::uint64_t i) {
+  return 2 * random_unit(key, i) - 1;
+}
 
 inline std::unique_ptr<kernels::Backend> fast_backend(int threads = 2) {
   return best_isa() ? kernels::make_cpu_backend(*best_isa(), threads) : kernels::make_ref_backend();
@@ -27,7 +29,7 @@ inline GaussianList known_gaussians(int n) {
   list.rows.resize(static_cast<std::size_t>(n) * kGaussianRows);
   for (int i = 0; i < n; ++i) {
     float* const rows = &list.rows[static_cast<std::size_t>(i) * kGaussianRows];
-    const auto random = [&](int row) { return uniform(11, 100 * i + row); };
+    const auto random = [&](int row) { return signed_random(11, 100 * i + row); };
     rows[kPositionRow] = 2 * random(0);
     rows[kPositionRow + 1] = 1.3f * random(1);
     rows[kPositionRow + 2] = 4.5f + 1.5f * random(2);
@@ -47,9 +49,9 @@ inline GaussianList disturbed(GaussianList list, float off) {
   for (std::size_t i = 0; i < list.size(); ++i) {
     float* const rows = &list.rows[i * kGaussianRows];
     for (int k = 0; k < 3; ++k) {
-      rows[kPositionRow + k] += off * uniform(12, 3 * i + k);
+      rows[kPositionRow + k] += off * signed_random(12, 3 * i + k);
       rows[kColourRow + k] = 0.4f;
-      rows[kLogScaleRow + k] += 0.3f * uniform(13, 3 * i + k);
+      rows[kLogScaleRow + k] += 0.3f * signed_random(13, 3 * i + k);
     }
     rows[kOpacityRow] = 0;
   }

@@ -88,7 +88,7 @@ class Crash : public ::testing::Test {
   Crash()
       : calls_(static_cast<int*>(mmap(nullptr, sizeof(int), PROT_READ | PROT_WRITE,
                                       MAP_SHARED | MAP_ANONYMOUS, -1, 0))) {
-    options_.checkpoint_every = 20;
+    options_.checkpoint_every = 7;
     fs::create_directory(folder_.path / "images");
     recording_ = make_test_recording(folder_.path / "images", 2);
     scene_ = make_scene(recording_, scene_options(options_));
@@ -157,7 +157,7 @@ class Crash : public ::testing::Test {
     return names;
   }
 
-  TrainOptions options_ = tiny_options(55);
+  TrainOptions options_ = tiny_options(19);
   Recording recording_;
   Scene scene_;
   const std::atomic<bool> never_{false};

@@ -12,14 +12,14 @@
 namespace redrive {
 namespace {
 
-constexpr int kFrames = 8, kReturns = 400'000;
+constexpr int kDriveFrames = 8, kReturns = 400'000;
 
 /// One drive and its LiDAR returns for all tests.
 class ContrastOfLidar : public ::testing::Test {
  protected:
   static const Recording& drive() {
     static const TemporaryFolder folder;
-    static const Recording recording = make_test_drive(folder.path, kFrames);
+    static const Recording recording = make_test_drive(folder.path, kDriveFrames);
     return recording;
   }
   static const RigImages& images() {
