@@ -24,10 +24,9 @@ class PathStore {
   /// Returns the poses of keyframes. InputError where the run has no such camera or frame.
   std::vector<PathKey> keys(const std::vector<PathKeyframe>& keyframes) const;
 
-  /// Writes RUN/paths/NAME.json, whole or not at all: the keyframes, and beside them what other
-  /// programs read of nerfstudio's layout (recording/camera_path_file.h). InputError where it
-  /// exists and is not to be overwritten, has more than 20000 images, or would be the 101st;
-  /// IoError.
+  /// Writes RUN/paths/NAME.json, whole or not at all: the keyframes, and the part of nerfstudio's
+  /// layout that other programs read (recording/camera_path_file.h). InputError where it exists and
+  /// must not be overwritten, has more than 20000 images, or would be the 101st; IoError.
   void save(const PathMessage& path) const;
 
   /// Returns {"fps", "keyframes"} of a saved path. InputError where there is none, or none with

@@ -16,7 +16,7 @@ RedirectFile::RedirectFile(const std::string& address) {
   constexpr std::string_view kEnding = ".html";
   std::string name = (std::filesystem::temp_directory_path() / "redrive-view-XXXXXX").string() +
                      std::string(kEnding);
-  // A name that nobody could have foreseen, with mode 0600, and no link is followed.
+  // An unpredictable name, with mode 0600, and no link is followed.
   const int file = mkstemps(name.data(), static_cast<int>(kEnding.size()));
   if (file < 0) throw IoError(name, std::strerror(errno));
   path_ = name;

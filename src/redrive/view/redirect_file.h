@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The file by which --open hands the page's address to a browser: a program's arguments can be read
-// by every user of the machine, and the address holds the token.
+// The file by which --open passes the page's address to a browser: every user of the machine can
+// read a program's arguments, and the address holds the token.
 #pragma once
 
 #include <filesystem>
@@ -8,7 +8,8 @@
 
 namespace redrive::view {
 
-/// A page that leads to an address. Its file can be read by this user alone and is removed with it.
+/// A page that redirects to an address. Only this user can read its file, which is removed with the
+/// object.
 class RedirectFile {
  public:
   /// Throws IoError where no file can be made.

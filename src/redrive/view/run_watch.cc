@@ -22,7 +22,7 @@ std::vector<std::filesystem::path> RunWatch::files() const {
   try {
     for (const Block& block : read_blocks(paths_.root))
       files.push_back(RunPaths{block_folder(paths_.root, block)}.checkpoint());
-  } catch (const InputError&) {  // thrown again where the run is opened
+  } catch (const InputError&) {  // opening the run throws it again
   }
   return files;
 }

@@ -54,7 +54,7 @@ std::string scene_page(const Run& run, int sh_degree) {
       {"up", {up.x(), up.y(), up.z()}},
       {"drive", drive}};
   std::string html = gunzip(files.html_gz);
-  // The script and the data have marks of their own kind: the last ones first.
+  // The script and the data contain marks themselves: fills the last ones first.
   fill("@SCRIPT@", gunzip(files.script_gz), &html);
   fill("@SPLATS@", base64(gaussian_spz(splat->world(), sh_degree)), &html);
   fill("@SCENE@", scene.dump(), &html);

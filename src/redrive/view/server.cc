@@ -35,24 +35,25 @@ using ErrorCode = beast::error_code;
 using Request = http::request<http::empty_body>;
 
 constexpr std::chrono::seconds kStrangerTimeout{3}, kRequestTimeout{10};
-constexpr std::chrono::milliseconds kAcceptAgain{200};  // after want of descriptors, say
+// delay before accepting again, for example without free descriptors
+constexpr std::chrono::milliseconds kAcceptAgain{200};
 constexpr std::uint32_t kMaxHeaderBytes = 8192;
 constexpr std::size_t kHeadBytes = 14;         // bytes of a frame's head, at most
 constexpr std::size_t kReadAhead = 64 * 1024;  // bytes of the next messages that a read may take
 
 std::string_view view_of(beast::string_view text) { return {text.data(), text.size()}; }
 
-/// What all connections share. Only the server's thread uses it.
+/// State that all connections share. Only the server's thread uses it.
 struct Shared {
   ServerOptions options;
   ServerEvents* events = nullptr;
   int known = 0;                                ///< connections that have shown the token
-  std::list<class Connection*> strangers = {};  ///< those that have not, the oldest one first
+  std::list<class Connection*> strangers = {};  ///< connections that have not, the oldest first
   ClientId last_client = 0;
   std::map<ClientId, std::weak_ptr<class Client>> clients = {};
 };
 
-/// Reports the bytes that a stream reads, as its rate policy, and limits nothing.
+/// Reports the bytes that a stream reads, as its rate policy, without limiting them.
 class Meter {
  public:
   explicit Meter(std::function<void(std::size_t)> on_read) : on_read_(std::move(on_read)) {}
@@ -134,7 +135,7 @@ class Client : public std::enable_shared_from_this<Client> {
   }
 
   /// Counts messages, and bytes that were read; closes the client where they are too many for a
-  /// second. Frames without content are in no message: their bytes remain.
+  /// second. Frames without content belong to no message: their bytes remain.
   void count(int messages, std::size_t bytes) {
     const auto now = std::chrono::steady_clock::now();
     if (now - second_ >= std::chrono::seconds(1)) second_ = now, received_ = 0, unexplained_ = 0;
@@ -145,7 +146,7 @@ class Client : public std::enable_shared_from_this<Client> {
                              kHeadBytes * static_cast<std::size_t>(options.max_messages_per_second);
     if (floods_ || (received_ <= options.max_messages_per_second && unexplained_ <= most)) return;
     floods_ = true;
-    // Not within the reading that counts.
+    // Posted, so that it does not run within the read that counts.
     asio::post(socket_.get_executor(), [self = shared_from_this()] {
       self->close(websocket::close_code::policy_error, "too fast");
     });
@@ -213,7 +214,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
       return refuse(request, http::status::service_unavailable, "too many connections\n");
     const std::string_view origin = view_of(request[http::field::origin]);
     const bool is_socket = target.file == "socket";
-    // Browsers name the origin of every WebSocket; a foreign page that guessed the token has none.
+    // Browsers send the origin of every WebSocket; a foreign page that guessed the token has none.
     if ((is_socket || !origin.empty()) && !is_own_origin(origin, host))
       return refuse(request, http::status::forbidden, "another origin\n");
     if (is_socket) return upgrade(request);
@@ -228,7 +229,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
     if (place_) shared_.strangers.erase(*std::exchange(place_, std::nullopt));
   }
 
-  /// Takes a place of those that have shown the token, if there is one.
+  /// Takes one of the places for connections that have shown the token, if there is one.
   bool become_known() {
     if (shared_.known >= shared_.options.max_connections) return false;
     leave_strangers();
@@ -330,8 +331,8 @@ struct Server::Impl {
     thread.join();
   }
 
-  /// Serves until the context is stopped. What a handler throws, as for want of memory, ends its
-  /// own connection, which it held.
+  /// Serves until the context is stopped. An exception of a handler, such as lack of memory, ends
+  /// only its own connection, which it held.
   void run() {
     for (;;) try {
         context.run();
@@ -351,13 +352,13 @@ struct Server::Impl {
           shared.strangers.front()->drop();
         socket.set_option(tcp::no_delay(true), error);
         std::make_shared<Connection>(std::move(socket), &shared)->read();
-      } catch (const std::exception&) {  // no memory for this one
+      } catch (const std::exception&) {  // there is no memory for this one
       }
       accept();
     });
   }
 
-  /// Accepts again in a while, where there are no descriptors, say. A stranger gives its own.
+  /// Accepts again later, for example when there are no descriptors. A stranger gives up its own.
   void pause() {
     if (!shared.strangers.empty()) shared.strangers.front()->drop();
     retry.expires_after(kAcceptAgain);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The server of a page: HTTP for the page's files, a WebSocket for messages. It knows nothing of
-// what the messages say. Boost.Beast stays within server.cc.
+// The server of a page: HTTP for the page's files, a WebSocket for messages, whose contents it does
+// not know. Boost.Beast stays within server.cc.
 #pragma once
 
 #include <cstdint>

@@ -27,7 +27,7 @@ namespace {
 constexpr std::size_t kKeptTables = 12, kKeptImages = 8;
 constexpr std::size_t kNamedObservers = 6;  ///< training images that a click names
 
-/// Returns the entry of `key`, made by `make` where it is not among the last `most`.
+/// Returns the entry of `key`, making it by `make` if it is not among the last `most`.
 template <class Key, class Value, class Make>
 Value cached(std::list<std::pair<Key, Value>>* entries, const Key& key, std::size_t most,
              const Make& make) {
@@ -49,8 +49,8 @@ bool is_divided(const Run& run) {
   return dynamic_cast<const DividedModel*>(run.state.model.get()) != nullptr;
 }
 
-/// Throws UsageError for a drive trained in blocks: some images in a kilometre say nothing of what
-/// was seen, and all of them would load every block.
+/// Throws UsageError for a drive trained in blocks: a few images in a kilometre say nothing about
+/// what was seen, and all of them would load every block.
 void refuse_blocks(const Run& run, const char* what) {
   if (is_divided(run))
     throw UsageError(what, "", "is shown of single blocks: redrive view RUN/blocks/000");
@@ -177,8 +177,8 @@ nlohmann::json ViewRenderer::describe() const {
           {"objects", objects_to_json(scene)}};
 }
 
-/// Returns {"near_m", "far_m", "colours": ["#rrggbb", ..]}: the layer of depth, in equal steps of
-/// the logarithm.
+/// Returns {"near_m", "far_m", "colours": ["#rrggbb", ..]}: the scale of the depth layer, in equal
+/// steps of the logarithm.
 nlohmann::json ViewRenderer::depth_scale() const {
   constexpr int kSteps = 16;
   RenderedImage ramp;
@@ -329,7 +329,8 @@ RenderJob ViewRenderer::begin(const ViewRequest& request, const Placement& place
     if (request.is_driven() || request.novel) job.recorded_ = reference(request);
     return job;
   }
-  // Cameras of novel sets may have the name of the run's and another lens: tables by both.
+  // Cameras of novel sets may have the name of a run's camera and another lens: tables are keyed by
+  // both.
   const Camera& of = placement.camera;
   const std::string key = placement.camera_name + "/" + std::to_string(of.fx) + "/" +
                           std::to_string(of.cx) + "/" + std::to_string(of.cy);
@@ -437,7 +438,7 @@ nlohmann::json ViewRenderer::pick(const RenderJob& job, double u, double v,
     const auto object =
         object_on_ray(traffic, placement.t_ns, placement.world_from_camera.translation(),
                       placement.world_from_camera.linear() * *direction);
-    // Before its box: by more than a surface is thick.
+    // In front of its box, by more than a surface is thick.
     if (object && (!hits || depth_m > 0.95 * object->from_m - 0.3)) answer["object"] = object->id;
   }
   if (!hits) return answer;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Makes what the viewer shows of a run: images, recorded images beside them, scores, points.
+// Makes the viewer's output for a run: images, recorded images, scores, points.
 #pragma once
 
 #include <list>
@@ -22,14 +22,14 @@
 
 namespace redrive::view {
 
-/// A camera at a pose, with what belongs to it.
+/// A camera at a pose, with its context.
 struct Placement {
   std::string camera_name;
   std::int64_t frame = 0;
   Camera camera;  ///< at full size
   Rigid3d world_from_camera, world_from_body;
   Exposure exposure;
-  std::int64_t t_ns = 0;                         ///< when the camera sees what moves
+  std::int64_t t_ns = 0;                         ///< time at which the camera sees moving objects
   std::vector<ShutterPoses::Actor> actors = {};  ///< at that time
 
   /// Returns the camera's pose with the actors.
@@ -40,7 +40,7 @@ struct Placement {
   }
 };
 
-/// An image that is rendered strip by strip, so that the viewer can leave it for a newer one.
+/// An image that is rendered strip by strip, so that the viewer can abandon it for a newer one.
 class RenderJob {
  public:
   /// Renders the next strip. Returns whether the image is complete.
@@ -67,9 +67,9 @@ class RenderJob {
 /// Not thread-safe: images are made one at a time.
 class ViewRenderer {
  public:
-  /// Run and backend must outlive it. A run without a model shows the recording alone: its images
-  /// at the poses where they were taken, nothing elsewhere. InputError where a poses.json of a
-  /// novel set is malformed.
+  /// Run and backend must outlive it. A run without a model shows only the recording: its images at
+  /// the poses where they were taken, nothing elsewhere. InputError where a poses.json of a novel
+  /// set is malformed.
   ViewRenderer(const Run& run, kernels::Backend& backend);
 
   /// Returns {"cameras", "frames", "held_out", "novel", "start": null or {"camera", "frame"}, ...}:
@@ -80,12 +80,12 @@ class ViewRenderer {
   /// or novel view.
   Placement place(const ViewRequest& request, const Scene& traffic);
   Placement place(const ViewRequest& request) { return place(request, run_.scene); }
-  /// Places the request's camera at a key of a path, whose time moving objects have; the request's
-  /// frame gives the exposure.
+  /// Places the request's camera at a key of a path, at whose time moving objects are shown; the
+  /// request's frame gives the exposure.
   Placement place_at(const ViewRequest& request, const PathKey& key, const Scene& traffic);
 
-  /// `strip_s`: the time to spend in one step, for methods that march rays; those that rasterise
-  /// have one step. `expected_s`: of the whole image.
+  /// `strip_s`: time to spend in one step, for methods that march rays; rasterisers have one step.
+  /// `expected_s`: time for the whole image.
   RenderJob begin(const ViewRequest& request, const Placement& placement, int factor,
                   double expected_s, double strip_s);
 
@@ -104,13 +104,13 @@ class ViewRenderer {
   /// no such image. InputError where a mask or a box file cannot be read.
   std::optional<Mask> mask(const ViewRequest& request);
 
-  /// Returns the PSNR in dB as `redrive eval`, but with the pose of `placement`; nothing without a
-  /// reference.
+  /// Returns the PSNR in dB like `redrive eval`, but with the pose of `placement`; nothing without
+  /// a reference.
   std::optional<double> psnr_db(const ViewRequest& request, const RenderJob& job);
 
-  /// Prepares seen_share() for some time. Returns whether it can be called; never where it is not
-  /// known: without a model, of a drive in blocks, and of methods whose views take seconds until
-  /// the layer of coverage was shown. InputError as Coverage.
+  /// Prepares seen_share() for some time. Returns whether it can be called; never where it is
+  /// unknown: without a model, for a drive in blocks, and for methods whose views take seconds
+  /// until the coverage layer was shown. InputError as Coverage.
   enum class Preparation { kMore, kReady, kNever };
   Preparation prepare_coverage(double seconds);
   /// Returns the share of the image's pixels whose surface some training image saw, 0 to 1.
@@ -121,7 +121,7 @@ class ViewRenderer {
   /// there that no surface hides.
   nlohmann::json pick(const RenderJob& job, double u, double v, const Scene& traffic) const;
 
-  /// Forgets what was made of the field before it changed.
+  /// Forgets what was computed from the field before it changed.
   void forget_field();
 
   /// Searches the training images that saw a point. InputError as read_exclusions.
@@ -149,7 +149,7 @@ class ViewRenderer {
   kernels::Backend& backend_;
   bool marches_rays_;
   std::vector<NovelGroundTruth> novel_;
-  // The last ones that were used, latest first:
+  // The last used ones, latest first:
   std::list<std::pair<NovelView, std::shared_ptr<const GroundTruthView>>> ground_truths_;
   std::list<std::pair<std::pair<std::string, int>, std::shared_ptr<const RayTable>>> tables_;
   std::list<std::pair<std::pair<std::string, std::int64_t>, std::shared_ptr<const Image8>>>

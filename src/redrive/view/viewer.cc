@@ -22,18 +22,19 @@ constexpr double kMovingBudget_s = 0.05;
 constexpr double kStrip_s = 0.1;    ///< the longest wait for a newer request
 constexpr double kSearch_s = 0.05;  ///< time of observers between two looks at the requests
 constexpr double kAtOnce_s = 0.3;   ///< a full image that takes longer is reached in steps
-constexpr std::chrono::milliseconds kRest{150};  ///< without a request: the camera rests
-constexpr std::chrono::seconds kLook{2};         ///< between two looks at the run's folder
-constexpr std::chrono::seconds kBusy{1};         ///< a client counts as busy after a request
-constexpr std::uint64_t kMostUnshown = 2;        ///< images on their way to a page
-constexpr std::size_t kRevolutionsAtOnce = 20;   ///< the cloud grows by so many in the page
-constexpr std::size_t kMostPathMessages = 16;    ///< messages that wait, at most
+/// time without a request after which the camera rests
+constexpr std::chrono::milliseconds kRest{150};
+constexpr std::chrono::seconds kLook{2};        ///< between two looks at the run's folder
+constexpr std::chrono::seconds kBusy{1};        ///< a client counts as busy after a request
+constexpr std::uint64_t kMostUnshown = 2;       ///< images on their way to a page
+constexpr std::size_t kRevolutionsAtOnce = 20;  ///< the cloud grows by so many in the page
+constexpr std::size_t kMostPathMessages = 16;   ///< messages that wait, at most
 /// bytes of a page's messages, not yet parsed
 constexpr std::size_t kMostWaitingBytes = 4 * kMaxMessageBytes;
 constexpr int kSmallestSide = 64;  ///< pixels of the smallest image
 constexpr int kQuality = 92;
 
-/// Returns the factor beyond which an image shows nothing.
+/// Returns the factor beyond which an image is too small to show anything.
 int largest_factor(const Camera& camera) {
   return std::clamp(std::min(camera.width, camera.height) / kSmallestSide, 1, 16);
 }
@@ -88,7 +89,7 @@ void Viewer::received(ClientId id, std::string_view text) {
   wake_.notify_one();
 }
 
-/// Parses what came from a client. A text that is none of the messages ends it.
+/// Parses a client's texts. A text that is none of the messages ends the client.
 void Viewer::take_texts(ClientId id, Client& client, Inbox inbox) {
   for (Inbox::Text& text : inbox.texts) {
     ClientMessage message = parse_client_message(text.text);
@@ -104,11 +105,11 @@ void Viewer::take_texts(ClientId id, Client& client, Inbox inbox) {
 void Viewer::closed(ClientId id) {
   const std::lock_guard lock(mutex_);
   clients_.erase(id);
-  if (clients_.empty()) paused_ = false;  // nobody is left who could let training go on
+  if (clients_.empty()) paused_ = false;  // no page is left that could resume training
 }
 
 void Viewer::show(std::shared_ptr<const Run> run) {
-  // What throws does so before anything changes.
+  // Exceptions are thrown before anything changes.
   ViewRenderer renderer(*run, backend_);
   Overlay overlay(*run);
   DriveMap map(run->scene);
@@ -166,7 +167,7 @@ bool Viewer::work(bool waits) {
     for (const auto& [id, client] : clients_)
       turn.push_back({id, client, std::exchange(client->inbox, {})});
   }
-  // The clients after the one that was served last come first.
+  // The clients after the last served one come first.
   std::rotate(
       turn.begin(),
       std::ranges::find_if(turn, [&](const Turn& entry) { return entry.id > last_served_; }),
@@ -178,7 +179,7 @@ bool Viewer::work(bool waits) {
       if (worked || !work(entry.id, *entry.client, &wake_at)) continue;
       last_served_ = entry.id;
       worked = true;
-    } catch (const std::exception& error) {  // costs the page, and no training
+    } catch (const std::exception& error) {  // ends the page, not the training
       server_->close(entry.id, error.what());
     }
   if (worked) return true;
@@ -196,10 +197,10 @@ void Viewer::show_again() {
   const std::lock_guard lock(mutex_);
   for (const auto& [id, client] : clients_) {
     client->failed = client->scored = false;
-    // At full size at once, since the camera rests; what is being refined goes on.
+    // Renders at full size at once, since the camera rests; refinement continues.
     if (client->sent_factor == 1) client->sent_factor = 2;
     client->search = std::nullopt;
-    client->traffic = nullptr;  // tracks are trained along
+    client->traffic = nullptr;  // tracks train along
   }
 }
 
@@ -221,7 +222,7 @@ void Viewer::read_curve() {
 }
 
 /// Does the client's next piece of work. Returns false where there is none before *wake_at, which
-/// is lowered to the time from which on there is.
+/// is lowered to the time from which there is.
 bool Viewer::work(ClientId id, Client& client, Clock::time_point* wake_at) {
   if (!client.greeted) {
     client.greeted = true;
@@ -300,8 +301,8 @@ bool Viewer::work_on_image(ClientId id, Client& client, Clock::time_point* wake_
   return true;
 }
 
-/// Searches for some time the training images that saw the point that was picked last. Returns
-/// false where there is nothing to search.
+/// Searches, for some time, the training images that saw the last picked point. Returns false where
+/// there is nothing to search.
 bool Viewer::search_on(ClientId id, Client& client) {
   if (!client.searched) return false;
   const Clock::time_point start = Clock::now();
@@ -341,8 +342,8 @@ void Viewer::begin(Client& client) {
       renderer_->begin(*client.view, placement, factor, pace.seconds(factor).value_or(0), kStrip_s);
 }
 
-/// Reads a revolution of the cloud, or sends the image again with what was read since. Returns
-/// false where both are done.
+/// Reads a scan of the cloud, or sends the image again with the scans read since. Returns false
+/// where both are done.
 bool Viewer::more_of_the_cloud(ClientId id, Client& client) {
   bool read = true;
   try {
@@ -384,7 +385,7 @@ void Viewer::finish(ClientId id, Client& client) {
     std::optional<Mask> mask;
     if (view.overlays.masks && view.is_driven()) mask = renderer_->mask(view);
     if (mask) masked = mask_runs(*mask);
-  } catch (const std::exception& error) {  // the recording has moved away, say
+  } catch (const std::exception& error) {  // for example because the recording has moved
     trouble = error.what();
   }
   ++client.sent;
@@ -436,7 +437,7 @@ void Viewer::send_reference(ClientId id, Client& client, const ViewRequest& view
                                              jpeg));
       return;
     }
-  } catch (const std::exception& error) {  // the recording has moved away, say
+  } catch (const std::exception& error) {  // for example because the recording has moved
     why = error.what();
   }
   send(id, {{"kind", "no_reference"}, {"key", key}, {"text", why}});
@@ -454,7 +455,8 @@ bool Viewer::send_score(ClientId id, Client& client) {
       if (prepared == ViewRenderer::Preparation::kMore) return true;
       if (prepared == ViewRenderer::Preparation::kReady) seen = renderer_->seen_share(*client.last);
     }
-  } catch (const InputError&) {  // an image or a mask is gone; the page is told where it shows them
+    // an image or a mask is gone; the page hears of it where it shows them
+  } catch (const InputError&) {
   }
   client.scored = true;
   if (!psnr_db && !seen) return false;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Decides which client's image is made next and how large. Images are made one at a time on the
-// thread of serve(), the clients in turn; a newer request of a client replaces the older one, so
-// nothing queues.
+// thread of serve(), in turn for the clients; a newer request of a client replaces the older one,
+// so nothing queues.
 #pragma once
 
 #include <atomic>
@@ -30,7 +30,7 @@
 
 namespace redrive::view {
 
-/// How far a run is that trains in this process.
+/// Progress of a run that trains in this process.
 struct Training {
   bool trains = false;  ///< false: it has ended
   std::int64_t step = 0;
@@ -47,7 +47,7 @@ class Viewer : public ServerEvents {
  public:
   using Look = std::function<RunNews()>;
   /// The backend must outlive it. `look` is called every few seconds between two images, on the
-  /// thread of serve(). `edit`: of moving objects, that pages begin with.
+  /// thread of serve(). `edit`: changes to moving objects with which pages begin.
   Viewer(std::shared_ptr<const Run> run, kernels::Backend& backend, Look look = {},
          FirstEdit edit = {});
   ~Viewer() override;
@@ -55,16 +55,16 @@ class Viewer : public ServerEvents {
   /// Makes images until `stop`; looks at it 10 times a second.
   void serve(Server& server, const std::atomic<bool>& stop);
 
-  /// What serve() does, piece by piece, for LiveView: use() first. Does one piece of work, at most
-  /// an image or a strip of it. Returns whether there was one; with `waits` it waits 0.1 s for it.
-  /// An error of a page closes the page; nothing is thrown.
+  /// A piece of what serve() does, for LiveView; call use() first. Does at most an image or a strip
+  /// of it. Returns whether there was anything to do; with `waits` it waits 0.1 s for it. An error
+  /// of a page closes the page; nothing is thrown.
   bool work(bool waits);
   void use(Server& server);
 
   void set_training(const Training& training);
   bool paused() const { return paused_; }  ///< whether a page paused it
   bool has_clients() const;
-  void show_again();  ///< the model has changed: makes the images that are shown once more
+  void show_again();  ///< the model has changed: makes the shown images once more
   void drop_jobs();   ///< the model is another object: forgets the images that are being made
 
   void opened(ClientId id) override;

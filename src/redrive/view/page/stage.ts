@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Draws the rendering, the recorded image and what lies over them on one canvas.
+// Draws the rendering, the recorded image and the overlays on one canvas.
 import type {ImageHeader, Line, Picture, ReferenceHeader} from "./protocol";
 import {isDriven, type State} from "./state";
 
@@ -85,7 +85,7 @@ export class Stage {
     const room = this.room();
     const scale = (columns: number, rows: number) =>
       Math.min(room.width / (columns * full_width), room.height / (rows * full_height));
-    // Beside each other or one above the other, whichever is larger.
+    // Side by side or one above the other, whichever is larger.
     const wide = beside && scale(2, 1) >= scale(1, 2);
     const columns = wide ? 2 : 1;
     const rows = beside && !wide ? 2 : 1;
@@ -114,7 +114,7 @@ export class Stage {
     if (this.reference && state.compare !== "off")
       this.drawReference(context, this.reference.bitmap, state, other, put);
     this.drawOverlays(context, picture, this.rendering);
-    // What is projected for another pose would lie wrong over the recorded image.
+    // Overlays projected for another pose would lie wrong over the recorded image.
     if (beside && this.reference && isDriven(state)) this.drawOverlays(context, picture, other);
     this.drawMarks(context);
     if (state.compare !== "off") this.drawLabels(context, state, other);

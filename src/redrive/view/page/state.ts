@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the page shows. It lives in the address, so that a view can be sent to a colleague.
+// The state of the page. It lives in the address, so that a view can be sent to a colleague.
 import {mountFrom, mountText, type Mount} from "./mount";
 import type {Hello} from "./protocol";
 
@@ -22,7 +22,7 @@ export interface State {
   up: number;
   yaw: number; // degrees, to the left
   pitch: number; // degrees, upwards
-  novel: {set: string; index: number} | null; // takes the place of all above
+  novel: {set: string; index: number} | null;  // takes the place of all above
   compare: Compare;
   share: number;  // share of the recorded image in wipe and blend
   layer: Layer;

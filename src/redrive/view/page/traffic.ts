@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The panel's part for moving objects: a list of them, the change of the selected one, undo, and
-// EDIT.json in and out. The program applies every change and says what is wrong with it.
+// The panel's part for moving objects: their list, the change of the selected one, undo, and
+// loading and saving EDIT.json. The program applies every change and reports errors.
 import {element} from "./controls";
 import {
   changeOf, copyOf, editText, fileText, History, noEdit, parseEdit, reset, setChange, type Change,
@@ -28,7 +28,7 @@ interface Drag {
   from: Mark;
   at: Mark; // where the pointer is
   change: Change; // when it began
-  next: Mark | null; // the same, until it was asked for
+  next: Mark | null;  // the same, until the program was asked for it
   waits: boolean; // for an answer
   ended: boolean;
 }
@@ -160,7 +160,7 @@ export class TrafficPart {
     at: Mark, lines: Line[], pixels: (a: Mark, b: Mark) => number,
   ): "object" | "handle" | null {
     if (this.state.object === null) return null;
-    // What is pressed within the outline moves the object, wherever the handle lies.
+    // A press within the outline moves the object, wherever the handle lies.
     const box = lines.filter(({kind}) => kind === "object").flatMap(marks);
     if (contains(box, at)) return "object";
     const handle = lines.find(({kind}) => kind === "handle");

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The part of the panel that shows how training goes, and lets it wait.
+// The part of the panel that shows the progress of training and pauses it.
 import type {Curve, Training} from "./protocol";
 
 const svg = "http://www.w3.org/2000/svg";

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The page of `redrive view`: asks for the image of its state, draws what comes, and turns pointer
+// The page of `redrive view`: requests the image of its state, draws the answers, and turns pointer
 // and keys into changes of the state.
 import {captionOf} from "./caption";
 import {Controls, element, isNarrow} from "./controls";
@@ -46,7 +46,7 @@ class Viewer {
   private traffic!: TrafficPart;
   private map!: DriveMap;
   private id = 0;  // id of the last request
-  private asks = false; // the state has changed since it was asked for
+  private asks = false;  // the state has changed since its image was requested
   private playing = false;
   private playedUntil = 0;
   private readonly held = new Set<string>(); // keys of flight
@@ -157,7 +157,8 @@ class Viewer {
     this.address = address;
     const wanted = {...toRequest(this.state, 0), ...this.path.request()};
     const request = JSON.stringify(wanted);
-    if (request === this.asked) return this.draw(); // the share of a wipe, say
+    // only the share of a wipe has changed, for example
+    if (request === this.asked) return this.draw();
     this.asked = request;
     this.score = this.seen = null;
     const view = JSON.stringify({...wanted, object: null});
@@ -181,7 +182,7 @@ class Viewer {
     } else {
       this.connection.send({type: "shown", sequence: header.sequence});
       const before = this.stage.image?.header;
-      // Bitmaps need not be ready in the order of their images.
+      // Bitmaps may be ready in another order than their images.
       if (before && (before.id > header.id ||
         (before.id === header.id && before.sequence > header.sequence))) return;
       this.stage.image = picture as Picture<ImageHeader>;
@@ -388,7 +389,7 @@ class Viewer {
     if (event.altKey) return;
     const target = event.target as HTMLElement;
     const key = event.key.toLowerCase();
-    // Fields keep their keys, sliders those that move them, buttons and boxes space and enter.
+    // Fields keep their keys, sliders the keys that move them, buttons and boxes space and enter.
     const type = target instanceof HTMLInputElement ? target.type : "";
     const isField = type !== "" && type !== "range" && type !== "checkbox";
     if (isField) return;
