@@ -28,7 +28,7 @@ GaussianList random_list(std::size_t n) {
   for (std::size_t i = 0; i < n; ++i) {
     float* const rows = &list.rows[i * kGaussianRows];
     for (int row = 0; row < kGaussianRows; ++row)
-      rows[row] = signed_random(1, i * kGaussianRows + row);
+      rows[row] = known_splats::signed_random(1, i * kGaussianRows + row);
     for (int k = 0; k < 3; ++k) rows[kPositionRow + k] *= 20;
     for (int k = 0; k < 3; ++k) rows[kLogScaleRow + k] -= 2;
     rows[kColourRow] = static_cast<float>(i);

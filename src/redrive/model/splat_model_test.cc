@@ -99,7 +99,7 @@ TEST(SplatModel, FindsTheExposuresOfImages) {
   // One camera takes all images, each with gains of its own.
   std::vector<double> gains;
   for (std::size_t v = 0; v < known.images.size(); ++v)
-    gains.push_back(std::exp(0.25 * uniform(14, v)));
+    gains.push_back(std::exp(0.25 * signed_random(14, v)));
   for (std::size_t v = 0; v < known.images.size(); ++v)
     for (std::uint8_t& value : known.images[v].rgb)
       value = static_cast<std::uint8_t>(std::lround(gains[v] * value));
