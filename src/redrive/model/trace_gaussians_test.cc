@@ -65,7 +65,8 @@ void expect_exact(const Vector3d& centre, const Eigen::Matrix3d& axes, double to
   std::vector<double> ranges;
   for (int i = 0; i < 400; ++i) {
     const Vector3d from(0.004 * i, 0.01 * std::sin(i), 0),
-        to = centre + axes * Vector3d(0, signed_random(21, 2 * i), signed_random(21, 2 * i + 1)) * 2;
+        to =
+            centre + axes * Vector3d(0, signed_random(21, 2 * i), signed_random(21, 2 * i + 1)) * 2;
     rays.origins.push_back(from);
     rays.directions.push_back((to - from).normalized());
     ranges.push_back((to - from).norm());
