@@ -309,7 +309,8 @@ TEST_F(EndToEnd, InspectReportsBeforeTraining) {
   const nlohmann::json preflight = nlohmann::json::parse(ended.out)["preflight"];
   EXPECT_EQ(preflight["sensible"].get<bool>(), ended.exit_code == kExitOk);
   EXPECT_EQ(preflight["cameras"].size(), 3u);
-  EXPECT_EQ(preflight["cameras"][0].at("clock"), nullptr) << "unobservable from smooth colours";
+  EXPECT_EQ(preflight["cameras"][0].at("time_offset"), nullptr)
+      << "unobservable from smooth colours";
   EXPECT_TRUE(preflight["cameras"][0].at("contrast").empty()) << "no LiDAR";
   const std::string html = read_file(report / "index.html");
   EXPECT_THAT(html, HasSubstr(preflight["cameras"][0]["why"].get<std::string>().substr(0, 12)));

@@ -75,11 +75,11 @@ TEST_F(FoundTraffic, IsMaskedWithoutActors) {
   ASSERT_EQ(trained.exit_code, kExitOk) << trained.err;
   EXPECT_THAT(trained.out, HasSubstr("moving objects masked: 1, 1 of them found in the LiDAR"));
   const nlohmann::json masked = scores(run);
-  EXPECT_GT(masked.at("overall").at("left_out_pixels"), 300);
+  EXPECT_GT(masked.at("overall").at("masked_pixels"), 300);
   EXPECT_EQ(masked.at("moving").at("outside"), masked.at("overall"));
   write_file(run / "masks/moving.json", R"({"objects": []})");
-  EXPECT_LT(scores(run).at("overall").at("left_out_pixels"),
-            masked.at("overall").at("left_out_pixels"));
+  EXPECT_LT(scores(run).at("overall").at("masked_pixels"),
+            masked.at("overall").at("masked_pixels"));
 }
 
 TEST_F(FoundTraffic, IsListedByInspect) {

@@ -109,13 +109,13 @@ TEST_F(EndToEndLidar, ReportsTheSameRefinedPosesEverywhere) {
   };
   for (const char* camera : {"F_MIDLONGRANGECAM_CL", "F_MIDRANGECAM_C"}) {
     const nlohmann::json& change = changes.at("cameras").at(camera);
-    const auto m = change.at("moved_m").get<std::array<double, 3>>();
+    const auto m = change.at("translation_m").get<std::array<double, 3>>();
     const double moved_cm = 100 * std::hypot(m[0], m[1], m[2]);
     EXPECT_GT(moved_cm, 0.005) << "too small to compare";
     EXPECT_THAT(trained.out, HasSubstr(camera + text(": by %.1f cm", moved_cm)));
     EXPECT_THAT(html, HasSubstr("\">" + text("%.2f", moved_cm) + "</td><td "));
   }
-  const double frames_cm = 100 * changes.at("frames").at("moved_m").get<double>();
+  const double frames_cm = 100 * changes.at("frames").at("translation_m").get<double>();
   EXPECT_THAT(trained.out, HasSubstr(text("frames by %.1f cm", frames_cm)));
   EXPECT_THAT(html, HasSubstr("\">" + text("%.2f", frames_cm) + "</td><td "));
 }

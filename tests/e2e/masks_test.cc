@@ -47,16 +47,16 @@ TEST_F(EndToEndMasks, MasksAreKeptEditedAndNotScored) {
   EXPECT_THAT(trained.out,
               AllOf(HasSubstr("48 x 32, 50.0 % masked"), HasSubstr("3072 training pixels")));
   EXPECT_EQ(read_image(kept_).rgb, read_image(of_front_).rgb);
-  EXPECT_EQ(score().at("left_out_pixels"), 4 * 24 * 32);
+  EXPECT_EQ(score().at("masked_pixels"), 4 * 24 * 32);
 
   write(kept_, 48, 32, 0, 12);
   const ProgramResult resumed = redrive({"resume", (folder_ / "run").string(), "--max-steps", "6"});
   ASSERT_EQ(resumed.exit_code, kExitOk) << resumed.err;
   EXPECT_THAT(resumed.out, AllOf(HasSubstr("25.0 % masked"), HasSubstr("4608 training pixels")));
   const nlohmann::json masked = score();
-  EXPECT_EQ(masked.at("left_out_pixels"), 4 * 12 * 32);
+  EXPECT_EQ(masked.at("masked_pixels"), 4 * 12 * 32);
   fs::remove(kept_);
-  EXPECT_EQ(score().at("left_out_pixels"), 0);
+  EXPECT_EQ(score().at("masked_pixels"), 0);
   EXPECT_NE(score().at("psnr_db"), masked.at("psnr_db"));
 }
 
@@ -86,7 +86,7 @@ TEST_F(EndToEndMasks, KeepsAllPixelsOfAShortDrive) {
   ASSERT_EQ(trained.exit_code, kExitOk) << trained.err;
   EXPECT_THAT(trained.out, Not(HasSubstr("masked")));
   EXPECT_TRUE(fs::is_empty(folder_ / "run" / "masks"));
-  EXPECT_EQ(score().at("left_out_pixels"), 0);
+  EXPECT_EQ(score().at("masked_pixels"), 0);
 }
 
 }  // namespace

@@ -43,7 +43,7 @@ TEST_F(Plan, TellsWhatADividedDriveCosts) {
     sum += block.at("prepare_s").get<double>() + block.at("train_s").get<double>();
     way_m += block.at("length_m").get<double>();
   }
-  EXPECT_NEAR(way_m, plan.at("way_m").get<double>(), 1e-6);
+  EXPECT_NEAR(way_m, plan.at("length_m").get<double>(), 1e-6);
   const int ranks = 2 * plan.at("ranks_per_machine").get<int>();
   EXPECT_GE(plan.at("seconds").get<double>() * ranks, 0.999 * sum);
   EXPECT_LE(plan.at("seconds").get<double>(), 1.001 * sum);

@@ -124,7 +124,7 @@ TEST_F(Traffic, InspectListsObjects) {
   EXPECT_EQ(objects[1].at("type"), "CAR");
   EXPECT_EQ(objects[1].at("moves"), true);
   EXPECT_EQ(objects[1].at("boxes"), 24);
-  EXPECT_GT(objects[1].at("driven_m"), 3);
+  EXPECT_GT(objects[1].at("distance_m"), 3);
   EXPECT_GT(objects[1].at("images"), 20);
   EXPECT_TRUE(
       nlohmann::json::parse(redrive({"inspect", recording, "--json"}).out).at("objects").is_null());
@@ -152,7 +152,7 @@ TEST_F(Traffic, MovingObjectsAreMaskedWithoutActors) {
   const ProgramResult scored = redrive({"eval", run.string(), "--json"});
   ASSERT_EQ(scored.exit_code, kExitOk) << scored.err;
   const nlohmann::json json = nlohmann::json::parse(scored.out);
-  EXPECT_GT(json.at("overall").at("left_out_pixels"), 1000);
+  EXPECT_GT(json.at("overall").at("masked_pixels"), 1000);
   EXPECT_EQ(json.at("moving").at("outside"), json.at("overall"));
   EXPECT_EQ(rendered(run, {}).rgb, rendered(run, {"--actors", "none"}).rgb);
   const fs::path edit = folder_ / "edit.json";

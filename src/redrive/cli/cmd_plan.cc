@@ -270,7 +270,7 @@ int run_plan(const PlanArguments& arguments) {
   json["recording"] = options.recording;
   json["method"] = options.method;
   json["frames"] = scene.frames.size();
-  json["way_m"] = way_driven(scene.frames).back();
+  json["length_m"] = way_driven(scene.frames).back();
   json["machines"] = {{"machines", machines.machines},
                       {"cores", machines.cores},
                       {"memory_bytes", machines.memory}};

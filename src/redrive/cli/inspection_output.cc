@@ -37,11 +37,11 @@ nlohmann::ordered_json preflight_to_json(const Preflight& preflight) {
       camera["best_offset"] = {{"offset_ms", c.offset_ms},
                                {"sigma_ms", c.offset_sigma_ms},
                                {"error_px", c.offset_error_px}};
-    camera["clock"] = nullptr;  // unobservable
+    camera["time_offset"] = nullptr;  // unobservable
     if (const auto offset = c.time_offset())
-      camera["clock"] = {{"offset_ms", offset->offset_ms},
-                         {"sigma_ms", offset->sigma_ms},
-                         {"by", offset->by_lidar ? "lidar" : "images"}};
+      camera["time_offset"] = {{"offset_ms", offset->offset_ms},
+                               {"sigma_ms", offset->sigma_ms},
+                               {"by", offset->by_lidar ? "lidar" : "images"}};
     camera["edge_score"] = nullptr;  // the LiDAR is too sparse
     if (c.edges) camera["edge_score"] = {{"score", c.edges->score()}, {"edges", c.edges->edges}};
     camera["odd_pairs"] = nlohmann::ordered_json::array();
@@ -74,7 +74,7 @@ nlohmann::ordered_json objects_to_json(const std::vector<ObjectSummary>& objects
          {"type", o.type},
          {"moves", o.moves},
          {"boxes", o.boxes},
-         {"driven_m", o.driven_m},
+         {"distance_m", o.driven_m},
          {"nearest_m", std::isfinite(o.nearest_m) ? nlohmann::json(o.nearest_m) : nullptr},
          {"images", o.images}});
   return list;

@@ -69,13 +69,13 @@ nlohmann::json changes_to_json(const PoseChanges& changes) {
   const auto three = [](const Eigen::Vector3d& v) { return nlohmann::json{v.x(), v.y(), v.z()}; };
   nlohmann::json cameras = nlohmann::json::object();
   for (const CameraChange& camera : changes.cameras)
-    cameras[camera.name] = {{"moved_m", three(camera.pose.translation_m)},
-                            {"turned_deg", three(kDegreesPerRadian * camera.pose.rotation_rad)},
-                            {"late_s", camera.time_offset_s},
+    cameras[camera.name] = {{"translation_m", three(camera.pose.translation_m)},
+                            {"rotation_deg", three(kDegreesPerRadian * camera.pose.rotation_rad)},
+                            {"time_offset_s", camera.time_offset_s},
                             {"at_bound", camera.pose.at_bound}};
   return {{"frames",
-           {{"moved_m", changes.translation_m},
-            {"turned_deg", kDegreesPerRadian * changes.rotation_rad},
+           {{"translation_m", changes.translation_m},
+            {"rotation_deg", kDegreesPerRadian * changes.rotation_rad},
             {"at_bound", changes.frames_at_bound()}}},
           {"cameras", cameras}};
 }
@@ -95,13 +95,13 @@ nlohmann::json score_to_json(const Score& score) {
           {"flip", score.flip},
           {"depth_error", score.depth_error},
           {"images", score.images},
-          {"left_out_pixels", score.left_out},
+          {"masked_pixels", score.left_out},
           {"scored_share", score.scored_share()}};
 }
 
 nlohmann::json view_alignment_to_json(const ViewAlignment& alignment) {
-  return {{"moved_m", alignment.translation_m},
-          {"turned_deg", alignment.rotation_deg},
+  return {{"translation_m", alignment.translation_m},
+          {"rotation_deg", alignment.rotation_deg},
           {"views", alignment.views}};
 }
 
@@ -246,10 +246,10 @@ nlohmann::json evaluation_to_json(const Evaluation& evaluation) {
     json["view_alignment"] = view_alignment_to_json(*aligned);
   if (evaluation.moving) json["moving"] = moving_to_json(*evaluation.moving);
   if (const auto& alignment = evaluation.alignment)
-    json["alignment"] = {{"moved_m", alignment->translation_m},
-                         {"turned_deg", alignment->rotation_deg},
-                         {"rest_m", alignment->residual_m},
-                         {"rest_deg", alignment->residual_deg},
+    json["alignment"] = {{"translation_m", alignment->translation_m},
+                         {"rotation_deg", alignment->rotation_deg},
+                         {"residual_m", alignment->residual_m},
+                         {"residual_deg", alignment->residual_deg},
                          {"frames", alignment->frames}};
   if (const auto& lidar = evaluation.lidar) {
     json["lidar"] = range_score_to_json(*lidar);

@@ -110,12 +110,12 @@ nlohmann::json moving_to_json(const MovingEvaluation& moving);
 /// "moving": moving_to_json or null,
 /// "lidar": {"range_error_m", "hit_rate", "near_hit_rate", "returns", "chamfer_m", "revolutions",
 /// "moving": {"range_error_m", "hit_rate", "near_hit_rate", "returns"} or null} or null,
-/// "alignment": {"moved_m", "turned_deg", "rest_m", "rest_deg", "frames"} or null,
-/// "view_alignment": {"moved_m", "turned_deg", "views"} or null, "pose_changes": {"frames":
-/// {"moved_m", "turned_deg", "at_bound"}, "cameras": {CAM: {"moved_m": [3],
-/// "turned_deg": [3], "late_s", "at_bound"}}} or null}, with parts also "blocks": {NAME:
+/// "alignment": {"translation_m", "rotation_deg", "residual_m", "residual_deg", "frames"} or null,
+/// "view_alignment": {"translation_m", "rotation_deg", "views"} or null, "pose_changes": {"frames":
+/// {"translation_m", "rotation_deg", "at_bound"}, "cameras": {CAM: {"translation_m": [3],
+/// "rotation_deg": [3], "time_offset_s", "at_bound"}}} or null}, with parts also "blocks": {NAME:
 /// {"overall": SCORE, "novel": {NAME: SCORE}}}, SCORE =
-/// {"psnr_db", "ssim", "flip", "depth_error", "images", "left_out_pixels", "scored_share"}, null
+/// {"psnr_db", "ssim", "flip", "depth_error", "images", "masked_pixels", "scored_share"}, null
 /// for NaN.
 nlohmann::json evaluation_to_json(const Evaluation& evaluation);
 

@@ -304,24 +304,24 @@ TEST(EvaluationJson, HasTheDocumentedKeys) {
   const auto json = nlohmann::json::parse(evaluation_to_json(evaluation).dump());
   EXPECT_EQ(json, nlohmann::json::parse(R"({
     "overall": {"psnr_db": 20.5, "ssim": 0.5, "flip": 0.25, "depth_error": null, "images": 3,
-      "left_out_pixels": 0, "scored_share": 1},
+      "masked_pixels": 0, "scored_share": 1},
     "cameras": {"F_CAM": {"psnr_db": 20.5, "ssim": null, "flip": 0.25, "depth_error": 0.125,
-      "images": 3, "left_out_pixels": 7, "scored_share": 0.25}},
+      "images": 3, "masked_pixels": 7, "scored_share": 0.25}},
     "moving": {
       "inside": {"psnr_db": 24, "ssim": 0.75, "flip": 0.125, "depth_error": null, "images": 2,
-        "left_out_pixels": 0, "scored_share": 1},
+        "masked_pixels": 0, "scored_share": 1},
       "outside": {"psnr_db": 22, "ssim": 0.5, "flip": 0.25, "depth_error": null, "images": 3,
-        "left_out_pixels": 0, "scored_share": 1},
+        "masked_pixels": 0, "scored_share": 1},
       "objects": {"-7": {"type": "CAR", "psnr_db": 25, "ssim": 0.625, "images": 2}}},
     "lidar": {"returns": 100, "range_error_m": 0.25, "hit_rate": 0.75, "near_hit_rate": 0.5,
       "revolutions": 2, "chamfer_m": 0.125,
       "moving": {"returns": 7, "range_error_m": 0.5, "hit_rate": 1, "near_hit_rate": 0.25}},
     "novel": {}, "held_out": false,
-    "alignment": {"moved_m": 0.5, "turned_deg": 0.25, "rest_m": 0.125, "rest_deg": 1, "frames": 5},
-    "view_alignment": {"moved_m": 0.25, "turned_deg": 0.5, "views": 8},
-    "pose_changes": {"frames": {"moved_m": 0.75, "turned_deg": 180, "at_bound": 1},
-                     "cameras": {"F_CAM": {"moved_m": [0.5, -0.25, 2], "turned_deg": [0, 90, 0],
-                       "late_s": 0.125, "at_bound": true}}}})"));
+    "alignment": {"translation_m": 0.5, "rotation_deg": 0.25, "residual_m": 0.125, "residual_deg": 1, "frames": 5},
+    "view_alignment": {"translation_m": 0.25, "rotation_deg": 0.5, "views": 8},
+    "pose_changes": {"frames": {"translation_m": 0.75, "rotation_deg": 180, "at_bound": 1},
+                     "cameras": {"F_CAM": {"translation_m": [0.5, -0.25, 2], "rotation_deg": [0, 90, 0],
+                       "time_offset_s": 0.125, "at_bound": true}}}})"));
 }
 
 // Ground truth of an edit: 0.2 where it changed the image, the left third, and 0.6 elsewhere.
