@@ -317,10 +317,12 @@ TEST(EvaluationJson, HasTheDocumentedKeys) {
       "revolutions": 2, "chamfer_m": 0.125,
       "moving": {"returns": 7, "range_error_m": 0.5, "hit_rate": 1, "near_hit_rate": 0.25}},
     "novel": {}, "held_out": false,
-    "alignment": {"translation_m": 0.5, "rotation_deg": 0.25, "residual_m": 0.125, "residual_deg": 1, "frames": 5},
+    "alignment": {"translation_m": 0.5, "rotation_deg": 0.25, "residual_m": 0.125,
+                  "residual_deg": 1, "frames": 5},
     "view_alignment": {"translation_m": 0.25, "rotation_deg": 0.5, "views": 8},
     "pose_changes": {"frames": {"translation_m": 0.75, "rotation_deg": 180, "at_bound": 1},
-                     "cameras": {"F_CAM": {"translation_m": [0.5, -0.25, 2], "rotation_deg": [0, 90, 0],
+                     "cameras": {"F_CAM": {"translation_m": [0.5, -0.25, 2],
+                                           "rotation_deg": [0, 90, 0],
                        "time_offset_s": 0.125, "at_bound": true}}}})"));
 }
 
