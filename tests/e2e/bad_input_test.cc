@@ -217,6 +217,27 @@ TEST_F(EndToEnd, FramesThatAreNotChosenAreNotChecked) {
   EXPECT_EQ(redrive(train_arguments(folder_ / "run", options)).exit_code, kExitOk);
 }
 
+TEST_F(EndToEnd, ExportsAndRunsTakeTheShareOfDamagedRecords) {
+  const std::string run = (folder_ / "run").string();
+  ASSERT_EQ(redrive(train_arguments(run, {"--max-steps", "2"})).exit_code, kExitOk);
+  for (const int id : {100, 101}) overwrite(tiny_image(drive_, kTinyRear, id), "");
+  int made = 0;
+  const auto strict_and_not = [&](std::vector<std::string> command, const std::string& out) {
+    if (!out.empty())
+      command.insert(command.end(), {"--out", (folder_ / (std::to_string(++made) + out)).string()});
+    const ProgramResult strict = redrive(command);
+    EXPECT_EQ(strict.exit_code, kExitBadInput) << command[0];
+    EXPECT_THAT(strict.err, HasSubstr("--max-damaged PERCENT accepts more")) << command[0];
+    command.insert(command.end(), {"--max-damaged", "80"});
+    const ProgramResult lenient = redrive(command);
+    EXPECT_EQ(lenient.exit_code, kExitOk) << command[0] << lenient.out << lenient.err;
+  };
+  strict_and_not({"export", drive_.string(), "--to", "aimotive"}, "");
+  strict_and_not({"render", run, "--camera", kTinyRear, "--frame", "102"}, ".png");
+  strict_and_not({"eval", run, "--all"}, "");
+  strict_and_not({"resume", run, "--max-steps", "4"}, "");
+}
+
 TEST_F(EndToEnd, DropsAndListsFramesWithoutPose) {
   edit_json(tiny_egomotion(drive_), [](json& egomotion) { egomotion.erase("102"); });
   for (const ProgramResult& ended :

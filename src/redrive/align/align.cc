@@ -357,10 +357,13 @@ std::vector<UnobservableTimeOffset> offsets_against_edges(const Recording& recor
 }  // namespace
 
 std::vector<LidarSample> load_align_samples(const Recording& recording, const AlignOptions& options,
-                                            ThreadPool& pool) {
+                                            ThreadPool& pool, std::vector<Finding>* damaged) {
   if (!options.lidar || !recording.body_from_lidar) return {};
   const Scene scene = make_scene(recording, {});
-  return load_lidar_samples(recording, scene, read_moving_objects(recording, scene), pool);
+  const LidarReturns returns =
+      load_lidar_returns(recording, scene, read_moving_objects(recording, scene), pool);
+  if (damaged && returns.damaged) damaged->push_back(*returns.damaged);
+  return lidar_samples(recording, scene, returns);
 }
 
 namespace {
@@ -422,6 +425,8 @@ AlignResult align(const Recording& recorded, const AlignOptions& options, Thread
   const Progress progress("aligning");
   AlignResult result =
       is_long ? align_in_windows(recording, options, pool) : align_whole(recording, options, pool);
+  for (const Finding& damaged : result.damaged)
+    result.remarks.push_back(damaged.subject + ": " + damaged.what);
   close_loops(recording, options, pool, &result);
   report_wrong_poses(recorded, &result);
   register_with_ground_truth(recorded, &result);
@@ -438,7 +443,9 @@ AlignResult align_whole(const Recording& recording, const AlignOptions& options,
     images = load_track_images(recording, pool, options.tracks);
     tracks = find_tracks(*images, pool, options.tracks);
   }
-  const std::vector<LidarSample> lidar = load_align_samples(recording, options, pool);
+  std::vector<Finding> damaged;
+  if (images) damaged = images->damaged;
+  const std::vector<LidarSample> lidar = load_align_samples(recording, options, pool, &damaged);
   std::optional<ContrastData> contrast;
   if (images && !lidar.empty()) contrast.emplace(*images, lidar);
   const std::vector<LidarSample> of_planes = subsample_evenly(lidar, kMaxPlaneSamples);
@@ -457,9 +464,7 @@ AlignResult align_whole(const Recording& recording, const AlignOptions& options,
     if (!again.bundle.held_offsets.empty()) result = align_by(again);
     result.initial_edges = depth_edge_scores(make_rig_model(recording), *contrast, pool);
   }
-  if (images)
-    for (const Finding& damaged : images->damaged)
-      result.remarks.push_back(damaged.subject + ": " + damaged.what);
+  result.damaged = std::move(damaged);
   if (kept_tracks) *kept_tracks = std::move(tracks);
   result.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   return result;

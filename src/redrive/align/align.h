@@ -65,6 +65,7 @@ struct AlignResult {
   /// Sentences for the user, such as: no LiDAR, so the scale is the egomotion's; an unobservable
   /// readout keeps its initial value.
   std::vector<std::string> remarks;
+  std::vector<Finding> damaged;  ///< images and scans that could not be read; remarks in the end
   /// Registration with the ground truth, where the recording ships it.
   std::optional<TrajectoryRegistration> initial_vs_ground_truth, aligned_vs_ground_truth;
   double seconds = 0;
@@ -80,9 +81,11 @@ AlignResult align(const Recording& recording, const AlignOptions& options, Threa
 AlignResult align_whole(const Recording& recording, const AlignOptions& options, ThreadPool& pool,
                         std::vector<Track>* tracks = nullptr);
 
-/// Returns all LiDAR samples that `options` allows to use.
+/// Returns all LiDAR samples that `options` allows to use. `damaged`: null, or receives a finding
+/// about scans that could not be read.
 std::vector<LidarSample> load_align_samples(const Recording& recording, const AlignOptions& options,
-                                            ThreadPool& pool);
+                                            ThreadPool& pool,
+                                            std::vector<Finding>* damaged = nullptr);
 
 /// Maximum number of LiDAR samples in which planes are searched.
 inline constexpr std::size_t kMaxPlaneSamples = 800'000;

@@ -249,6 +249,7 @@ AlignResult align_in_windows(const Recording& recording, const AlignOptions& opt
     }
     add_edges(aligned.initial_edges, cameras, n_cameras, &result.initial_edges);
     add_edges(aligned.aligned_edges, cameras, n_cameras, &result.aligned_edges);
+    result.damaged.insert(result.damaged.end(), aligned.damaged.begin(), aligned.damaged.end());
     any_lidar = any_lidar || aligned.bundle.lidar_points > 0;
     frames_in_windows += windows[k].size();
   }

@@ -46,7 +46,7 @@ int run_align(AlignArguments arguments) {
   arguments.options.bundle.readouts = apply_readout_options(arguments.rolling_shutter, &recording);
   ThreadPool pool(arguments.threads > 0 ? arguments.threads : hardware_threads());
   if (arguments.options.lidar)
-    if (const auto lost = lost_returns_of_sample(recording, pool))
+    if (const auto lost = lost_returns(sample_returns(recording, pool)))
       recording.findings.push_back(*lost);
   print_notes(recording);
   const AlignResult result = align_verbose(recording, arguments.options, pool);

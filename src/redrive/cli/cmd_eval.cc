@@ -4,6 +4,7 @@
 #include <cstdio>
 #include <map>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -12,6 +13,7 @@
 #include "redrive/base/error.h"
 #include "redrive/cli/backend_options.h"
 #include "redrive/cli/command.h"
+#include "redrive/cli/frames_option.h"
 #include "redrive/cli/help.h"
 #include "redrive/eval/edited_score.h"
 #include "redrive/eval/evaluate.h"
@@ -27,6 +29,7 @@ struct EvalCommandOptions {
   bool json = false;
   std::vector<std::string> cameras;  ///< cameras that were not trained on
   std::string edited;                ///< folder of edited ground truth
+  std::optional<double> max_damaged;
   EvalOptions eval;
   kernels::BackendChoice backend;
 };
@@ -139,7 +142,7 @@ void print_edited(const std::map<std::string, EditedScore>& scores) {
 int run_eval(EvalCommandOptions options) {
   if (!options.cameras.empty()) refuse_divided(options.run, "eval --cameras");
   if (!options.edited.empty()) refuse_divided(options.run, "eval --edited");
-  const Run run = open_to_render(options.run);
+  const Run run = open_to_render(options.run, options.max_damaged);
   const auto backend = make_checked_backend(options.backend);
   if (!options.json) std::printf("%s\n", kernels::describe(*backend).c_str());
   if (!options.edited.empty()) {
@@ -197,6 +200,7 @@ Action configure_eval(CLI::App& command) {
       .add_flag("--all", options->eval.all,
                 "score every image, also of the training frames where none is held out")
       ->excludes(limit);
+  add_max_damaged_option(command, &options->max_damaged);
   add_backend_options(command, &options->backend);
   return [options] { return run_eval(*options); };
 }

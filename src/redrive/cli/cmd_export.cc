@@ -45,6 +45,7 @@ struct ExportCommandOptions {
   bool force = false, outside_files = false;
   ExportOptions encode;
   std::optional<std::int64_t> actor;
+  std::optional<double> max_damaged;
   double voxel_m = 0;
   kernels::BackendChoice backend;
 };
@@ -66,10 +67,16 @@ struct Source {
 Source open_source(const ExportCommandOptions& options) {
   constexpr int kDownscale = 2;  // downscaling of the images that give points their colours
   if (!is_run_folder(options.from))
-    return {false, open_without_model(options.from, kDownscale, options.frames, options.poses,
-                                      options.outside_files, DamageCheck::kAll)};
+    return {false,
+            open_without_model({.folder = options.from,
+                                .downscale = kDownscale,
+                                .frames = options.frames,
+                                .poses = options.poses,
+                                .outside_files = options.outside_files,
+                                .max_damaged = options.max_damaged.value_or(kMostDamagedPercent),
+                                .whole = DamageCheck::kAll})};
   refuse_part_of_run(options);
-  return {true, open_to_render(options.from)};
+  return {true, open_to_render(options.from, options.max_damaged)};
 }
 
 const char* poses_of(const ExportCommandOptions& options, const Source& source) {
@@ -217,7 +224,7 @@ int export_mesh(const ExportCommandOptions& options) {
   refuse_part_of_run(options);
   const auto write = mesh_writer(options.out);
   if (const auto obstacle = mesh_obstacle()) throw UsageError("--to", "mesh", *obstacle);
-  const Run run = open_to_render(options.from);
+  const Run run = open_to_render(options.from, options.max_damaged);
   const auto backend = make_checked_backend(options.backend);
   const FieldMesh field =
       field_mesh(run, *backend, {options.voxel_m, allowed_memory(run.options, memory_bytes())});
@@ -266,7 +273,8 @@ int export_html(const ExportCommandOptions& options) {
   check_output_file("OUT", options.out, options.force);
   refuse_part_of_run(options);
   refuse_divided(options.from, "export --to html");
-  const std::string bytes = view::scene_page(open_run(options.from), options.encode.sh_degree);
+  const std::string bytes = view::scene_page(
+      open_run(options.from, /*to_resume=*/false, options.max_damaged), options.encode.sh_degree);
   write_file(options.out, bytes);
   std::printf("%s: %.1f MB\n", options.out.c_str(), 1e-6 * static_cast<double>(bytes.size()));
   return kExitOk;
@@ -287,7 +295,7 @@ ExportFormat find_format(const Model& model, const std::string& name) {
 int export_model(const ExportCommandOptions& options) {
   check_output_file("OUT", options.out, options.force);
   refuse_part_of_run(options);
-  const Run run = open_to_render(options.from);
+  const Run run = open_to_render(options.from, options.max_damaged);
   const ExportFormat format = find_format(*run.state.model, options.format);
   ExportOptions encode = options.encode;
   if (options.actor) encode.actor = &find_actor(run.scene, "--actor", *options.actor);
@@ -403,6 +411,7 @@ Action configure_export(CLI::App& command) {
                    "overwrites an existing file, or a folder of an earlier export");
   add_frames_option(command, &options->frames);
   add_outside_files_option(command, &options->outside_files);
+  add_max_damaged_option(command, &options->max_damaged);
   command.add_option("--poses", options->poses,
                      "of a recording: folder with poses and calibration, as align writes it");
   add_backend_options(command, &options->backend);

@@ -8,6 +8,7 @@
 #include "redrive/base/error.h"
 #include "redrive/cli/backend_options.h"
 #include "redrive/cli/command.h"
+#include "redrive/cli/frames_option.h"
 #include "redrive/cli/help.h"
 #include "redrive/render/open_to_render.h"
 #include "redrive/report/headline.h"
@@ -18,6 +19,7 @@ namespace {
 
 struct FiguresCommandOptions {
   std::string run, compare;
+  std::optional<double> max_damaged;
   FigureOptions figures;
   kernels::BackendChoice backend;
 };
@@ -31,10 +33,10 @@ bool same_recording(const std::filesystem::path& a, const std::filesystem::path&
 int run_figures(FiguresCommandOptions options) {
   refuse_divided(options.run, "figures");
   refuse_divided(options.compare, "figures --compare");
-  const Run run = open_run(options.run);
+  const Run run = open_run(options.run, /*to_resume=*/false, options.max_damaged);
   std::optional<Run> compared;
   if (!options.compare.empty()) {
-    compared = open_run(options.compare);
+    compared = open_run(options.compare, /*to_resume=*/false, options.max_damaged);
     if (!same_recording(compared->recording.root, run.recording.root))
       throw UsageError("--compare", options.compare,
                        "is of another recording: " + compared->recording.root.string() + ", not " +
@@ -60,6 +62,7 @@ Action configure_figures(CLI::App& command) {
                   "number of images to score per camera and per novel set, evenly spaced "
                   "(default: as eval)")
       ->check(within("--max-images", 1, 1000000));
+  add_max_damaged_option(command, &options->max_damaged);
   add_backend_options(command, &options->backend);
   return [options] { return run_figures(*options); };
 }

@@ -145,8 +145,10 @@ Inspection inspect(const InspectOptions& options) {
   }
   try {
     ThreadPool pool(hardware_threads());
-    if (const auto lost = lost_returns_of_sample(result.recording, pool))
-      result.findings.push_back(*lost);
+    const LidarReturns sample = sample_returns(result.recording, pool);
+    if (const auto lost = lost_returns(sample)) result.findings.push_back(*lost);
+    if (const auto unusable = unusable_returns(sample); unusable && options.report.empty())
+      result.findings.push_back(*unusable);
   } catch (const InputError& error) {
     result.problems.push_back({"lidar", error.what()});
   }
@@ -224,10 +226,7 @@ void write_report(const std::filesystem::path& folder, Inspection* result) {
   const LidarReturns lidar =
       load_lidar_returns(result->recording, images.scene, images.moving, pool);
   if (lidar.damaged) result->findings.push_back(*lidar.damaged);
-  if (lidar.unusable > 0)
-    result->findings.push_back(
-        {"lidar", counted(lidar.unusable, "return") +
-                      " left out: no numbers, at the sensor, or values that cannot be"});
+  if (const auto unusable = unusable_returns(lidar)) result->findings.push_back(*unusable);
   std::vector<LidarSample> samples;
   if (result->recording.metric && result->recording.body_from_lidar)
     samples = lidar_samples(result->recording, images.scene, lidar);

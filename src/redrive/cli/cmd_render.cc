@@ -13,6 +13,7 @@
 #include "redrive/cli/actor_options.h"
 #include "redrive/cli/backend_options.h"
 #include "redrive/cli/command.h"
+#include "redrive/cli/frames_option.h"
 #include "redrive/cli/help.h"
 #include "redrive/cli/output_file.h"
 #include "redrive/cli/render_options.h"
@@ -113,7 +114,7 @@ RigCamera chosen_camera(const RenderOptions& options, const Scene& scene) {
 Run open_edited_run(const RenderOptions& options) {
   std::optional<TrafficEdit> edit;
   if (!options.edit.empty()) edit = read_traffic_edit(options.edit);
-  Run run = open_to_render(options.run);
+  Run run = open_to_render(options.run, options.max_damaged);
   if (edit) check_added(*edit, run.state.model->draws_actors());
   if (edit)
     for (const std::string& remark : edit_actors(*edit, &run.scene))
@@ -397,6 +398,7 @@ Action configure_render(CLI::App& command) {
                   "KITTI's velodyne_points for all frames")
       ->required();
   command.add_flag("--force", options->force, "overwrites existing images or an existing video");
+  add_max_damaged_option(command, &options->max_damaged);
   add_backend_options(command, &options->backend);
   return [options] { return render(*options); };
 }

@@ -4,6 +4,7 @@
 // milestones of the learning rate, which are fractions of all steps.)
 #include <cstdio>
 #include <memory>
+#include <optional>
 
 #include "redrive/base/error.h"
 #include "redrive/cli/command.h"
@@ -17,7 +18,7 @@ namespace redrive {
 namespace {
 
 constexpr const char* kChangeable[] = {"epochs",  "max-steps", "max-seconds", "memory",
-                                       "backend", "isa",       "threads"};
+                                       "backend", "isa",       "threads",     "max-damaged"};
 
 struct ResumeArguments {
   std::string run;
@@ -25,6 +26,13 @@ struct ResumeArguments {
   bool data_parallel = false;
   LiveViewOptions live;
 };
+
+std::optional<double> max_damaged(const GivenFields& given) {
+  if (!given.contains("max-damaged")) return std::nullopt;
+  TrainOptions options;
+  parse_given(given, &options);
+  return options.max_damaged;
+}
 
 /// Continues the blocks that are not finished, or all of them where their limits changed.
 int resume_blocks(const ResumeArguments& arguments, ProcessGroup& processes) {
@@ -34,7 +42,7 @@ int resume_blocks(const ResumeArguments& arguments, ProcessGroup& processes) {
     throw UsageError("--data-parallel", "",
                      "is for one run; this one has blocks, of which each process trains some");
   const RunLock lock(arguments.run);
-  DividedRun whole = open_divided_run(arguments.run);
+  DividedRun whole = open_divided_run(arguments.run, max_damaged(arguments.given));
   print_notes(whole.recording, whole.scene);
   parse_given(arguments.given, &whole.options);
   validate(whole.options);
@@ -55,7 +63,7 @@ int lead_resuming(const ResumeArguments& arguments, ProcessGroup& processes) {
   if (arguments.data_parallel && arguments.live.view)
     throw UsageError("--view", "", "shows a run that one process trains, without --data-parallel");
   const RunLock lock(arguments.run);
-  Run run = open_run(arguments.run, /*to_resume=*/true);
+  Run run = open_run(arguments.run, /*to_resume=*/true, max_damaged(arguments.given));
   print_notes(run.recording, run.scene);
   parse_given(arguments.given, &run.options);
   validate(run.options);

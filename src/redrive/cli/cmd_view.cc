@@ -25,6 +25,7 @@ namespace {
 struct ViewOptions {
   std::string run, actors = "all", edit;
   bool outside_files = false;
+  std::optional<double> max_damaged;
   ViewServerOptions server;
   kernels::BackendChoice backend;
 };
@@ -39,10 +40,12 @@ int run_view(const ViewOptions& options) {
   if (is_run && options.outside_files)
     throw UsageError("--outside-files", "", "is for recordings; a run has what train was given");
   std::optional<view::RunWatch> watch;
-  if (is_run) watch.emplace(options.run);
+  if (is_run) watch.emplace(options.run, options.max_damaged);
   auto run = is_run ? watch->run()
-                    : std::make_shared<const Run>(
-                          open_without_model(options.run, 1, "", "", options.outside_files));
+                    : std::make_shared<const Run>(open_without_model(
+                          {.folder = options.run,
+                           .outside_files = options.outside_files,
+                           .max_damaged = options.max_damaged.value_or(kMostDamagedPercent)}));
   const auto backend = make_checked_backend(options.backend);
   std::printf("%s\n", kernels::describe(*backend).c_str());
   for (const RigCamera& rig : run->scene.rig) check_rendering_memory(*run, &rig.camera);
@@ -66,6 +69,7 @@ Action configure_view(CLI::App& command) {
       ->required();
   add_actor_options(command, &options->actors, &options->edit);
   add_outside_files_option(command, &options->outside_files);
+  add_max_damaged_option(command, &options->max_damaged);
   add_view_server_options(command, &options->server);
   add_backend_options(command, &options->backend);
   return [options] { return run_view(*options); };

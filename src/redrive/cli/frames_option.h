@@ -2,7 +2,9 @@
 // --frames, --cameras, --outside-files and --max-damaged of commands that take a recording.
 #pragma once
 
+#include <optional>
 #include <string>
+#include <type_traits>
 #include <vector>
 
 #include <CLI/App.hpp>
@@ -31,14 +33,20 @@ inline void add_outside_files_option(CLI::App& command, bool* outside_files) {
       "also reads images, masks and points that transforms.json names outside of its folder");
 }
 
-inline void add_max_damaged_option(CLI::App& command, double* percent) {
-  command
-      .add_option("--max-damaged", *percent,
-                  "percentage of a sensor's images, scans, poses or times that may be damaged or "
-                  "impossible and are left out; one always may, unless it is 0")
-      ->type_name("PERCENT")
-      ->check(within("--max-damaged", 0, 100))
-      ->capture_default_str();
+/// `percent`: a double, or an optional one in commands that take a run.
+template <class Percent>
+void add_max_damaged_option(CLI::App& command, Percent* percent) {
+  const bool of_run = std::is_same_v<Percent, std::optional<double>>;
+  CLI::Option* const option =
+      command
+          .add_option("--max-damaged", *percent,
+                      std::string("percentage of a sensor's images, scans, poses or times that may "
+                                  "be damaged or impossible and are left out; one always may, "
+                                  "unless it is 0") +
+                          (of_run ? " (default: of a run what train was given, else 5)" : ""))
+          ->type_name("PERCENT")
+          ->check(within("--max-damaged", 0, 100));
+  if constexpr (!of_run) option->capture_default_str();
 }
 
 }  // namespace redrive

@@ -19,6 +19,7 @@ struct RenderOptions {
       path, actors = "all", edit, lidar, range = "0.5:200", points_in = "sensor";
   std::optional<int> azimuth_steps;  ///< firings in a turn of a SpinningLidar; nothing: its own
   std::optional<double> rate_hz;     ///< likewise
+  std::optional<double> max_damaged;
   double yaw_deg = 0, pitch_deg = 0;
   double fps = 0, seconds = 0;  ///< images a second and duration of a path; 0: the path's own
   bool relative = false, force = false;

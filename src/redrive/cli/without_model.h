@@ -20,22 +20,29 @@ inline bool is_run_folder(const std::string& folder) {
   return std::filesystem::exists(RunPaths{folder}.config());
 }
 
-/// Returns a recording, or its `frames` (recording/frame_range.h), as a run without a model: with
-/// the pose files of the folder `poses` if that is not empty, without damaged records
-/// (DamageCheck::whole), over white where its images are transparent. Prints notes. Throws
-/// InputError as open_recording and apply_pose_files.
-inline Run open_without_model(const std::string& folder, int downscale = 1,
-                              const std::string& frames = "", const std::string& poses = "",
-                              bool outside_files = false, std::size_t whole = 0) {
+/// What to open in place of a run.
+struct WithoutModel {
+  std::string folder;
+  int downscale = 1;
+  std::string frames = "", poses = "";  ///< recording/frame_range.h; a folder of pose files, or ""
+  bool outside_files = false;
+  double max_damaged = kMostDamagedPercent;
+  std::size_t whole = 0;  ///< DamageCheck::whole
+};
+
+/// Returns a recording, with its poses replaced and without damaged records, as a run without a
+/// model, over white where its images are transparent. Prints notes. Throws InputError as
+/// open_recording and apply_pose_files.
+inline Run open_without_model(const WithoutModel& from) {
   Run run;
-  run.recording = open_recording(folder, PoseSource::kRecorded, outside_files);
-  keep_frames(parse_frame_range(frames), &run.recording);
-  require_few_damaged({.whole = whole}, &run.recording);
-  if (!poses.empty())
-    apply_pose_files(read_pose_files(run.recording, poses), poses, &run.recording);
+  run.recording = open_recording(from.folder, PoseSource::kRecorded, from.outside_files);
+  keep_frames(parse_frame_range(from.frames), &run.recording);
+  require_few_damaged({.most_percent = from.max_damaged, .whole = from.whole}, &run.recording);
+  if (!from.poses.empty())
+    apply_pose_files(read_pose_files(run.recording, from.poses), from.poses, &run.recording);
   print_notes(run.recording);
   SceneOptions options;
-  options.downscale = downscale;
+  options.downscale = from.downscale;
   options.shown_only = true;
   run.scene = make_scene(run.recording, options);
   try {

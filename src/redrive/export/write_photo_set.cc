@@ -260,16 +260,21 @@ void write_transforms(const fs::path& folder, const PhotoSet& set, const PointCl
 
 std::string point_cloud_ply(const PointCloud& points, const Rigid3d& world_from_scene,
                             ThreadPool& pool) {
+  constexpr double kFloatsReach = 1e4;  // in metres they resolve a millimetre there
+  Rigid3d near_from_scene = world_from_scene;
+  Eigen::Vector3d origin = Eigen::Vector3d::Zero();  // where the near axes begin in the world
+  if (world_from_scene.translation().norm() > kFloatsReach)
+    origin = near_from_scene.translation(), near_from_scene.translation().setZero();
   std::vector<PlyPoint> out;
   std::vector<Eigen::Vector3f> seen_from;
   for_each_exported(points, [&](std::size_t i) {
-    const Eigen::Vector3d position = world_from_scene * vector_of(points, points.position, i),
-                          camera = world_from_scene * vector_of(points, points.seen_from, i);
+    const Eigen::Vector3d position = near_from_scene * vector_of(points, points.position, i),
+                          camera = near_from_scene * vector_of(points, points.seen_from, i);
     out.push_back({position.cast<float>(), Eigen::Vector3f::Zero(), colour_of(points, i)});
     seen_from.push_back(camera.cast<float>());
   });
   estimate_normals(seen_from, pool, out);
-  return make_ply(out, /*normals=*/true);
+  return make_ply(out, /*normals=*/true, {}, origin);
 }
 
 }  // namespace redrive

@@ -11,6 +11,7 @@
 #include "redrive/base/files.h"
 #include "redrive/base/output_folder.h"
 #include "redrive/image/image_io.h"
+#include "redrive/recording/ply.h"
 #include "redrive/scene/scene_testing.h"
 
 namespace redrive {
@@ -110,6 +111,22 @@ TEST_F(WritePhotoSetTest, NamesPhotosOnceAndWithoutBlanks) {
   for (const Photo& photo : set().photos)
     if (photo.name.parent_path() == "FRONT") names.push_back(photo.name.filename().string());
   EXPECT_THAT(names, ElementsAre("a_photo_1.png", "1_a_photo_1.png"));
+}
+
+// Photographs with coordinates of a map: floats would resolve half a metre there.
+TEST_F(WritePhotoSetTest, PointsFarFromTheOriginKeepMillimetres) {
+  const Eigen::Vector3d far(691'000.125, 5'335'000.25, 512);
+  PhotoSet photos = set();
+  photos.world_from_scene = Rigid3d(Eigen::Translation3d(far));
+  PointCloud points;
+  points.n = 1;
+  points.position = {1.001f, 2.002f, 3.003f};
+  points.rgb = {0, 0.5f, 1};
+  points.seen_from = {0, 0, 0};
+  write_transforms(out_, photos, points, pool_, stop_);
+  const std::vector<Eigen::Vector3d> written = read_ply(out_ / "points.ply");
+  ASSERT_EQ(written.size(), 1u);
+  EXPECT_LT((written[0] - far - Eigen::Vector3d(1.001, 2.002, 3.003)).norm(), 1e-6);
 }
 
 }  // namespace

@@ -12,6 +12,8 @@
 #include "redrive/recording/egomotion_json.h"
 #include "redrive/recording/frame_files.h"
 #include "redrive/recording/las.h"
+#include "redrive/recording/ply.h"
+#include "redrive/recording/unusable_returns.h"
 
 namespace redrive::aimotive {
 namespace {
@@ -49,9 +51,10 @@ class Reader : public RecordingReader {
     return {{kEgomotionFile, egomotion_to_json(frames).dump(1) + "\n"},
             {kCalibrationFile, sensors.dump(1) + "\n"}};
   }
-  CalibratedPoses parse_pose_files(const PoseFiles& files, const fs::path& folder) const override {
+  CalibratedPoses parse_pose_files(const PoseFiles& files, const fs::path& folder,
+                                   const DamagedList* damaged) const override {
     const fs::path frames = folder / kEgomotionFile, cameras = folder / kCalibrationFile;
-    return {parse_egomotion(files.at(kEgomotionFile), frames),
+    return {parse_egomotion(files.at(kEgomotionFile), frames, damaged),
             parse_calibration(files.at(kCalibrationFile), cameras, nullptr), frames, cameras};
   }
 
@@ -154,6 +157,12 @@ Recording open(const fs::path& root, PoseSource source) {
       recording.lidar_files.clear();
     else if (!recording.lidar_files.empty())
       recording.findings.push_back({"points.ply", "not used: the LiDAR's revolutions are"});
+    if (recording.lidar_files.empty()) {
+      std::size_t left_out = 0;
+      read_ply(recording.points_file, &left_out);  // what training would refuse is refused here
+      if (const auto finding = points_left_out(recording.points_file, left_out))
+        recording.findings.push_back(*finding);
+    }
   }
   for (const fs::path& folder : list_folder(root / "novel")) {
     if (!is_folder(folder)) continue;

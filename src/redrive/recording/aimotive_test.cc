@@ -95,11 +95,18 @@ TEST(Aimotive, UsesPointsWhereTheLidarHasNoPlace) {
   TemporaryFolder folder;
   testing::write_recording(folder);
   folder.write("dynamic/raw-revolutions/frame_9.laz", "");
-  folder.write("points.ply", "");
+  const std::string header =
+      "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
+      "property float z\nend_header\n";
+  folder.write("points.ply", header + "0 0 nan\n1 2 3\n4 5 6\n");
   const Recording without = open_recording(folder.path);
   EXPECT_TRUE(without.lidar_files.empty());
   EXPECT_FALSE(without.points_file.empty());
   EXPECT_THAT(finding_about(without, "lidar"), HasSubstr("RT_body_from_sensor"));
+  EXPECT_THAT(finding_about(without, "points.ply"), HasSubstr("1 point not finite"));
+  EXPECT_EQ(without.reader->read_points(without).size(), 2u);
+  folder.write("points.ply", header);
+  EXPECT_THAT(input_error([&] { open_recording(folder.path); }), HasSubstr("points.ply"));
   nlohmann::json sensors = testing::calibration();
   sensors["M_LIDAR"]["RT_body_from_sensor"] = {
       {1, 0, 0, 1}, {0, 1, 0, 0}, {0, 0, 1, 2}, {0, 0, 0, 1}};

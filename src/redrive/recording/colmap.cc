@@ -15,6 +15,7 @@
 #include "redrive/recording/mask_folder.h"
 #include "redrive/recording/photographs.h"
 #include "redrive/recording/recording_reader.h"
+#include "redrive/recording/unusable_returns.h"
 #include "redrive/recording/wording.h"
 
 namespace redrive::colmap {
@@ -117,8 +118,14 @@ fs::path choose_model(const std::vector<fs::path>& models, const fs::path& folde
   return best.folder;
 }
 
-std::vector<PointRecord> read_point_records(const fs::path& file) {
-  return read(file, parse_points_binary, parse_points_text);
+/// Leaves out points that are not finite, or so far away that too few images saw them.
+std::vector<PointRecord> read_point_records(const fs::path& file, std::size_t* left_out = nullptr) {
+  std::vector<PointRecord> points = read(file, parse_points_binary, parse_points_text);
+  const std::size_t bad = std::erase_if(points, [](const PointRecord& point) {
+    return !(point.in_world.norm() <= photographs::kMaxDistance);
+  });
+  if (left_out) *left_out = bad;
+  return points;
 }
 
 class Reader final : public RecordingReader {
@@ -129,8 +136,6 @@ class Reader final : public RecordingReader {
   std::vector<StaticPoint> read_points(const Recording& recording) const override {
     std::vector<StaticPoint> points;
     for (const PointRecord& record : read_point_records(recording.points_file)) {
-      // Too few images saw a point so far away.
-      if (!(record.in_world.norm() <= photographs::kMaxDistance)) continue;
       StaticPoint point{record.in_world, {}, !record.images.empty()};
       for (const std::int64_t image : record.images)
         if (const auto frame = frame_of_image_.find(image); frame != frame_of_image_.end())
@@ -331,7 +336,9 @@ Recording open(const fs::path& root, PoseSource source) {
     photographs::report_unread_points({model, project}, "", &findings);
   } else {
     recording.points_file = points;
-    const std::vector<PointRecord> records = read_point_records(points);
+    std::size_t left_out = 0;
+    const std::vector<PointRecord> records = read_point_records(points, &left_out);
+    if (const auto finding = points_left_out(points, left_out)) findings.push_back(*finding);
     report_unknown_images(records, points, images_file, ids, &findings);
     recording.bounds = bounds_of(recording.frames, records);
   }

@@ -294,7 +294,7 @@ std::vector<PointRecord> parse_points_text(std::string_view text, const fs::path
                        "POINT3D_ID X Y Z R G B ERROR and pairs of IMAGE_ID POINT2D_IDX");
     PointRecord point;
     for (int k = 0; k < 3; ++k) {
-      point.in_world[k] = line.number(1 + k, std::string_view(&"XYZ"[k], 1), -kAny, kAny);
+      point.in_world[k] = line.any_number(1 + k, std::string_view(&"XYZ"[k], 1));
       point.rgb[k] =
           static_cast<std::uint8_t>(line.integer(4 + k, std::string_view(&"RGB"[k], 1), 0, 255));
     }
@@ -312,7 +312,7 @@ std::vector<PointRecord> parse_points_binary(std::string_view bytes, const fs::p
   for (PointRecord& point : points) {
     const auto id = in.take<std::uint64_t>("point id");
     const std::string record = "point " + std::to_string(id);
-    for (int k = 0; k < 3; ++k) point.in_world[k] = in.take_number(record + " " + "XYZ"[k]);
+    for (int k = 0; k < 3; ++k) point.in_world[k] = in.take<double>(record + " " + "XYZ"[k]);
     for (std::uint8_t& value : point.rgb) value = in.take<std::uint8_t>(record + " colour");
     in.take<double>(record + " error");
     Track track(&point.images);

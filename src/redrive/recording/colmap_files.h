@@ -30,7 +30,7 @@ struct ImageRecord {
 
 /// An entry of points3D.txt or points3D.bin.
 struct PointRecord {
-  Eigen::Vector3d in_world;
+  Eigen::Vector3d in_world;  ///< may be not finite
   std::array<std::uint8_t, 3> rgb{};
   std::vector<std::int64_t> images;  ///< of the track, each once, in its order
 };

@@ -133,6 +133,17 @@ TEST_F(ColmapTest, HasNoBoundsAroundPointsTooFarAway) {
   EXPECT_FALSE(opened().bounds);
 }
 
+TEST_F(ColmapTest, CountsPointsThatAreNotFinite) {
+  write_model();
+  folder_.write("sparse/0/points3D.txt",
+                kPoints + "4 1 nan 7 1 2 3 0.5\n5 inf 1 7 1 2 3 0.5\n6 2e7 0 0 1 2 3 0\n");
+  const Recording recording = opened();
+  EXPECT_EQ(recording.reader->read_points(recording).size(), 3u);
+  ASSERT_EQ(recording.findings.size(), 2u);
+  EXPECT_EQ(recording.findings[1].subject, "points3D.txt");
+  EXPECT_THAT(recording.findings[1].what, HasSubstr("3 points not finite"));
+}
+
 // A track may be as long as the file.
 TEST_F(ColmapTest, ReadsALongTrackOnceInItsOrder) {
   constexpr int kImagesOfTrack = 200000;
@@ -243,7 +254,7 @@ TEST(ColmapFiles, RejectsPointsThatCannotBe) {
   };
   EXPECT_THAT(error("1 0 0 5 10 20 30\n"), HasSubstr("line 1"));
   EXPECT_THAT(error("1 0 0 5 10 20 30 0.5 3\n"), HasSubstr("line 1"));
-  EXPECT_THAT(error("1 0 0 inf 10 20 30 0.5\n"), HasSubstr("Z = inf"));
+  EXPECT_THAT(error("1 0 0 five 10 20 30 0.5\n"), HasSubstr("Z = five"));
   EXPECT_THAT(error("1 0 0 5 10 256 30 0.5\n"), HasSubstr("G = 256"));
 }
 
@@ -266,8 +277,7 @@ TEST(ColmapFiles, RejectsTruncatedBinaryFiles) {
   std::string nan = files.points;
   const double value = std::nan("");
   std::memcpy(nan.data() + 16, &value, sizeof value);
-  EXPECT_THAT(input_error([&] { colmap::parse_points_binary(nan, "m.bin"); }),
-              HasSubstr("point 1 X"));
+  EXPECT_FALSE(std::isfinite(colmap::parse_points_binary(nan, "m.bin").at(0).in_world.x()));
   nan = files.images;  // a count, an id of 4 bytes, then the quaternion
   std::memcpy(nan.data() + 12, &value, sizeof value);
   EXPECT_THAT(colmap::parse_images_binary(nan, "m.bin").at(0).damage,

@@ -39,17 +39,6 @@ void require_content(const fs::path& file) {
   if (bytes == 0) throw InputError(file, "", "", "the file is empty");
 }
 
-/// Reads the head, and all where that is unusual or the file does not end as its kind does.
-void check_image(const fs::path& file, const CameraCalibration& camera, bool whole) {
-  require_content(file);
-  const std::optional<ImageHead> head = read_image_head(file);
-  if (whole || !head || !has_image_end(file)) read_image(file);
-  if (head && (head->width != camera.width || head->height != camera.height))
-    throw InputError(
-        file, "size", size_text(head->width, head->height),
-        "the calibration of " + camera.name + " has " + size_text(camera.width, camera.height));
-}
-
 void check_scan(const RecordingReader& reader, const FrameFile& file, bool whole) {
   require_content(file.path);
   if (whole || reader.lidar_point_count(file) == 0) reader.read_lidar(file);
@@ -110,10 +99,9 @@ class Records {
   }
 
   /// Adds a finding for each sensor. Returns the sensors that are damaged too much.
-  std::vector<Finding> judge_all() {
+  std::vector<Finding> judge_all(const std::vector<DamagedRecord>& all_damaged) {
     std::map<std::string, std::vector<DamagedRecord>> damaged;
     std::vector<Finding> too_many;
-    const std::vector<DamagedRecord> all_damaged = recording_.damaged;
     for (const DamagedRecord& record : all_damaged)
       if (record.breaks)
         judge_break(record, &too_many);
@@ -238,22 +226,41 @@ class Records {
   std::set<std::string> camera_names_;
 };
 
+void require_none(const std::vector<Finding>& too_many, const Recording& recording) {
+  if (!too_many.empty())
+    throw InputError(recording.root, too_many[0].subject, "", too_many[0].what);
+}
+
 }  // namespace
+
+void check_image(const fs::path& file, const CameraCalibration& camera, bool whole) {
+  require_content(file);
+  const std::optional<ImageHead> head = read_image_head(file);
+  if (whole || !head || !has_image_end(file)) read_image(file);
+  if (head && (head->width != camera.width || head->height != camera.height))
+    throw InputError(
+        file, "size", size_text(head->width, head->height),
+        "the calibration of " + camera.name + " has " + size_text(camera.width, camera.height));
+}
 
 std::vector<Finding> leave_out_damaged(const DamageCheck& check, Recording* recording) {
   recording->most_damaged_percent = check.most_percent;
   Records records(check, recording);
   records.leave_out_damaged_files();
-  std::vector<Finding> too_many = records.judge_all();
+  std::vector<Finding> too_many = records.judge_all(std::vector(recording->damaged));
   if (recording->cameras.empty() && too_many.empty())
     too_many.push_back({"images", "none is left: " + recording->damaged.front().why});
   return too_many;
 }
 
 void require_few_damaged(const DamageCheck& check, Recording* recording) {
-  const std::vector<Finding> too_many = leave_out_damaged(check, recording);
-  if (!too_many.empty())
-    throw InputError(recording->root, too_many[0].subject, "", too_many[0].what);
+  require_none(leave_out_damaged(check, recording), *recording);
+}
+
+void require_few_left_out(const DamageCheck& check, const std::vector<DamagedRecord>& damaged,
+                          Recording* recording) {
+  recording->damaged.insert(recording->damaged.end(), damaged.begin(), damaged.end());
+  require_none(Records(check, recording).judge_all(damaged), *recording);
 }
 
 std::optional<Finding> judge_damaged(const Recording& recording,

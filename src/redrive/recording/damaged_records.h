@@ -22,6 +22,11 @@ struct DamageCheck {
   std::size_t whole = 0;  ///< records of each sensor that are read from end to end, spread over it
 };
 
+/// Reads the head of an image's file or its mask's; all of it if `whole`, or where the head is
+/// unusual or the file does not end as its kind does. InputError if it is damaged or has another
+/// size than the calibration says.
+void check_image(const std::filesystem::path& file, const CameraCalibration& camera, bool whole);
+
 /// Leaves out images, scans and boxes whose files are damaged, and adds them to
 /// Recording::damaged. Looks at the head and the end of each file: an image has to have the size of
 /// the calibration, a scan as many returns as it says, text to be readable. An image goes with its
@@ -32,6 +37,11 @@ std::vector<Finding> leave_out_damaged(const DamageCheck& check, Recording* reco
 /// As leave_out_damaged. InputError for sensors of which too much is damaged, and where no image is
 /// left.
 void require_few_damaged(const DamageCheck& check, Recording* recording);
+
+/// Adds records that are left out already, of the recording's frames, to Recording::damaged, and a
+/// finding about them. InputError if they are too many.
+void require_few_left_out(const DamageCheck& check, const std::vector<DamagedRecord>& damaged,
+                          Recording* recording);
 
 /// A finding about records of a sensor that turned out to be damaged when they were read.
 /// InputError if they are more of its `all` records than the recording allows. Nothing without any.

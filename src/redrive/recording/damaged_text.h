@@ -40,6 +40,15 @@ bool parse_record(const DamagedList* damaged, const std::int64_t& frame_id, cons
   }
 }
 
+/// Takes ids of frames out that the list names: its finding says why.
+inline void take_out_named(const DamagedList& damaged, std::vector<std::int64_t>* ids) {
+  std::erase_if(*ids, [&](std::int64_t id) {
+    return std::ranges::any_of(*damaged.records, [&](const DamagedRecord& record) {
+      return record.frame_id == id && record.sensor == damaged.sensor;
+    });
+  });
+}
+
 /// Records of a sequence that do not go with those around them.
 struct Misfits {
   std::vector<std::size_t> single;  ///< indices: without them the others go together

@@ -57,7 +57,8 @@ std::vector<FramePose> read_oxts_poses(const fs::path& root,
   std::vector<FramePose> poses;
   std::vector<std::int64_t> without_time;
   for (const FrameFile& file : files) {
-    const std::optional<std::int64_t> t_ns = times.of(file.frame_id, is_shown(file.frame_id));
+    const std::optional<std::int64_t> t_ns =
+        times.of(file.frame_id, is_shown(file.frame_id), &damaged);
     if (!t_ns) {
       without_time.push_back(file.frame_id);
       continue;
@@ -67,6 +68,7 @@ std::vector<FramePose> read_oxts_poses(const fs::path& root,
           {file.frame_id, *t_ns, parse_oxts(read_file(file.path), file.path) * imu_from_body()});
     });
   }
+  take_out_named(damaged, &without_time);
   if (!without_time.empty())
     findings->push_back({"oxts", "no time, and so no pose, for frame " + first_few(without_time)});
   if (poses.empty()) throw InputError(times.file, "", "", "has a time of no pose");
@@ -113,7 +115,7 @@ std::vector<FramePose> frames_at_images(const std::vector<FramePose>& poses,
   std::vector<std::int64_t> without_time;
   for (const FramePose& pose : poses) {
     const std::optional<std::int64_t> t_ns =
-        camera.times.of(pose.id, has_file_of(camera.images, pose.id));
+        camera.times.of(pose.id, has_file_of(camera.images, pose.id), &damaged);
     if (!t_ns) {
       without_time.push_back(pose.id);
       continue;
@@ -121,6 +123,7 @@ std::vector<FramePose> frames_at_images(const std::vector<FramePose>& poses,
     if (camera.times.is_same(pose.id, *t_ns, pose.t_ns, oxts.string(), &damaged))
       frames.push_back({pose.id, *t_ns, pose_at(poses, *t_ns)});
   }
+  take_out_named(damaged, &without_time);
   if (!without_time.empty())
     findings->push_back(
         {camera.name, "no time for frame " + first_few(without_time) + "; they are left out"});
@@ -141,8 +144,8 @@ std::vector<FrameFile> list_scans(const fs::path& root, const std::vector<FrameP
   std::erase_if(files, [&](const FrameFile& file) {
     const auto frame = std::ranges::lower_bound(frames, file.frame_id, {}, &FramePose::id);
     const bool has_frame = frame != frames.end() && frame->id == file.frame_id;
-    const auto start_ns = start.of(file.frame_id, has_frame),
-               end_ns = end.of(file.frame_id, has_frame);
+    const auto start_ns = start.of(file.frame_id, has_frame, &damaged),
+               end_ns = start_ns ? end.of(file.frame_id, has_frame, &damaged) : std::nullopt;
     if (!start_ns || !end_ns) {
       without_time.push_back(file.frame_id);
       return true;
@@ -159,6 +162,7 @@ std::vector<FrameFile> list_scans(const fs::path& root, const std::vector<FrameP
     reader->scans[file.frame_id] = {*start_ns, *end_ns};
     return false;
   });
+  take_out_named(damaged, &without_time);
   if (!without_time.empty())
     findings->push_back({"velodyne_points", "no time for the scan of frame " +
                                                 first_few(without_time) + "; they are not used"});

@@ -179,16 +179,18 @@ struct CameraImages {
 
 /// Frames with a pose and a time.
 std::vector<FramePose> timed_frames(const ImuPoses& imu_poses, const CameraImages& camera,
-                                    const DamagedList& damaged, std::vector<Finding>* findings) {
+                                    const DamagedList& damaged, const DamagedList& damaged_times,
+                                    std::vector<Finding>* findings) {
   const kitti::Timestamps& times = camera.times;
   std::vector<FramePose> frames;
   std::vector<std::int64_t> without_time;
   for (const FramePose& pose : imu_poses.by_frame) {
-    if (const auto t_ns = times.of(pose.id, has_file_of(camera.images, pose.id)))
+    if (const auto t_ns = times.of(pose.id, has_file_of(camera.images, pose.id), &damaged_times))
       frames.push_back({pose.id, *t_ns, pose.global_from_body * imu_from_body()});
     else
       without_time.push_back(pose.id);
   }
+  take_out_named(damaged_times, &without_time);
   if (!without_time.empty())
     findings->push_back({times.file.filename().string(),
                          "no time for frame " + first_few(without_time) + "; they are left out"});
@@ -289,7 +291,7 @@ std::vector<FrameFile> list_scans(const fs::path& folder, const std::vector<Fram
       without_pose.push_back(file.frame_id);
       return true;
     }
-    const std::optional<std::int64_t> t_ns = times.of(file.frame_id);
+    const std::optional<std::int64_t> t_ns = times.of(file.frame_id, true, &damaged);
     if (!t_ns) {
       without_time.push_back(file.frame_id);
       return true;
@@ -298,6 +300,7 @@ std::vector<FrameFile> list_scans(const fs::path& folder, const std::vector<Fram
     reader->scans[file.frame_id] = scan_at(*t_ns, revolution);
     return false;
   });
+  take_out_named(damaged, &without_time);
   if (!without_time.empty())
     findings->push_back({"velodyne_points", "no time for the scan of frame " +
                                                 first_few(without_time) + "; they are not used"});
@@ -408,7 +411,7 @@ Recording open(const fs::path& root, PoseSource source) {
                      "image_02/data_rgb or image_03/data_rgb");
   recording.frames = timed_frames(
       read_imu_poses(drive.poses, calibration.imu_from_rectified(), damaged, &findings), cameras[0],
-      damaged, &findings);
+      damaged, damaged_times_of(cameras[0].name, &recording), &findings);
   for (const CameraImages& camera : cameras) {
     std::vector<ImageFile> images =
         images_with_poses(camera.images, camera.name, recording.frames, &findings);

@@ -294,7 +294,7 @@ TEST_F(Kitti360, NamesFileFieldAndValueOfWhatIsWrong) {
               }),
               AllOf(HasSubstr("0000000003.bin"), HasSubstr("24 bytes")));
   EXPECT_THAT(message(scans_ / "timestamps.txt", testing::kitti_timestamps(3, 4.99)),
-              HasSubstr("has none for frame 3"));
+              HasSubstr("has none for frame 3"));  // the first of the damaged records
   EXPECT_THAT(message(scans_ / "timestamps.txt", testing::kitti_timestamps(6, 8)),
               HasSubstr("3.000 s"));
   EXPECT_THAT(input_error([&] { open_recording(folder_.path, PoseSource::kGroundTruth); }),

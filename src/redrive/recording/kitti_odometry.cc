@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
+#include <functional>
 #include <map>
+#include <set>
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
@@ -30,22 +32,28 @@ fs::path poses_file_of(const fs::path& root) {
   return file;
 }
 
-/// Frames of the lines that both files have. InputError if one of them lacks the line of an image.
-std::vector<FramePose> read_frames(const fs::path& root, std::int64_t last_image,
+/// Returns frames of the lines that both files have. Frames with images of which one file alone has
+/// the line go to `damaged`.
+std::vector<FramePose> read_frames(const fs::path& root,
+                                   const std::function<bool(std::int64_t)>& is_shown,
                                    const DamagedList& damaged, std::vector<Finding>* findings) {
   const fs::path times_file = root / "times.txt", poses_file = poses_file_of(root);
   const auto times = parse_times(read_file(times_file), times_file, &damaged);
   const auto poses = parse_poses(read_file(poses_file), poses_file, &damaged);
   const std::size_t both = std::min(poses.size(), times.size());
-  if (poses.size() != times.size()) {
-    if (last_image >= static_cast<std::int64_t>(both))
-      throw InputError(poses_file, "number of lines", std::to_string(poses.size()),
-                       times_file.string() + " has " + std::to_string(times.size()));
+  if (poses.size() != times.size())
     findings->push_back(
         {poses_file.filename().string(), "has " + counted(poses.size(), "line") + ", times.txt " +
                                              std::to_string(times.size()) + "; the first " +
                                              std::to_string(both) + " of both are used"});
-  }
+  const fs::path& shorter = poses.size() < times.size() ? poses_file : times_file;
+  for (std::size_t i = 0; i < std::max(poses.size(), times.size()); ++i)
+    if (const auto id = static_cast<std::int64_t>(i); is_shown(id))
+      parse_record(&damaged, id, [&] {
+        if (i >= both)
+          throw InputError(shorter, "number of lines", std::to_string(both),
+                           "has none for frame " + std::to_string(id));
+      });
   std::vector<FramePose> frames;
   for (std::size_t i = 0; i < both; ++i)
     if (times[i] && poses[i])
@@ -74,13 +82,14 @@ Recording open_odometry(const fs::path& root, PoseSource source) {
   recording.global_frame = GlobalFrame::kArbitrary;
   std::vector<Finding>& findings = recording.findings;
   std::map<std::string, std::vector<FrameFile>> folders;
-  std::int64_t last_image = -1;
+  std::set<std::int64_t> shown;
   for (const std::string name : kSequenceFolders) {
     folders[name] = list_frame_files(root / name, "", {".png"}, name, &findings);
-    if (!folders[name].empty()) last_image = std::max(last_image, folders[name].back().frame_id);
+    for (const FrameFile& file : folders[name]) shown.insert(file.frame_id);
   }
-  recording.frames =
-      read_frames(root, last_image, DamagedList{"poses", &recording.damaged}, &findings);
+  recording.frames = read_frames(
+      root, [&](std::int64_t id) { return shown.contains(id); },
+      DamagedList{"poses", &recording.damaged}, &findings);
   for (auto& [name, files] : folders) {
     std::vector<ImageFile> images =
         images_with_poses(std::move(files), name, recording.frames, &findings);

@@ -21,15 +21,18 @@ constexpr std::int64_t kOffsetJitter_ns = 5'000'000;
 Timestamps::Timestamps(const std::filesystem::path& path, const DamagedList* damaged)
     : file(path), by_line(parse_timestamps(read_file(path), path, damaged)) {}
 
-std::optional<std::int64_t> Timestamps::of(std::int64_t frame_id, bool needed) const {
-  if (frame_id >= static_cast<std::int64_t>(by_line.size())) {
-    if (!needed) return std::nullopt;
-    throw InputError(file, "number of lines", std::to_string(by_line.size()),
-                     "has none for frame " + std::to_string(frame_id) +
-                         ": line n is of frame n - 1, also where files of other frames are "
-                         "missing");
-  }
-  return by_line[static_cast<std::size_t>(frame_id)];
+std::optional<std::int64_t> Timestamps::of(std::int64_t frame_id, bool needed,
+                                           const DamagedList* damaged) const {
+  const bool has_line = frame_id < static_cast<std::int64_t>(by_line.size());
+  if (needed)
+    parse_record(damaged, frame_id, [&] {
+      if (!has_line)
+        throw InputError(file, "number of lines", std::to_string(by_line.size()),
+                         "has none for frame " + std::to_string(frame_id) +
+                             ": line n is of frame n - 1, also where files of other frames are "
+                             "missing");
+    });
+  return has_line ? by_line[static_cast<std::size_t>(frame_id)] : std::nullopt;
 }
 
 bool Timestamps::is_same(std::int64_t frame_id, std::int64_t t_ns, std::int64_t other_ns,
@@ -55,7 +58,7 @@ std::int64_t time_offset_ns(const Timestamps& times, const std::string& camera,
   std::vector<std::int64_t> offsets;
   for (const ImageFile& image : images) {
     const auto frame = std::ranges::lower_bound(frames, image.frame_id, {}, &FramePose::id);
-    const std::optional<std::int64_t> t_ns = times.of(image.frame_id);
+    const std::optional<std::int64_t> t_ns = times.of(image.frame_id, true, damaged);
     if (!t_ns || !times.is_same(image.frame_id, *t_ns, frame->t_ns, "the first camera", damaged))
       continue;
     offsets.push_back(*t_ns - frame->t_ns);

@@ -35,9 +35,11 @@ struct Timestamps {
 
   explicit Timestamps(const std::filesystem::path& path, const DamagedList* damaged = nullptr);
 
-  /// Nothing for an empty line, and behind the last line if the frame is not `needed`, as where an
-  /// excerpt has poses of the whole drive. Else InputError if there is no line for the frame.
-  std::optional<std::int64_t> of(std::int64_t frame_id, bool needed = true) const;
+  /// Nothing for an empty line, and behind the last line. There a frame that is `needed`, which it
+  /// is not where an excerpt has poses of the whole drive, goes to `damaged`; without it
+  /// InputError.
+  std::optional<std::int64_t> of(std::int64_t frame_id, bool needed,
+                                 const DamagedList* damaged) const;
   /// Whether a time is at most 0.2 s off that of the frame by another sensor, of which `other` is
   /// the name. Else a record of `damaged`; without it InputError.
   bool is_same(std::int64_t frame_id, std::int64_t t_ns, std::int64_t other_ns,

@@ -186,6 +186,32 @@ TEST_F(Kitti, LeavesOutPacketsAndScansBehindTheTimes) {
   EXPECT_THAT(kitti_findings(recording, "velodyne_points"), HasSubstr("frame 7, 8"));
 }
 
+// Files of times that were cut, one kind at a time.
+TEST_F(Kitti, FramesBehindTheEndOfATimesFileCostThemselves) {
+  const std::map<std::string, std::string> sensors = {
+      {"oxts/timestamps.txt", "poses"},
+      {"image_00/timestamps.txt", "times of image_00"},
+      {"velodyne_points/timestamps_start.txt", "times of velodyne_points"},
+      {"velodyne_points/timestamps_end.txt", "times of velodyne_points"}};
+  for (const auto& [file, sensor] : sensors) {
+    const std::string whole = read_file(folder_.path / kKittiDrive / file);
+    const Recording before = opened();
+    const std::int64_t last = before.frames.back().id;
+    std::string cut;
+    for (std::int64_t line = 0; line < last; ++line)
+      cut += whole.substr(cut.size(), whole.find('\n', cut.size()) + 1 - cut.size());
+    write(file, cut);
+    Recording recording = opened();
+    ASSERT_EQ(recording.damaged.size(), 1u) << file;
+    EXPECT_EQ(recording.damaged[0].sensor, sensor);
+    EXPECT_EQ(recording.damaged[0].frame_id, last);
+    EXPECT_THAT(recording.damaged[0].why, HasSubstr(file + ": number of lines = "));
+    EXPECT_EQ(recording.lidar_files.size() + (sensor == "times of velodyne_points" ? 1 : 0), 3u);
+    EXPECT_EQ(recording.frames.size(), sensor == "times of velodyne_points" ? 3u : 2u);
+    write(file, whole);
+  }
+}
+
 TEST_F(Kitti, NamesMissingFiles) {
   for (const std::string name :
        {"calib_cam_to_cam.txt", "calib_velo_to_cam.txt", "calib_imu_to_velo.txt"}) {
@@ -211,8 +237,8 @@ TEST_F(Kitti, NamesMissingFiles) {
 
 TEST_F(Kitti, RejectsTimesThatDoNotFit) {
   write("image_02/timestamps.txt", testing::kitti_timestamps(3, 5));
-  EXPECT_THAT(message(), AllOf(HasSubstr("image_02/timestamps.txt: number of lines = 3"),
-                               HasSubstr("frame 3"), HasSubstr("line n is of frame n - 1")));
+  EXPECT_THAT(damage(), AllOf(HasSubstr("image_02/timestamps.txt: number of lines = 3"),
+                              HasSubstr("frame 3"), HasSubstr("line n is of frame n - 1")));
   write("image_02/timestamps.txt", testing::kitti_timestamps(6, 5.4));
   EXPECT_THAT(damage(), AllOf(HasSubstr("image_02/timestamps.txt: line 3 = 0.398 s"),
                               HasSubstr("0.2 s apart")));
@@ -367,8 +393,11 @@ TEST_F(KittiSequence, LeavesOutLinesThatOneFileLacks) {
 
 TEST_F(KittiSequence, RejectsPosesThatDoNotFit) {
   folder_.write("poses/04.txt", "1 0 0 0 0 1 0 0 0 0 1 0\n");
-  EXPECT_THAT(message(),
-              AllOf(HasSubstr("04.txt: number of lines = 1"), HasSubstr("times.txt has 3")));
+  const Recording one = opened();
+  EXPECT_EQ(one.frames.size(), 1u);
+  ASSERT_EQ(one.damaged.size(), 2u);
+  EXPECT_THAT(one.damaged[1].why,
+              AllOf(HasSubstr("04.txt: number of lines = 1"), HasSubstr("none for frame 2")));
   folder_.write("poses/04.txt",
                 "1 0 0 0 0 1 0 0 0 0 1 0\n1 0 0 0 0 1 0 0 0 0 1 1\n1 0 0 0 0 1 0 0 0 0 1 101\n");
   EXPECT_THAT(opened().damaged.at(0).why,

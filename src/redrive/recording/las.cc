@@ -25,6 +25,8 @@ struct PointFormat {
 };
 constexpr PointFormat kPointFormats[] = {{20, 0},  {28, 20}, {26, 0},  {34, 20}, {57, 20}, {63, 20},
                                          {30, 22}, {36, 22}, {38, 22}, {59, 22}, {67, 22}};
+constexpr int kMostCompressed = 3;           // the last point format that is read where compressed
+constexpr int kMostExtraBytes = 64;          // each takes 3 kB of models
 constexpr std::size_t kCountOffset14 = 247;  // of the 64-bit number of points of LAS 1.4
 constexpr std::size_t kHeaderBytes14 = 375;
 constexpr std::size_t kHeaderBytes = 227, kVariableHeaderBytes = 54, kPointCountOffset = 107;
@@ -61,14 +63,27 @@ class LasFile {
              "must lie behind the header and in the file's " + size() + " bytes");
     const auto format = at<std::uint8_t>(104);
     compressed_ = format & 0x80;
-    if (compressed_ ? format != 129 : format >= std::size(kPointFormats))
-      refuse("point data format", format, "must be 0 to 10, or 129 (format 1) where compressed");
-    format_ = kPointFormats[format & 0x7f];
+    const int kind = format & 0x7f;
+    if (kind >= static_cast<int>(std::size(kPointFormats)))
+      refuse("point data format", format, "must be 0 to 10, with 128 added where compressed");
+    if (compressed_ && kind > kMostCompressed)
+      refuse("point data format", format,
+             "is format " + std::to_string(kind) +
+                 " compressed, and of compressed ones 0 to 3 alone are read; laszip, las2las or "
+                 "pdal translate write the file as .las, which is read");
+    format_ = kPointFormats[kind];
     record_bytes_ = at<std::uint16_t>(105);
-    if (record_bytes_ < format_.bytes || (compressed_ && record_bytes_ != format_.bytes))
+    if (record_bytes_ < format_.bytes)
       refuse("point data record length", record_bytes_,
-             std::string("must be ") + (compressed_ ? "" : "at least ") +
-                 std::to_string(format_.bytes) + ", as in format " + std::to_string(format & 0x7f));
+             "must be at least " + std::to_string(format_.bytes) + ", as in format " +
+                 std::to_string(kind));
+    if (compressed_ && record_bytes_ > format_.bytes + kMostExtraBytes)
+      refuse("point data record length", record_bytes_,
+             "at most " + std::to_string(kMostExtraBytes) +
+                 " bytes beside the fields of the format are read where compressed");
+    items_.gps_time = format_.gps_time > 0;
+    items_.colours = kind == 2 || kind == 3;
+    items_.extra_bytes = record_bytes_ - format_.bytes;
     std::uint64_t points = at<std::uint32_t>(kPointCountOffset);
     if (points == 0 && minor == 4) points = at<std::uint64_t>(kCountOffset14);
     points_ = static_cast<std::uint32_t>(points);
@@ -90,10 +105,12 @@ class LasFile {
 
   std::vector<LasRecord> records() const {
     if (compressed_)
-      return decode_laz(
-          bytes_,
-          {.begin = points_begin_, .points = points_, .points_per_chunk = points_per_chunk_},
-          file_);
+      return decode_laz(bytes_,
+                        {.begin = points_begin_,
+                         .points = points_,
+                         .points_per_chunk = points_per_chunk_,
+                         .items = items_},
+                        file_);
     const std::size_t stored = bytes_.size() - points_begin_;
     const std::size_t needed = std::size_t{points_} * record_bytes_;
     if (more_may_follow_ ? stored < needed : stored != needed)
@@ -172,30 +189,43 @@ class LasFile {
   }
 
   void read_laszip_record(std::string_view record) {
-    if (!compressed_) refuse("point data format", 1, "must be 129: there is a LASzip record");
+    if (!compressed_)
+      refuse("point data format", at<std::uint8_t>(104),
+             "must have 128 added: there is a LASzip record");
+    struct Item {
+      const char* name;
+      int type;
+      std::size_t size;
+    };
+    std::vector<Item> items{{"POINT10", 6, 20}};
+    if (items_.gps_time) items.push_back({"GPSTIME11", 7, 8});
+    if (items_.colours) items.push_back({"RGB12", 8, 6});
+    if (items_.extra_bytes > 0) items.push_back({"BYTE", 0, items_.extra_bytes});
     constexpr std::size_t kFixedBytes = 34, kItemBytes = 6;
-    if (record.size() != kFixedBytes + 2 * kItemBytes)
+    const std::size_t length = kFixedBytes + items.size() * kItemBytes;
+    if (record.size() != length)
       refuse("LASzip record length", static_cast<std::uint32_t>(record.size()),
-             "must be 46, with two items");
-    const auto expect = [&](const char* field, std::size_t offset, std::uint16_t expected,
-                            const char* meaning) {
+             "must be " + std::to_string(length) + ", with " + std::to_string(items.size()) +
+                 " items as the point format has them");
+    const auto expect = [&](const std::string& field, std::size_t offset, std::size_t expected,
+                            const std::string& meaning) {
       const auto value = little_endian<std::uint16_t>(record, offset);
       if (value != expected)
-        refuse(std::string("LASzip ") + field, value,
-               "must be " + std::to_string(expected) + ": " + meaning);
+        refuse("LASzip " + field, value, "must be " + std::to_string(expected) + ": " + meaning);
     };
     expect("compressor", 0, 2, "pointwise, in chunks");
     expect("coder", 2, 0, "arithmetic");
     points_per_chunk_ = little_endian<std::uint32_t>(record, 12);
     if (points_per_chunk_ == 0 || points_per_chunk_ == UINT32_MAX)
       refuse("LASzip chunk size", points_per_chunk_, "must be a fixed number of points");
-    expect("number of items", 32, 2, "POINT10 and GPSTIME11");
-    expect("item 0 type", 34, 6, "POINT10");
-    expect("item 0 size", 36, 20, "bytes");
-    expect("item 0 version", 38, 2, "no other is known here");
-    expect("item 1 type", 40, 7, "GPSTIME11");
-    expect("item 1 size", 42, 8, "bytes");
-    expect("item 1 version", 44, 2, "no other is known here");
+    expect("number of items", 32, items.size(), "those of the point format");
+    for (std::size_t i = 0; i < items.size(); ++i) {
+      const std::string item = "item " + std::to_string(i);
+      const std::size_t begin = kFixedBytes + i * kItemBytes;
+      expect(item + " type", begin, static_cast<std::size_t>(items[i].type), items[i].name);
+      expect(item + " size", begin + 2, items[i].size, "bytes");
+      expect(item + " version", begin + 4, 2, "no other is known here");
+    }
   }
 
   std::string_view bytes_;
@@ -203,6 +233,7 @@ class LasFile {
   bool compressed_ = false;
   bool more_may_follow_ = false;  ///< behind the points: waveforms, extended records
   PointFormat format_{};
+  LazItems items_;  ///< where compressed
   std::uint16_t record_bytes_ = 0;
   std::size_t points_begin_ = 0;
   std::uint32_t points_ = 0, points_per_chunk_ = 0;
@@ -257,7 +288,7 @@ std::string make_las(std::span<const LidarRecord> points, double step_m) {
   put(94, static_cast<std::uint16_t>(kHeaderBytes));
   put(96, static_cast<std::uint32_t>(kHeaderBytes));  // offset of the points
   bytes[104] = 1;                                     // point format
-  put(105, static_cast<std::uint16_t>(kLasRecordBytes));
+  put(105, kPointFormats[1].bytes);
   put(kPointCountOffset, n);
   put(111, n);  // first returns
   for (std::size_t axis = 0; axis < 3; ++axis) {
@@ -266,7 +297,7 @@ std::string make_las(std::span<const LidarRecord> points, double step_m) {
     put(179 + 16 * axis, most[k]);
     put(187 + 16 * axis, least[k]);
   }
-  bytes.reserve(bytes.size() + kLasRecordBytes * points.size());
+  bytes.reserve(bytes.size() + kPointFormats[1].bytes * points.size());
   for (const LidarRecord& point : points) {
     for (const double coordinate : point.position_m)
       add_bytes(static_cast<std::int32_t>(std::lround(coordinate / step_m)), &bytes);

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // LiDAR points from LAS 1.0 to 1.4 (ASPRS, "LAS Specification 1.4 - R15", 2019), point formats 0 to
-// 10 (.las), or format 1 compressed by LASzip (.laz: chunked pointwise compressor, items POINT10
-// and GPSTIME11, each version 2). The header distinguishes them, not the file's name.
+// 10 (.las), or formats 0 to 3 compressed by LASzip (.laz: chunked pointwise compressor, items
+// POINT10, GPSTIME11, RGB12 and BYTE, each version 2). The header distinguishes them, not the
+// file's name.
 #pragma once
 
 #include <cstdint>

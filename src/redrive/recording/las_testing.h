@@ -3,6 +3,7 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cmath>
 #include <cstring>
@@ -266,23 +267,91 @@ class GpsTimeEncoder {
   IntegerEncoder coder_{32, 9};
 };
 
-inline std::string laszip_record(std::uint32_t points_per_chunk) {
+/// Red, green and blue of point i, which change in all ways that the code tells apart.
+inline std::array<std::uint16_t, 3> test_colour(std::size_t i) {
+  const auto noise = [&](std::size_t k) {
+    return static_cast<std::uint16_t>((i * 2654435761u + k * 40503u) >> 7);
+  };
+  switch (i % 5) {
+    case 0: return {noise(0), noise(0), noise(0)};
+    case 1: return {std::uint16_t(noise(1) & 0xff), 7, 300};
+    case 2: return {noise(1), std::uint16_t(noise(1) + 3), std::uint16_t(noise(1) - 3)};
+    default: return {noise(1), noise(2), noise(3)};
+  }
+}
+
+inline std::uint8_t test_extra_byte(std::size_t i, std::size_t k) {
+  return static_cast<std::uint8_t>(i * (k + 3) + k);
+}
+
+inline std::array<std::uint8_t, 6> bytes_of(const std::array<std::uint16_t, 3>& colour) {
+  std::array<std::uint8_t, 6> bytes;
+  for (std::size_t k = 0; k < 6; ++k)
+    bytes[k] = static_cast<std::uint8_t>(colour[k / 2] >> (k % 2 ? 8 : 0));
+  return bytes;
+}
+
+/// LASzip's RGB12 version 2: a byte is predicted from the last colour's and from the changes of
+/// those before it.
+class ColourEncoder {
+ public:
+  explicit ColourEncoder(const std::array<std::uint16_t, 3>& first) : last_(bytes_of(first)) {}
+  void encode(ArithmeticEncoder& out, const std::array<std::uint16_t, 3>& colour) {
+    const std::array<std::uint8_t, 6> now = bytes_of(colour);
+    std::uint32_t changed = 0;
+    for (std::size_t k = 0; k < 6; ++k) changed |= std::uint32_t{now[k] != last_[k]} << k;
+    const bool grey = colour[0] == colour[1] && colour[0] == colour[2];
+    changed |= std::uint32_t{!grey} << 6;
+    out.symbol(changed_, changed);
+    int change[2] = {0, 0};  // changes of the lower and the upper byte
+    const auto byte = [&](std::size_t k) {
+      if (changed >> k & 1)
+        out.symbol(bytes_[k],
+                   static_cast<std::uint8_t>(
+                       now[k] - (k < 2 ? last_[k] : std::clamp(change[k % 2] + last_[k], 0, 255))));
+    };
+    for (const std::size_t k : {0, 1}) byte(k), change[k] = now[k] - last_[k];
+    if (!grey) {
+      byte(2);
+      change[0] = (change[0] + now[2] - last_[2]) / 2;
+      byte(4);
+      byte(3);
+      change[1] = (change[1] + now[3] - last_[3]) / 2;
+      byte(5);
+    }
+    last_ = now;
+  }
+
+ private:
+  std::array<std::uint8_t, 6> last_;
+  SymbolModel changed_{128};
+  std::vector<SymbolModel> bytes_{6, SymbolModel(256)};
+};
+
+inline std::string laszip_record(std::uint32_t points_per_chunk, const LazItems& items) {
   std::string content;
   for (const std::uint16_t v : {2, 0, 0x0202, 0, 0, 0})
     append(&content, v);  // compressor, coder, version 2.2.0, options
   append(&content, points_per_chunk), append(&content, std::int64_t{-1}),
       append(&content, std::int64_t{-1});
-  for (const std::uint16_t v : {2, 6, 20, 2, 7, 8, 2})
-    append(&content, v);  // items: type, size, version
+  std::vector<std::uint16_t> listed{6, 20, 2};  // type, size, version
+  if (items.gps_time) listed.insert(listed.end(), {7, 8, 2});
+  if (items.colours) listed.insert(listed.end(), {8, 6, 2});
+  if (items.extra_bytes > 0)
+    listed.insert(listed.end(), {0, static_cast<std::uint16_t>(items.extra_bytes), 2});
+  append(&content, static_cast<std::uint16_t>(listed.size() / 3));
+  for (const std::uint16_t v : listed) append(&content, v);
   return variable_record("laszip encoded", 22204, content);
 }
 
-/// Returns a LAZ file.
-inline std::string laz_file(std::span<const LasRecord> points, std::uint32_t points_per_chunk) {
-  std::string bytes =
-      las_header(static_cast<std::uint32_t>(points.size()),
-                 {variable_record("somebody else", 7, "what"), laszip_record(points_per_chunk)});
-  bytes[104] = static_cast<char>(0x81);
+/// Returns a LAZ file of point format 0 to 3, with the colours and bytes above.
+inline std::string laz_file(std::span<const LasRecord> points, std::uint32_t points_per_chunk,
+                            const LazItems& items = {}) {
+  std::string bytes = las_header(
+      static_cast<std::uint32_t>(points.size()),
+      {variable_record("somebody else", 7, "what"), laszip_record(points_per_chunk, items)});
+  bytes[104] = static_cast<char>(0x80 + items.gps_time + 2 * items.colours);
+  overwrite(&bytes, 105, static_cast<std::uint16_t>(items.record_bytes()));
   const std::size_t begin = bytes.size();
   append(&bytes, std::int64_t{0});
   std::vector<std::uint32_t> sizes;
@@ -291,11 +360,23 @@ inline std::string laz_file(std::span<const LasRecord> points, std::uint32_t poi
         points.subspan(i, std::min<std::size_t>(points_per_chunk, points.size() - i));
     const std::size_t chunk_begin = bytes.size();
     append(&bytes, chunk[0]);
+    if (!items.gps_time) bytes.resize(bytes.size() - 8);
+    if (items.colours)
+      for (const std::uint16_t value : test_colour(i)) append(&bytes, value);
+    for (std::size_t k = 0; k < items.extra_bytes; ++k) append(&bytes, test_extra_byte(i, k));
     ArithmeticEncoder out;
     Point10Encoder fields(chunk[0]);
     GpsTimeEncoder times(chunk[0].gps_time_bits);
-    for (const LasRecord& point : chunk.subspan(1))
-      fields.encode(out, point), times.encode(out, point.gps_time_bits);
+    ColourEncoder colours(test_colour(i));
+    std::vector<SymbolModel> extra(items.extra_bytes, SymbolModel(256));
+    for (std::size_t p = 1; p < chunk.size(); ++p) {
+      fields.encode(out, chunk[p]);
+      if (items.gps_time) times.encode(out, chunk[p].gps_time_bits);
+      if (items.colours) colours.encode(out, test_colour(i + p));
+      for (std::size_t k = 0; k < items.extra_bytes; ++k)
+        out.symbol(extra[k], static_cast<std::uint8_t>(test_extra_byte(i + p, k) -
+                                                       test_extra_byte(i + p - 1, k)));
+    }
     bytes += out.finish();
     sizes.push_back(static_cast<std::uint32_t>(bytes.size() - chunk_begin));
   }

@@ -172,4 +172,12 @@ std::uint64_t GpsTimeDecoder::decode(ArithmeticDecoder& decoder) {
   return 0;
 }
 
+void ColourSkipper::skip(ArithmeticDecoder& decoder) {
+  constexpr int kMoreThanGrey = 6, kOrder[] = {0, 1, 2, 4, 3, 5};
+  const std::uint32_t changed = decoder.symbol(changed_);
+  for (const int byte : kOrder)
+    if ((byte < 2 || changed >> kMoreThanGrey & 1) && changed >> byte & 1)
+      decoder.symbol(bytes_[static_cast<std::size_t>(byte)]);
+}
+
 }  // namespace redrive

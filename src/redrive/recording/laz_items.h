@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // LASzip's prediction of a LAS point's fields from the points before it, and the decoding of the
-// residuals: items POINT10 version 2 and GPSTIME11 version 2 (M. Isenburg, "LASzip: lossless
-// compression of LiDAR data", PE&RS 79(2), 2013). Integers wrap around as in two's complement. The
-// state lasts for one chunk.
+// residuals: items POINT10, GPSTIME11, RGB12 and BYTE, each version 2 (M. Isenburg, "LASzip:
+// lossless compression of LiDAR data", PE&RS 79(2), 2013). Integers wrap around as in two's
+// complement. The state lasts for one chunk.
 #pragma once
 
 #include <array>
@@ -14,7 +14,7 @@
 
 namespace redrive {
 
-/// Point format 1 as the file stores it.
+/// Point format 1 as the file stores it; format 0 without the time.
 struct LasRecord {
   std::int32_t x = 0, y = 0, z = 0;  ///< times scale plus offset: metres
   std::uint16_t intensity = 0;
@@ -111,6 +111,30 @@ class GpsTimeDecoder {
   std::size_t current_ = 0, newest_ = 0;
   SymbolModel multiple_{516}, first_step_{6};
   IntegerDecoder coder_{32, 9};
+};
+
+/// Decodes bytes whose values are not needed: each has a model of its own, which depends on none.
+class ByteSkipper {
+ public:
+  explicit ByteSkipper(std::size_t bytes) : models_(bytes, SymbolModel(256)) {}
+  void skip(ArithmeticDecoder& decoder) {
+    for (SymbolModel& model : models_) decoder.symbol(model);
+  }
+
+ private:
+  std::vector<SymbolModel> models_;
+};
+
+/// Decodes colours whose values are not needed. A symbol says which bytes of red, green and blue
+/// changed (lower, upper: bits 0 and 1, 2 and 3, 4 and 5) and whether there is more than grey
+/// (bit 6); the change of each has a model of its own.
+class ColourSkipper {
+ public:
+  void skip(ArithmeticDecoder& decoder);
+
+ private:
+  SymbolModel changed_{128};
+  std::vector<SymbolModel> bytes_{6, SymbolModel(256)};
 };
 
 }  // namespace redrive

@@ -37,11 +37,14 @@ std::vector<Eigen::Vector3d> read_ply(const std::filesystem::path& file, std::si
 }
 
 std::string make_ply(std::span<const PlyPoint> points, bool normals,
-                     std::span<const Triangle> triangles) {
+                     std::span<const Triangle> triangles, const Eigen::Vector3d& origin) {
+  const bool is_far = !origin.isZero(0);
   std::string bytes = "ply\nformat binary_little_endian 1.0\nelement vertex " +
                       std::to_string(points.size()) + "\n";
   for (const char* name : {"x", "y", "z", "nx", "ny", "nz"})
-    if (name[0] != 'n' || normals) bytes += std::string("property float ") + name + "\n";
+    if (name[0] != 'n' || normals)
+      bytes += std::string(is_far && name[0] != 'n' ? "property double " : "property float ") +
+               name + "\n";
   for (const char* name : {"red", "green", "blue"})
     bytes += std::string("property uchar ") + name + "\n";
   if (!triangles.empty())
@@ -52,7 +55,10 @@ std::string make_ply(std::span<const PlyPoint> points, bool normals,
     bytes.append(static_cast<const char*>(data), size);
   };
   for (const PlyPoint& point : points) {
-    add(point.position.data(), 3 * sizeof(float));
+    if (const Eigen::Vector3d position = origin + point.position.cast<double>(); is_far)
+      add(position.data(), 3 * sizeof(double));
+    else
+      add(point.position.data(), 3 * sizeof(float));
     if (normals) add(point.normal.data(), 3 * sizeof(float));
     add(point.rgb.data(), point.rgb.size());
   }

@@ -32,8 +32,10 @@ struct PlyPoint {
 };
 using Triangle = std::array<std::uint32_t, 3>;  ///< indices of vertices
 /// Returns a binary_little_endian PLY with x y z, nx ny nz if `normals`, and red green blue; with
-/// `triangles`, which may be empty, it has faces, too.
+/// `triangles`, which may be empty, it has faces, too. Positions are floats; with an `origin` that
+/// is not 0, which is added to each, they are doubles.
 std::string make_ply(std::span<const PlyPoint> points, bool normals,
-                     std::span<const Triangle> triangles = {});
+                     std::span<const Triangle> triangles = {},
+                     const Eigen::Vector3d& origin = Eigen::Vector3d::Zero());
 
 }  // namespace redrive

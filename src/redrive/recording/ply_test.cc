@@ -77,6 +77,21 @@ TEST(Ply, ReadsBigEndianBehindOtherElements) {
             std::vector{Eigen::Vector3d(1, -2, 0.5)});
 }
 
+// UTM and ECEF have coordinates of millions of metres, of which floats resolve half a metre.
+TEST(Ply, KeepsMillimetresFarFromTheOrigin) {
+  const Eigen::Vector3d origin(691'000.25, 5'335'000.5, -9'000'000);
+  std::vector<PlyPoint> points(2);
+  points[0].position = {0.001f, -2.002f, 3.5f};
+  points[1].position = {900.125f, 0, -7};
+  for (const bool normals : {false, true}) {
+    const std::vector<Eigen::Vector3d> back =
+        parse_ply(make_ply(points, normals, {}, origin), "a.ply");
+    ASSERT_EQ(back.size(), 2u);
+    for (std::size_t i = 0; i < 2; ++i)
+      EXPECT_LT((back[i] - origin - points[i].position.cast<double>()).norm(), 1e-8) << i;
+  }
+}
+
 TEST(Ply, RejectsInvalidFiles) {
   EXPECT_THAT(message("solid\n"), HasSubstr("ply"));
   EXPECT_THAT(message("ply\nformat ascii 1.0\n"), HasSubstr("truncated"));

@@ -6,6 +6,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
+#include "redrive/recording/damaged_records.h"
 #include "redrive/recording/frame_range.h"
 #include "redrive/recording/wording.h"
 
@@ -17,27 +18,54 @@ namespace fs = std::filesystem;
 constexpr std::int64_t kSameTime_ns =
     1'000'000;  // rounding of times in files; the next frame is 10 ms away or more
 
-/// Leaves out the frames of which the files have no pose, with their images; a finding counts them.
-/// InputError if that are all.
-void keep_posed_frames(const CalibratedPoses& poses, Recording* recording) {
-  const std::size_t recorded = recording->frames.size();
-  const auto has_pose = [&](std::int64_t id) {
-    return std::ranges::binary_search(poses.frames, id, {}, &FramePose::id);
-  };
-  if (std::ranges::none_of(recording->frames, has_pose, &FramePose::id))
+bool has_frame(const std::vector<FramePose>& frames, std::int64_t id) {
+  return std::ranges::binary_search(frames, id, {}, &FramePose::id);
+}
+
+/// Moves poses to `damaged` whose times differ from the times of the recording's frames.
+void leave_out_of_other_times(const std::vector<FramePose>& recorded, const DamagedList& damaged,
+                              CalibratedPoses* poses) {
+  std::erase_if(poses->frames, [&](const FramePose& pose) {
+    const auto frame = std::ranges::lower_bound(recorded, pose.id, {}, &FramePose::id);
+    if (frame == recorded.end() || frame->id != pose.id) return false;
+    return !parse_record(&damaged, pose.id, [&] {
+      if (std::abs(pose.t_ns - frame->t_ns) > kSameTime_ns)
+        throw InputError(poses->frames_file, std::to_string(pose.id) + ".time",
+                         std::to_string(pose.t_ns) + " ns",
+                         "the recording's frame is of " + std::to_string(frame->t_ns) +
+                             " ns: a pose of another drive");
+    });
+  });
+}
+
+/// Leaves out the frames without a pose, with their images; a finding counts them, except for the
+/// `damaged` ones. InputError if no frame remains.
+void keep_posed_frames(const CalibratedPoses& poses, const std::vector<DamagedRecord>& damaged,
+                       Recording* recording) {
+  const auto has_pose = [&](std::int64_t id) { return has_frame(poses.frames, id); };
+  if (std::ranges::none_of(recording->frames, has_pose, &FramePose::id)) {
+    if (!damaged.empty())
+      throw InputError(poses.frames_file, "", "", "no pose can be used: " + damaged.front().why);
     throw InputError(poses.frames_file, std::to_string(recording->frames.front().id), "",
                      "missing, as are all frames of the recording: poses of another drive");
+  }
+  const auto lacking = static_cast<std::size_t>(
+      std::ranges::count_if(recording->frames, [&](const FramePose& frame) {
+        return !has_pose(frame.id) &&
+               std::ranges::find(damaged, frame.id, &DamagedRecord::frame_id) == damaged.end();
+      }));
   keep_frames({poses.frames.front().id, poses.frames.back().id}, recording);
   std::erase_if(recording->frames, [&](const FramePose& frame) { return !has_pose(frame.id); });
   for (RecordedCamera& camera : recording->cameras)
     std::erase_if(camera.images, [&](const ImageFile& image) { return !has_pose(image.frame_id); });
   std::erase_if(recording->cameras,
                 [](const RecordedCamera& camera) { return camera.images.empty(); });
-  if (recording->frames.size() < recorded)
-    recording->findings.push_back(
-        {poses.frames_file.string(), "has poses of " + counted(recording->frames.size(), "frame") +
-                                         " of " + std::to_string(recorded) +
-                                         "; the others are left out"});
+  const std::size_t kept = recording->frames.size();
+  if (lacking > 0)
+    recording->findings.push_back({poses.frames_file.string(), "has poses of " +
+                                                                   counted(kept, "frame") + " of " +
+                                                                   std::to_string(kept + lacking) +
+                                                                   "; the others are left out"});
 }
 
 }  // namespace
@@ -58,21 +86,23 @@ void write_pose_files(const fs::path& folder, const PoseFiles& files) {
   }
 }
 
-void apply_pose_files(const PoseFiles& files, const fs::path& folder, Recording* recording) {
+void apply_pose_files(const PoseFiles& files, const fs::path& folder, Recording* recording,
+                      const FrameRange& frames) {
   if (!recording->metric)
     throw InputError(folder, "", "",
                      "poses in these formats belong to a drive, not to photographs");
-  const CalibratedPoses poses = recording->reader->parse_pose_files(files, folder);
-  keep_posed_frames(poses, recording);
-  for (FramePose& frame : recording->frames) {
-    const FramePose& found = *std::ranges::lower_bound(poses.frames, frame.id, {}, &FramePose::id);
-    if (std::abs(found.t_ns - frame.t_ns) > kSameTime_ns)
-      throw InputError(poses.frames_file, std::to_string(frame.id) + ".time",
-                       std::to_string(found.t_ns) + " ns",
-                       "the recording's frame is of " + std::to_string(frame.t_ns) +
-                           " ns: poses of another drive");
-    frame = found;
-  }
+  std::vector<DamagedRecord> records;
+  const DamagedList damaged{"poses", &records};
+  CalibratedPoses poses = recording->reader->parse_pose_files(files, folder, &damaged);
+  leave_out_of_other_times(recording->frames, damaged, &poses);
+  std::erase_if(records, [&](const DamagedRecord& record) {
+    return !record.breaks && !has_frame(recording->frames, record.frame_id);
+  });
+  keep_posed_frames(poses, records, recording);
+  for (FramePose& frame : recording->frames)
+    frame = *std::ranges::lower_bound(poses.frames, frame.id, {}, &FramePose::id);
+  require_few_left_out({.frames = frames, .most_percent = recording->most_damaged_percent}, records,
+                       recording);
   for (RecordedCamera& camera : recording->cameras) {
     const auto found =
         std::ranges::find(poses.cameras, camera.calibration.name, &CameraCalibration::name);

@@ -5,6 +5,7 @@
 
 #include <filesystem>
 
+#include "redrive/recording/frame_range.h"
 #include "redrive/recording/recording_reader.h"
 
 namespace redrive {
@@ -14,11 +15,12 @@ PoseFiles read_pose_files(const Recording& recording, const std::filesystem::pat
 /// Creates folders where they are missing. IoError.
 void write_pose_files(const std::filesystem::path& folder, const PoseFiles& files);
 
-/// Replaces the recording's poses and calibration. Frames that the files lack, as those of align
-/// --frames do, are left out; a finding counts them. InputError (`folder` is for messages): a file
-/// that cannot be parsed, that lacks all frames or a camera with images, or whose times are not the
-/// recording's; a recording of photographs.
+/// Replaces the recording's poses and calibration. Leaves out frames that the files lack, as after
+/// align --frames, and frames whose pose or time cannot be or whose time is not the recording's;
+/// findings count them. InputError (`folder` is for messages): a file that cannot be parsed, that
+/// lacks all frames or a camera with images; more damaged poses among `frames` than the recording
+/// allows; a recording of photographs.
 void apply_pose_files(const PoseFiles& files, const std::filesystem::path& folder,
-                      Recording* recording);
+                      Recording* recording, const FrameRange& frames = {});
 
 }  // namespace redrive

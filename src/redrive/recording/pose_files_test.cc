@@ -97,9 +97,10 @@ TEST(PoseFiles, RejectsFilesOfAnotherRecording) {
   EXPECT_THAT(error_message(kEgomotion, poses),
               AllOf(HasSubstr("egomotion2.json"), HasSubstr("9"), HasSubstr("another drive")));
   poses = testing::egomotion();
-  poses["10"]["time_host"] = 50.15;
+  for (const char* id : {"9", "10", "11"})
+    poses[id]["time_host"] = poses[id]["time_host"].get<double>() + 5;
   EXPECT_THAT(error_message(kEgomotion, poses),
-              AllOf(HasSubstr("10.time"), HasSubstr("another drive")));
+              AllOf(HasSubstr("9.time"), HasSubstr("another drive")));
   nlohmann::json sensors = testing::calibration();
   sensors.erase("L_FISH");
   EXPECT_THAT(error_message(kCalibration, sensors),
@@ -123,6 +124,48 @@ TEST(PoseFiles, LeavesOutFramesThatTheyLack) {
   EXPECT_EQ(f.recording.frames[1].id, 11);
   EXPECT_EQ(f.recording.cameras[0].images.size(), 2u);
   EXPECT_THAT(f.recording.findings.back().what, HasSubstr("2 frames of 3"));
+}
+
+TEST(PoseFiles, ADamagedPoseCostsItself) {
+  const auto apply = [](const nlohmann::json& poses, Recording* recording, FrameRange frames) {
+    PoseFiles files = read_pose_files(*recording, recording->root);
+    files[kEgomotion] = poses.dump();
+    apply_pose_files(files, "other", recording, frames);
+  };
+  for (const int kind : {0, 1, 2}) {
+    Fixture f;
+    nlohmann::json poses = testing::egomotion();
+    if (kind == 0) poses["10"]["RT_ECEF_body"] = "none";
+    if (kind == 1) poses["10"]["time_host"] = 50.15;  // the time of another drive's frame
+    if (kind == 2) poses["10"]["RT_ECEF_body"][0][3] = 1e6;
+    apply(poses, &f.recording, {});
+    ASSERT_EQ(f.recording.frames.size(), 2u) << kind;
+    EXPECT_EQ(f.recording.frames[1].id, 11);
+    EXPECT_EQ(f.recording.cameras[0].images.size(), 2u);
+    ASSERT_EQ(f.recording.damaged.size(), 1u);
+    EXPECT_THAT(
+        f.recording.findings.back().what,
+        AllOf(HasSubstr("1 of 3 records left out: frame 10: "), HasSubstr("egomotion2.json: 10.")));
+  }
+}
+
+TEST(PoseFiles, ManyDamagedPosesAreAnError) {
+  Fixture f;
+  PoseFiles files = read_pose_files(f.recording, f.folder.path);
+  nlohmann::json poses = testing::egomotion();
+  for (const char* id : {"9", "10"}) poses[id]["time_host"] = "soon";
+  files[kEgomotion] = poses.dump();
+  const auto apply = [&](double percent, const FrameRange& frames) {
+    Recording recording = f.recording;
+    recording.most_damaged_percent = percent;
+    apply_pose_files(files, "other", &recording, frames);
+    return recording;
+  };
+  EXPECT_THAT(
+      testing::input_error([&] { apply(5, {}); }),
+      AllOf(HasSubstr("2 of 3 records cannot be used, more than 5 %"), HasSubstr("9.time_host")));
+  EXPECT_EQ(apply(70, {}).frames.size(), 1u);
+  EXPECT_EQ(apply(5, {10, 11, 1}).frames.size(), 1u);  // frame 9 is not asked for
 }
 
 }  // namespace

@@ -44,9 +44,10 @@ PoseFiles RecordingReader::make_pose_files(const Recording&, const std::vector<F
 }
 
 CalibratedPoses RecordingReader::parse_pose_files(const PoseFiles& files,
-                                                  const std::filesystem::path& folder) const {
+                                                  const std::filesystem::path& folder,
+                                                  const DamagedList* damaged) const {
   const std::filesystem::path frames = folder / kEgomotionFile, cameras = folder / kCalibrationFile;
-  return {parse_egomotion(files.at(kEgomotionFile), frames),
+  return {parse_egomotion(files.at(kEgomotionFile), frames, damaged),
           parse_calibration(files.at(kCalibrationFile), cameras, nullptr), frames, cameras};
 }
 

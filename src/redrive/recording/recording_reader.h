@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "redrive/recording/box.h"
+#include "redrive/recording/damaged_text.h"
 #include "redrive/recording/lidar_point.h"
 #include "redrive/recording/recording.h"
 
@@ -59,9 +60,11 @@ class RecordingReader {
   virtual PoseFiles make_pose_files(const Recording& recording,
                                     const std::vector<FramePose>& frames,
                                     const std::vector<CameraCalibration>& cameras) const;
-  /// InputError for damaged files; `folder`, where they stand, is for messages.
+  /// Poses that cannot be go to `damaged`; without it they are errors. InputError for damaged
+  /// files; `folder`, where they stand, is for messages.
   virtual CalibratedPoses parse_pose_files(const PoseFiles& files,
-                                           const std::filesystem::path& folder) const;
+                                           const std::filesystem::path& folder,
+                                           const DamagedList* damaged = nullptr) const;
 };
 
 }  // namespace redrive

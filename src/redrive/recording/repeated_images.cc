@@ -7,6 +7,8 @@
 #include <fstream>
 #include <numbers>
 
+#include "redrive/base/error.h"
+#include "redrive/recording/damaged_records.h"
 #include "redrive/recording/wording.h"
 
 namespace redrive {
@@ -57,6 +59,16 @@ bool holds_same(const std::filesystem::path& a, const std::filesystem::path& b) 
          kEqualShare * static_cast<double>(larger);
 }
 
+/// Damaged files may be equal, too: they are left to leave_out_damaged.
+bool is_image(const std::filesystem::path& file, const CameraCalibration& camera) {
+  try {
+    check_image(file, camera, /*whole=*/false);
+    return true;
+  } catch (const InputError&) {
+    return false;
+  }
+}
+
 double distance(const Rigid3d& a, const Rigid3d& b) {
   return (a.translation() - b.translation()).norm();
 }
@@ -79,7 +91,8 @@ void leave_out_repeated_images(Recording* recording) {
     for (std::size_t i = 0; i < camera.images.size(); ++i) {
       const ImageFile& image = camera.images[i];
       const Rigid3d* const pose = pose_of(image);
-      const bool same = i > 0 && holds_same(camera.images[i - 1].path, image.path);
+      const bool same = i > 0 && holds_same(camera.images[i - 1].path, image.path) &&
+                        is_image(image.path, camera.calibration);
       if (!same) first = pose;
       if (same && first && pose &&
           (distance(*first, *pose) > kMoved_m ||

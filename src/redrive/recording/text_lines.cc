@@ -56,6 +56,12 @@ void TextLine::fail(std::size_t i, std::string_view of_line, std::string_view ru
   throw InputError(*file_, field(of_line), shown(word(i)), rule);
 }
 
+double TextLine::any_number(std::size_t i, std::string_view field) const {
+  double value = 0;
+  if (!parsed(word(i), &value)) fail(i, field, "a number was expected");
+  return value;
+}
+
 double TextLine::number(std::size_t i, std::string_view field, double least, double most) const {
   double value = 0;
   if (!parsed(word(i), &value) || !std::isfinite(value))

@@ -26,6 +26,8 @@ class TextLine {
   /// InputError unless the line has `size` words; `what` says which.
   void expect_size(std::size_t size, std::string_view what) const;
 
+  /// Word i as a number, which may be not finite; `field` is its name.
+  double any_number(std::size_t i, std::string_view field) const;
   /// Word i as a finite number from `least` to `most`; `field` is its name.
   double number(std::size_t i, std::string_view field, double least, double most) const;
   std::int64_t integer(std::size_t i, std::string_view field, std::int64_t least,

@@ -16,6 +16,7 @@
 #include "redrive/recording/photographs.h"
 #include "redrive/recording/ply.h"
 #include "redrive/recording/recording_reader.h"
+#include "redrive/recording/unusable_returns.h"
 #include "redrive/recording/wording.h"
 
 namespace redrive::transforms {
@@ -125,10 +126,8 @@ class Collector {
     note_outside(file);
     std::size_t left_out = 0;
     read_ply(file, &left_out);  // what training would refuse is refused here
-    if (left_out > 0)
-      recording_.findings.push_back(
-          {"ply_file_path", counted(left_out, "point") +
-                                " not finite or too far away, left out of " + file.string()});
+    if (const auto finding = points_left_out(file, left_out))
+      recording_.findings.push_back(*finding);
     recording_.points_file = file;
     recording_.reader = std::make_shared<Reader>();
   }

@@ -1,14 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 // Returns of a scan that cannot be used: directions without a return, which drivers write as NaN or
-// as the sensor's own place, and values that no sensor measures.
+// as the sensor's own place, and values that no sensor measures; and such points of clouds.
 #pragma once
 
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <filesystem>
 #include <optional>
 
 #include "redrive/base/error.h"
+#include "redrive/recording/recording.h"
+#include "redrive/recording/wording.h"
 
 namespace redrive {
 
@@ -20,6 +23,14 @@ inline bool is_missing_return(const float* values) {
   const bool at_sensor = values[0] == 0 && values[1] == 0 && values[2] == 0;
   return at_sensor ||
          !std::all_of(values, values + 4, [](float value) { return std::isfinite(value); });
+}
+
+/// A finding about points of a cloud that are left out; nothing without any.
+inline std::optional<Finding> points_left_out(const std::filesystem::path& file,
+                                              std::size_t left_out) {
+  if (left_out == 0) return std::nullopt;
+  return Finding{file.filename().string(),
+                 counted(left_out, "point") + " not finite or further than 1e7 away, left out"};
 }
 
 class UnusableReturns {

@@ -63,9 +63,9 @@ void correct_tracks(const DividedModel& model, std::vector<MovingObject>* actors
 
 }  // namespace
 
-Run open_to_render(const fs::path& root) {
-  if (!is_divided_run(root)) return open_run(root);
-  DividedRun whole = open_divided_run(root);
+Run open_to_render(const fs::path& root, std::optional<double> max_damaged) {
+  if (!is_divided_run(root)) return open_run(root, /*to_resume=*/false, max_damaged);
+  DividedRun whole = open_divided_run(root, max_damaged);
   Run run;
   run.paths = whole.paths;
   run.options = std::move(whole.options);

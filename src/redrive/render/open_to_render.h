@@ -13,7 +13,7 @@ namespace redrive {
 /// Blocks in memory have a quarter of what --memory allows together. Where moving objects are
 /// drawn, each block is opened once for its corrections of their tracks. Errors as open_run; a
 /// block that is missing or damaged is an InputError when it is needed.
-Run open_to_render(const std::filesystem::path& root);
+Run open_to_render(const std::filesystem::path& root, std::optional<double> max_damaged = {});
 
 /// Throws UsageError if the folder is a divided run, which `what` cannot handle.
 void refuse_divided(const std::filesystem::path& root, const std::string& what);

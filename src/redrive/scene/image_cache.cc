@@ -8,6 +8,7 @@
 #include <limits>
 #include <map>
 #include <mutex>
+#include <new>
 #include <set>
 #include <thread>
 
@@ -127,7 +128,7 @@ struct ImageCache::Impl {
     return true;
   }
 
-  /// Decodes without the lock.
+  /// Decodes without the lock. What fails is the error of the entry, for good.
   void decode(ImageKey key, std::unique_lock<std::mutex>* lock) {
     Entry& entry = entries[key];  // the entry stays: it is not in `ranks`
     entry.bytes = bytes_of(key);
@@ -148,23 +149,26 @@ struct ImageCache::Impl {
     statistics.bytes += entry.bytes;
     entry.image = std::move(image);
     entry.error = error;
-    if (!error) {
-      ++statistics.decoded;
-      entry.rank = rank_of(key);
-      ranks.insert(entry.rank);
-    }
     decoded.notify_all();
+    if (error) return;
+    ++statistics.decoded;
+    entry.rank = rank_of(key);
+    ranks.insert(entry.rank);
   }
 
   /// Runs in a decoder: decodes the plan's missing images, in order, as far as they fit.
+  /// Where there is no memory to note an image, get() decodes it and throws.
   void decode_ahead() {
     std::unique_lock lock(mutex);
     while (!ending) {
       while (scanned < plan.size() && entries.contains(plan[scanned])) ++scanned;
-      if (scanned < plan.size() && make_room(plan[scanned], scanned + 1))
-        decode(plan[scanned], &lock);
-      else
-        planned.wait(lock);
+      bool decodes = scanned < plan.size() && make_room(plan[scanned], scanned + 1);
+      try {
+        if (decodes) decode(plan[scanned], &lock);
+      } catch (const std::bad_alloc&) {
+        decodes = false;
+      }
+      if (!decodes && !ending) planned.wait(lock);
     }
   }
 };

@@ -9,7 +9,10 @@
 #include <gtest/gtest.h>
 
 #include "redrive/base/error.h"
+#include "redrive/base/files.h"
 #include "redrive/base/rng.h"
+#include "redrive/scene/load_views.h"
+#include "redrive/scene/scene_testing.h"
 
 namespace redrive {
 namespace {
@@ -162,6 +165,41 @@ TEST(ImageCache, AnErrorOfABackgroundThreadReachesWhoAsksForTheImage) {
       EXPECT_THAT(error.what(), HasSubstr("drive/1.png"));
     }
   EXPECT_EQ(failed, 1) << "it is not read again";
+}
+
+// As when the disk of a training machine fails: the file is cut after all were read once.
+TEST(ImageCache, AFileThatBreaksLateIsAnErrorThatNamesIt) {
+  const TemporaryFolder folder;
+  const Recording recording = make_test_recording(folder.path);
+  const Scene scene = make_scene(recording, {});
+  ThreadPool pool(1);
+  DamagedViews damaged;
+  const ViewLoader load(scene, pool, &damaged);
+  const int views = static_cast<int>(scene.views.size());
+  const std::uint64_t bytes = image_bytes(load(scene.views.back()));
+  for (const int decoders : {0, 1, 2}) {
+    ImageCache cache(views,
+                     [&](int view) { return load(scene.views[static_cast<std::size_t>(view)]); },
+                     {.bytes = 2 * bytes, .image_bytes = bytes, .decoders = decoders});
+    for (int view = 0; view < views; ++view) cache.get({view, false});
+    damaged.close();  // what trains
+    const std::filesystem::path file = scene.views[3].image;
+    const std::string whole = read_file(file);
+    write_file(file, whole.substr(0, whole.size() / 2));
+    std::vector<ImageKey> plan;
+    for (const int view : {0, 5, 7, 3, 1, 3}) plan.push_back({view, false});
+    cache.plan(plan);
+    int errors = 0;
+    for (const ImageKey& key : plan) try {
+        EXPECT_FALSE(cache.get(key)->rgb.empty());
+      } catch (const InputError& error) {
+        ++errors;
+        EXPECT_EQ(key.view, 3);
+        EXPECT_THAT(error.what(), HasSubstr(file.filename().string()));
+      }
+    EXPECT_EQ(errors, 2) << "for good, with " << decoders << " decoders";
+    write_file(file, whole);
+  }
 }
 
 TEST(ImageCache, HalvesByAveraging) {

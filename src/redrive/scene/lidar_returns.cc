@@ -10,6 +10,7 @@
 #include "redrive/recording/damaged_records.h"
 #include "redrive/recording/recording_reader.h"
 #include "redrive/recording/trajectory.h"
+#include "redrive/recording/wording.h"
 #include "redrive/scene/cloud_returns.h"
 
 namespace redrive {
@@ -184,6 +185,7 @@ LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene,
   });
 
   for (int f = 0; f < count; ++f) {
+    returns.files += selected(f) && damaged[f].empty();
     returns.n += rays[f].size();
     returns.unusable += counts[f].unusable;
     returns.repeated += counts[f].repeated;
@@ -237,17 +239,23 @@ std::optional<Finding> lost_returns(const LidarReturns& returns) {
   return Finding{"lidar", what};
 }
 
-std::optional<Finding> lost_returns_of_sample(const Recording& recording, ThreadPool& pool) {
+std::optional<Finding> unusable_returns(const LidarReturns& returns) {
+  if (returns.unusable == 0) return std::nullopt;
+  return Finding{"lidar", counted(returns.unusable, "return") + " of " +
+                              counted(returns.files, "scan") +
+                              " left out: no numbers, at the sensor, or values that cannot be"};
+}
+
+LidarReturns sample_returns(const Recording& recording, ThreadPool& pool) {
   constexpr std::size_t kSample = 4;
   const std::vector<FrameFile>& files = recording.lidar_files;
-  if (!recording.body_from_lidar || files.empty()) return std::nullopt;
+  if (!recording.body_from_lidar || files.empty()) return {};
   std::set<std::int64_t> sample;
   for (std::size_t i = 0; i < kSample; ++i)
     sample.insert(files[(2 * i + 1) * files.size() / (2 * kSample)].frame_id);
   const LidarSelection selection{.frame = [&](std::int64_t id) { return sample.contains(id); },
                                  .repeated = true};
-  return lost_returns(
-      load_lidar_returns(recording, make_scene(recording, {}), MovingObjects(), pool, selection));
+  return load_lidar_returns(recording, make_scene(recording, {}), MovingObjects(), pool, selection);
 }
 
 void take_out(const MovingObjects& moving, LidarReturns* returns) {

@@ -32,6 +32,8 @@ struct LidarReturns {
   };
   std::vector<OnObject> on_objects;
 
+  std::size_t files = 0;  ///< scans that were read and selected
+
   // Numbers of dropped points, each counted under the first reason that holds.
   std::size_t unusable = 0;           ///< no numbers, at the sensor, or impossible values
   std::size_t repeated = 0;           ///< also in the previous file: revolutions overlap
@@ -68,8 +70,10 @@ LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene,
 /// Returns a finding if most returns of the scans are dropped or cannot be metres, whatever the
 /// cause; repeated ones do not count. Nothing without returns.
 std::optional<Finding> lost_returns(const LidarReturns& returns);
-/// The same for a few scans, spread over the drive; nothing without usable ones.
-std::optional<Finding> lost_returns_of_sample(const Recording& recording, ThreadPool& pool);
+/// A finding that counts returns that are no numbers or cannot be; nothing without any.
+std::optional<Finding> unusable_returns(const LidarReturns& returns);
+/// The returns of a few scans, spread over the drive.
+LidarReturns sample_returns(const Recording& recording, ThreadPool& pool);
 
 /// Removes the returns in the boxes of more moving objects from the static ones, as
 /// load_lidar_returns does with the objects that it knows.

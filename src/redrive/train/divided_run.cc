@@ -145,11 +145,12 @@ void create_divided_run(const std::filesystem::path& root, DividedRun* whole, Th
   });
 }
 
-DividedRun open_divided_run(const std::filesystem::path& root) {
+DividedRun open_divided_run(const std::filesystem::path& root, std::optional<double> max_damaged) {
   DividedRun whole;
   whole.paths.root = root;
   whole.blocks = read_blocks(root);
   whole.options = options_from_json(read_json(whole.paths.config()), whole.paths.config());
+  if (max_damaged) whole.options.max_damaged = *max_damaged;
   whole.recording = open_recording(whole.options);
   if (has_external_poses(whole.options))
     use_external_poses(read_pose_files(whole.recording, whole.paths.poses()), whole.paths.poses(),

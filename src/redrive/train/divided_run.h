@@ -50,7 +50,8 @@ void create_divided_run(const std::filesystem::path& root, DividedRun* whole, Th
                         const std::function<void(const RunPaths&)>& fill);
 
 /// Throws InputError if a file is missing or cannot be used.
-DividedRun open_divided_run(const std::filesystem::path& root);
+DividedRun open_divided_run(const std::filesystem::path& root,
+                            std::optional<double> max_damaged = {});
 
 /// Makes the run folder of a block that has none; open_block opens it.
 void create_block(const DividedRun& whole, const Block& block);

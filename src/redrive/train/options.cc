@@ -239,7 +239,7 @@ bool has_external_poses(const TrainOptions& options) {
 
 void use_external_poses(const PoseFiles& files, const std::filesystem::path& folder,
                         const TrainOptions& options, Recording* recording) {
-  apply_pose_files(files, folder, recording);
+  apply_pose_files(files, folder, recording, parse_frame_range(options.frames));
   apply_readout_options(options.rolling_shutter, recording);
 }
 

@@ -150,7 +150,7 @@ TrainState make_initial_state(const TrainOptions& options, const Scene& scene) {
   return state;
 }
 
-Run open_run(const std::filesystem::path& root, bool to_resume) {
+Run open_run(const std::filesystem::path& root, bool to_resume, std::optional<double> max_damaged) {
   Run run;
   run.paths.root = root;
   std::error_code error;
@@ -158,6 +158,7 @@ Run open_run(const std::filesystem::path& root, bool to_resume) {
   const Progress progress("opening the run");
   const nlohmann::json config = read_json(run.paths.config());
   run.options = options_from_json(config, run.paths.config());
+  if (max_damaged) run.options.max_damaged = *max_damaged;
   run.recording = open_recording(run.options);
   if (has_external_poses(run.options))
     use_external_poses(read_pose_files(run.recording, run.paths.poses()), run.paths.poses(),

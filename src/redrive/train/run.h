@@ -5,6 +5,7 @@
 
 #include <filesystem>
 #include <functional>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -53,8 +54,10 @@ struct Run {
 };
 /// Opens a run with refined poses in the recording's frames and the scene. to_resume: with initial
 /// poses; a run that was killed before its first checkpoint then opens with the initial state.
-/// Throws InputError if a file is missing or the files do not belong together.
-Run open_run(const std::filesystem::path& root, bool to_resume = false);
+/// `max_damaged` takes the place of that option. Throws InputError if a file is missing or the
+/// files do not belong together.
+Run open_run(const std::filesystem::path& root, bool to_resume = false,
+             std::optional<double> max_damaged = {});
 
 /// Sets run->moving to the annotated objects that move and to `found` ones (scene/find_moving.h).
 /// If the model draws objects, sets run->scene.actors to those with boxes at two or more times that

@@ -13,8 +13,11 @@
 
 namespace redrive::view {
 
-RunWatch::RunWatch(const std::filesystem::path& root)
-    : paths_{root}, opened_(stamp()), run_(std::make_shared<const Run>(open_to_render(root))) {}
+RunWatch::RunWatch(const std::filesystem::path& root, std::optional<double> max_damaged)
+    : paths_{root},
+      max_damaged_(max_damaged),
+      opened_(stamp()),
+      run_(std::make_shared<const Run>(open_to_render(root, max_damaged))) {}
 
 std::vector<std::filesystem::path> RunWatch::files() const {
   if (!is_divided_run(paths_.root)) return {paths_.checkpoint()};
@@ -53,7 +56,7 @@ RunNews RunWatch::look() {
   } else if (now != opened_) {
     opened_ = now;
     try {
-      run_ = std::make_shared<const Run>(open_to_render(paths_.root));
+      run_ = std::make_shared<const Run>(open_to_render(paths_.root, max_damaged_));
       problem_.clear();
       return {run_, ""};
     } catch (const std::exception& error) {

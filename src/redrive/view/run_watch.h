@@ -23,7 +23,7 @@ struct RunNews {
 class RunWatch {
  public:
   /// A run or a divided run. Throws InputError as open_to_render.
-  explicit RunWatch(const std::filesystem::path& root);
+  explicit RunWatch(const std::filesystem::path& root, std::optional<double> max_damaged = {});
 
   std::shared_ptr<const Run> run() const { return run_; }  ///< the run as it was opened last
 
@@ -41,7 +41,8 @@ class RunWatch {
   std::vector<std::filesystem::path> files() const;
 
   RunPaths paths_;
-  Stamp opened_;  ///< at the last attempt
+  std::optional<double> max_damaged_;  ///< open_to_render
+  Stamp opened_;                       ///< at the last attempt
   std::shared_ptr<const Run> run_;
   std::string problem_;  ///< problem of the last attempt
 };
