@@ -80,7 +80,7 @@ TEST_P(Documents, NamePathsThatExist) {
       if (body.substr(end, 1) == "<") path.erase(path.rfind('/'));  // src/x/<name>.h: the folder
       while (path.ends_with('.') || path.ends_with('/'))
         path.pop_back();                          // the end of a sentence, or of a folder
-      if (path.size() < folder.size()) continue;  // the folder alone
+      if (path.size() < folder.size()) continue;  // the folder itself
       ++found;
       EXPECT_TRUE(fs::exists(root / path)) << GetParam() << " names " << path;
     }

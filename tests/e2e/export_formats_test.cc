@@ -213,7 +213,7 @@ TEST_F(ExportFormats, FramesOfARecording) {
   ASSERT_EQ(part.frames.size(), 2u);
   EXPECT_EQ(part.frames[0].id, 101);
   EXPECT_TRUE(part.points_file.empty()) << "it is in the axes of frame 100";
-  // Poses of these frames alone, as align --frames writes them, restrict the recording to them.
+  // Poses of only these frames, as align --frames writes them, restrict the recording to them.
   fs::create_directories(folder_ / "poses/sensor");
   fs::copy(out_ / "sensor/gnssins", folder_ / "poses/sensor/gnssins");
   fs::copy(out_ / "sensor/calibration", folder_ / "poses/sensor/calibration");
@@ -307,7 +307,7 @@ TEST_F(ExportFormats, WritesAFolderWholeOrNotAtAll) {
   const auto nothing = contents(folder_);
   std::vector<std::string> arguments = {"export", drive_.string(), "--to", "colmap", out_.string()};
   EXPECT_EQ(redrive(arguments, /*file_limit_bytes=*/300).exit_code, kExitIo);
-  for (const int frame : {0, 1})  // one alone would cost itself
+  for (const int frame : {0, 1})  // a single one would only cost its own record
     write_file(tiny_image(drive_, kTinyLeft, kTinyFirstId + frame),
                "no image " + std::to_string(frame));
   EXPECT_EQ(exported(drive_, "colmap").exit_code, kExitBadInput);

@@ -108,7 +108,7 @@ TEST_F(FoundTraffic, IsDrawnByTheBlocksThatSeeIt) {
   EXPECT_NE(rendered(run, {"--actors=-1"}).rgb, rendered(run, {"--actors", "none"}).rgb);
   EXPECT_EQ(scores(run).at("moving").at("objects").size(), 1u);
 
-  // Searched in each of them, it is there once.
+  // All blocks search, and it is listed once.
   const fs::path searched = folder_ / "searched";
   ASSERT_EQ(train(searched, {"--blocks", "6"}).exit_code, kExitOk);
   EXPECT_EQ(read_json(searched / "masks/moving.json").at("objects").size(), 1u);

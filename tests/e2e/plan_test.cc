@@ -76,7 +76,7 @@ TEST_F(Plan, RefusesWhatTrainingWouldRefuse) {
   EXPECT_EQ(redrive({"plan", (folder_ / "none").string()}).exit_code, kExitBadInput);
 }
 
-// The estimate says which memory is enough for some images alone.
+// The estimate says how much memory suffices for a part of the images.
 TEST_F(Plan, ImagesThatDoNotFitAreDecodedWhenNeeded) {
   const auto train = [&](const std::string& name, const std::string& memory) {
     return redrive({"train", street_.string(), "--out", (folder_ / name).string(), "--frames",

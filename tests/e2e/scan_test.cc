@@ -88,7 +88,7 @@ TEST_F(Scan, RendersScoresAndExports) {
     EXPECT_EQ(rendered(wrong).exit_code, kExitUsage) << wrong[1];
   EXPECT_EQ(contents(folder_), before) << "nothing written";
 
-  // A sensor of one's own, two metres above the road.
+  // A user-defined sensor, two metres above the road.
   const fs::path pcd = folder_ / "scan.pcd";
   const ProgramResult own =
       rendered({"--lidar", "4:-20:-5", "--azimuth-steps", "90", "--rate", "20", "--mount",

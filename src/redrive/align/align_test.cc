@@ -16,7 +16,7 @@ namespace {
 using ::testing::HasSubstr;
 using ::testing::SizeIs;
 
-// Heads and ends are right, so that decoding alone finds the damage: nothing before names it.
+// Heads and ends are right, so only decoding finds the damage.
 TEST(LoadAlignSamples, NamesScansThatAreFoundDamagedWhenTheyAreDecoded) {
   const TemporaryFolder folder;
   Recording recording = make_test_recording(folder.path);  // frames 10..15

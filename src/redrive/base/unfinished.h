@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Files and folders that are written beside their destination and moved there when complete.
 //
-// Their names are new, so nothing that exists, above all no link, is written through. Each is
-// locked as long as its process lives, which distinguishes the leftover of a dead process, which is
-// removed, from the output of a living one. On file systems without locks a leftover stays.
+// Their names are new, so no existing file or link is overwritten. Each is locked while its process
+// lives, which distinguishes the leftovers of a dead process, which are removed, from the output of
+// a living one. On file systems without locks leftovers stay.
 #pragma once
 
 #include <filesystem>

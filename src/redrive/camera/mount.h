@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A camera of one's own on the car: where it sits and its lens, as `render --mount --lens` and the
+// A user-defined camera on the car: its pose and its lens, as `render --mount --lens` and the
 // viewer take them.
 #pragma once
 

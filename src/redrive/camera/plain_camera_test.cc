@@ -44,7 +44,7 @@ PlainPixel<Math> projected(const PlainCamera& camera, const Eigen::Vector3d& poi
 void expect_derivatives(const Camera& camera, const PlainCamera& plain,
                         const Eigen::Vector3d& point) {
   constexpr double kStep = 1e-5;
-  double d_u[3] = {0.5, 0, 0}, d_v[3] = {};  // adds to what is there
+  double d_u[3] = {0.5, 0, 0}, d_v[3] = {};  // accumulates
   project_adjoint<Math>(plain, point.x(), point.y(), point.z(), 1, 0, d_u);
   project_adjoint<Math>(plain, point.x(), point.y(), point.z(), 0, 1, d_v);
   for (int k = 0; k < 3; ++k) {

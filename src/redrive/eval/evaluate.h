@@ -74,7 +74,7 @@ struct MovingEvaluation {
 /// Scores of a part of the drive (EvalOptions::part_of).
 struct PartEvaluation {
   Score overall;
-  std::map<std::string, Score> novel;  ///< as of Evaluation
+  std::map<std::string, Score> novel;  ///< as in Evaluation
 };
 
 struct Evaluation {
@@ -103,7 +103,7 @@ Score score_image(kernels::Backend& backend, const RenderedImage& rendered,
 Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions& options = {});
 
 /// Returns {"inside": SCORE, "outside": SCORE, "objects": {ID: {"type", "psnr_db", "ssim",
-/// "images"}}}; SCORE as of evaluation_to_json.
+/// "images"}}}; SCORE as in evaluation_to_json.
 nlohmann::json moving_to_json(const MovingEvaluation& moving);
 
 /// Returns {"overall": SCORE, "cameras": {CAM: SCORE}, "novel": {NAME: SCORE}, "held_out": bool,

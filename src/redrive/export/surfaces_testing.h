@@ -65,7 +65,7 @@ inline Rigid3d looking(const Eigen::Vector3d& position, const Eigen::Vector3d& f
   return pose;
 }
 
-/// The ground z = 0, of one colour. `has`: whether it is there.
+/// The ground z = 0, of one colour. `has`: where it exists.
 inline Surface ground_surface(const std::function<bool(double x, double y)>& has) {
   return [has](const Eigen::Vector3d& origin,
                const Eigen::Vector3d& direction) -> std::optional<SurfaceHit> {

@@ -61,7 +61,7 @@ Rigid3d shifted_camera(const Rigid3d& global_from_world, const Rigid3d& world_fr
 /// positive to the left, then by pitch about the camera's x axis, positive upwards.
 Rigid3d turned_sensor(const Rigid3d& body_from_sensor, double yaw_rad, double pitch_rad);
 
-/// Returns a camera of one's own, which exposes at the time of the frame and whose name no camera
+/// Returns a user-defined camera, which exposes at the time of the frame and whose name no camera
 /// of the run has; nothing where the run has no camera of the lens's name.
 std::optional<RigCamera> mounted_camera(const Mount& mount, const Lens& lens, const Scene& scene);
 

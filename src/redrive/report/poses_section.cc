@@ -19,7 +19,7 @@ std::string source_of(const Run& run) {
     out += "(<code>--align</code>).";
   else
     out += "(<code>--poses " + html_escape(options.poses) + "</code>).";
-  // A relative link: broken where the report alone was passed on, so nothing depends on it.
+  // The relative link breaks if only the report is passed on, so nothing depends on it.
   std::error_code error;
   if (std::filesystem::is_regular_file(run.paths.poses() / "report.html", error))
     out += " <a href=\"poses/report.html\">Report of the alignment.</a>";

@@ -176,7 +176,7 @@ TEST(EditActors, ShowsAndAddsBodiesOfFiles) {
   EXPECT_EQ(scene.actors[3].id, 50);
   EXPECT_LT((position(scene.actors[3], 1) - Vector3d(4, -9, 1)).norm(), 1e-6);
 
-  // Another edit of what is there.
+  // A second edit of the same objects.
   edit_actors(folder.edit(R"({"actors": {"17": {"body": 3}, "3": {"remove": true}}})"), &scene);
   EXPECT_TRUE(scene.actors[0].imported);
 }

@@ -108,7 +108,7 @@ cv::Mat static_structure(const std::vector<GreyView>& views, const PixelGeometry
   confidence.setTo(0, strength < 0.7 * crest);
   // The border of the lens's image circle is a static edge, too.
   cv::Mat without_ray = (geometry.flow_x == 0) & (geometry.flow_y == 0);
-  cv::rectangle(without_ray, cv::Rect({}, size), 255);  // nor is there a gradient at the border
+  cv::rectangle(without_ray, cv::Rect({}, size), 255);  // no gradient at the border
   cv::dilate(without_ray, without_ray, cv::Mat::ones(3, 3, CV_8U));
   confidence.setTo(0, without_ray);
   return confidence;

@@ -70,7 +70,7 @@ LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene,
 /// Returns a finding if most returns of the scans are dropped or cannot be metres, whatever the
 /// cause; repeated ones do not count. Nothing without returns.
 std::optional<Finding> lost_returns(const LidarReturns& returns);
-/// A finding that counts returns that are no numbers or cannot be; nothing without any.
+/// Returns a finding that counts returns that are not finite or out of range; nothing without any.
 std::optional<Finding> unusable_returns(const LidarReturns& returns);
 /// The returns of a few scans, spread over the drive.
 LidarReturns sample_returns(const Recording& recording, ThreadPool& pool);

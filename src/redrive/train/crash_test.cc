@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A training that is killed, or whose disk is full or fails, at each of its calls that change the
-// file system: it says so, and goes on to the end that it would have had.
+// A training is killed, or its disk is full or fails, at each of its calls that change the file
+// system: it reports that, and resumes to the same result as an uninterrupted one.
 //
 // The program's own functions of these names come before the C library's.
 #include <fcntl.h>

@@ -54,7 +54,7 @@ struct NovelView {
   bool operator==(const NovelView&) const = default;
 };
 
-/// A camera of one's own.
+/// A user-defined camera.
 struct OwnMount {
   Mount mount;
   Lens lens;
@@ -93,7 +93,7 @@ struct Pick {
   double u = 0, v = 0;   ///< 0..1: from the left and upper edge of the image to the opposite ones
 };
 
-/// Lets training wait, or go on.
+/// Pauses or continues training.
 struct TrainCommand {
   bool paused = false;
 };

@@ -35,8 +35,8 @@ struct ServerOptions {
 
 using ClientId = std::uint64_t;
 
-/// Called on the server's thread, one call at a time. Must return soon. What a call throws is
-/// printed and ends its client alone.
+/// Called on the server's thread, one call at a time. Must return soon. An exception from a call is
+/// printed and ends only its client.
 class ServerEvents {
  public:
   virtual ~ServerEvents() = default;
@@ -57,7 +57,7 @@ class Server {
 
   int port() const;
   std::string address() const;  ///< address of the page: "http://127.0.0.1:7007/TOKEN/"
-  /// Returns the page's addresses for other machines; none where it listens on loopback alone.
+  /// Returns the page's addresses for other machines; none where it listens only on loopback.
   std::vector<std::string> outside_addresses() const;
 
   /// Sends a message, from any thread. Nothing happens if the client has gone. A client with

@@ -24,11 +24,12 @@ constexpr double kSearch_s = 0.05;  ///< time of observers between two looks at 
 constexpr double kAtOnce_s = 0.3;   ///< a full image that takes longer is reached in steps
 /// time without a request after which the camera rests
 constexpr std::chrono::milliseconds kRest{150};
-constexpr std::chrono::seconds kLook{2};        ///< between two looks at the run's folder
-constexpr std::chrono::seconds kBusy{1};        ///< a client counts as busy after a request
-constexpr std::uint64_t kMostUnshown = 2;       ///< images on their way to a page
-constexpr std::size_t kRevolutionsAtOnce = 20;  ///< the cloud grows by so many in the page
-constexpr std::size_t kMostPathMessages = 16;   ///< messages that wait, at most
+constexpr std::chrono::seconds kLook{2};   ///< between two looks at the run's folder
+constexpr std::chrono::seconds kBusy{1};   ///< a client counts as busy after a request
+constexpr std::uint64_t kMostUnshown = 2;  ///< images on their way to a page
+/// revolutions that a page's cloud grows by at once
+constexpr std::size_t kRevolutionsAtOnce = 20;
+constexpr std::size_t kMostPathMessages = 16;  ///< messages that wait, at most
 /// bytes of a page's messages, not yet parsed
 constexpr std::size_t kMostWaitingBytes = 4 * kMaxMessageBytes;
 constexpr int kSmallestSide = 64;  ///< pixels of the smallest image

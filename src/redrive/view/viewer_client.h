@@ -24,7 +24,7 @@ struct Viewer::Inbox {
   std::size_t bytes = 0;  ///< bytes of the texts, and of their places
 };
 
-/// A page. All but the inbox is serve()'s alone.
+/// A page. Only serve() uses its members, except the inbox.
 struct Viewer::Client {
   Inbox inbox;
 

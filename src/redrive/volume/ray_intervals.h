@@ -51,7 +51,7 @@ inline void pdf_edges(const float* edges, const float* weights, int from, int to
                       bool jitter, std::uint64_t key, std::uint64_t ray, float* out) {
   float total = 0;
   for (int i = 0; i < from; ++i) total += weights[i];
-  // A ray through empty space has the padding alone.
+  // On an empty ray only the padding contributes.
   const float each = (total > 0 ? total : 1.0f) * padding / static_cast<float>(from);
   const float sum = total + each * static_cast<float>(from);
   const float shift = jitter ? random_unit(key, ray) - 0.5f : 0.0f;

@@ -362,8 +362,8 @@ TEST(Bundle, JumpsOfThePosesAreMended) {
   EXPECT_LT(result.aligned_vs_ground_truth->residual_m, 0.015);
 }
 
-// Observations that fit no pose tell nothing of their frame: it stands between its neighbours, as
-// known as such a place can be.
+// Observations that fit no pose say nothing about their frame: it is placed between its neighbours,
+// with the standard deviation of that interpolation.
 TEST(Bundle, FramesWithContradictoryObservationsAreInterpolated) {
   SyntheticOptions options = short_drive();
   options.lidar_points = 0;

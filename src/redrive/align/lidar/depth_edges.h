@@ -39,8 +39,7 @@ std::vector<DepthEdge> find_depth_edges(const std::vector<ProjectedReturn>& retu
 struct EdgeScore {
   int edges = 0;
   double on_edges = 0, beside = 0;  ///< sums over edges; of the parallels' mean
-  /// 0 to 1: 1 where the image changes at edges of depth alone, 0.5 where depth and image have
-  /// nothing to do with each other.
+  /// 0 to 1: 1 if the image changes only at depth edges, 0.5 if image and depth are unrelated.
   double score() const {
     const double all = on_edges + beside;
     return all > 0 ? on_edges / all : 0.5;

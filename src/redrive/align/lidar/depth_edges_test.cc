@@ -49,7 +49,7 @@ TEST(DepthEdges, AreStepsBetweenNeighbouringReturns) {
   EXPECT_TRUE(find_depth_edges(sloping, {kWidth, kHeight}).empty()) << "no step";
 }
 
-// The image changes at its step alone: between the returns, or 7 pixels beside them.
+// The image changes only at its step: between the returns, or 7 pixels beside them.
 TEST(DepthEdges, ScoreIsOneOnTheImagesEdges) {
   const std::vector<DepthEdge> edges = find_depth_edges(wall_before_wall(), {kWidth, kHeight});
   EXPECT_GT(score_depth_edges(step_at(81), everywhere(), edges).score(), 0.97);

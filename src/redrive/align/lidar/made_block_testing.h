@@ -79,7 +79,7 @@ inline std::vector<FramePose> drive_around(double laps) {
   return frames;
 }
 
-/// What an odometry makes of it that turns by so many radians more a metre.
+/// Returns the poses that an odometry reports which drifts in yaw by so many radians a metre.
 inline std::vector<FramePose> drifted(const std::vector<FramePose>& exact, double turned) {
   std::vector<FramePose> frames{exact.front()};
   for (std::size_t f = 1; f < exact.size(); ++f) {

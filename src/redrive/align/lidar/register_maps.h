@@ -25,7 +25,7 @@ struct MapRegistration {
   /// Covariance of the source's pose, in its axes: translation (m), rotation (rad). Large along
   /// what the surfaces do not constrain. At least (2 cm)^2 and (0.03 degrees)^2.
   Eigen::Matrix<double, 6, 6> covariance = Eigen::Matrix<double, 6, 6>::Zero();
-  double overlap = 0;  ///< share of the source's points that lie where the target has some
+  double overlap = 0;  ///< share of the source's points with a target point nearby
   /// Share of the source's points above the ground, within 25 m of both places, that lie on
   /// surfaces of the target: within 0.15 m of a plane, or among points that lie on no plane, such
   /// as leaves.

@@ -48,7 +48,7 @@ struct RigImages {
                      const std::vector<MovingBox>& moving) const;
 };
 
-/// Images at full size. `mask_folder`: as of static_masks; empty: all masks are computed.
+/// Images at full size. `mask_folder`: as in static_masks; empty: all masks are computed.
 /// `margin_px`: distance of features from masked pixels. InputError as load_view, read_mask,
 /// read_boxes.
 RigImages load_rig_images(const Recording& recording, const std::filesystem::path& mask_folder,

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The line under the image: what is shown, and how good it is.
+// The line under the image: what is shown, and its score.
 import type {Hello, ImageHeader} from "./protocol";
 import {isDriven, type State} from "./state";
 
