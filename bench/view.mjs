@@ -4,17 +4,17 @@
 //       [--drive SPEED]
 // NODE_MODULES is src/redrive/view/page/node_modules in the build folder. Prints JSON.
 //   page_gz_bytes: the page with all its files, compressed
-//   start_ms: from the start of the program to the first image, of a camera of the run
-//   sizes: of a pinhole with 60 degrees, mounted where the camera is, by size of the image:
+//   start_ms: from the start of the program to a run's camera's first image
+//   sizes: for each image size, with a pinhole of 60 degrees mounted where the camera is:
 //     first_ms: from the first message to its first image, at the size that the viewer chose
-//     answer_ms: from a message to its image, of a camera that moves when the image has come:
+//     answer_ms: from a message to its image, while the camera moves after each image:
 //       median and 95th percentile, and the size of most of these images
-//     images_per_s: of a camera that moves all the time, 60 messages a second, and their size
-//     full: of the images at full size among all these: their share, rendering, and from the
+//     images_per_s: while the camera moves all the time, 60 messages a second, and their size
+//     full: the images at full size among all these: their share, rendering, and from the
 //       message's arrival to the image on its way, medians; without any, the machine is too slow
 //   crowd: N pages (8) that move all the time for S seconds (60): images a second of all, the
 //     slowest one's, and the program's memory at a tenth of the time and at the end, in MB
-//   drive: with --drive alone, of the whole drive at SPEED times its own: images a second, the
+//   drive: only with --drive, the whole drive at SPEED times its own: images a second, the
 //     longest time without a new one (a frame's own distance included), and the most memory, in MB
 import {spawn} from "node:child_process";
 import fs from "node:fs";

@@ -172,7 +172,7 @@ int Caster::split(int begin, int end, std::vector<Node>* bounds) {
         [&](const Node& a, const Node& b) { return middle_of(a, k) < middle_of(b, k); });
     const float low = middle_of(*first, k), width = (middle_of(*last, k) - low) / kBins;
     if (!(width > 0)) continue;
-    std::array<Bin, kBins> bins, after;  // after: of this bin and those behind it
+    std::array<Bin, kBins> bins, after;  // after: this bin and all behind it
     for (int i = begin; i < end; ++i) {
       const Node& box = (*bounds)[i];
       const int bin = std::min(kBins - 1, static_cast<int>((middle_of(box, k) - low) / width));

@@ -33,7 +33,7 @@ class World {
                            std::span<const Eigen::Vector3d> directions, double footprint_rad) const;
 
  private:
-  /// The nearest surface, fields included: of those `primitive` is -1 and the distance finite.
+  /// The nearest surface, fields included; for a field `primitive` is -1 and the distance finite.
   Hit nearest(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction) const;
 
   Road road_;

@@ -50,7 +50,7 @@ Rigid3d moved(const Vector6d& motion, const Eigen::Vector3d& middle, const Rigid
 
 /// A symmetric positive definite matrix of 6 x 6 blocks, of which only neighbours are coupled.
 struct BlockChain {
-  std::vector<Matrix6d> diagonal, upper;  ///< upper[k]: of k and k + 1
+  std::vector<Matrix6d> diagonal, upper;  ///< upper[k]: block (k, k + 1)
 
   /// Solves for right-hand sides of n columns, and computes the inverse's diagonal blocks.
   template <int n>

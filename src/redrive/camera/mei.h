@@ -30,7 +30,7 @@ struct Mei {
   static constexpr bool kPerspective = false, kImageCircle = true;
   static constexpr std::array<double, 6> kTypical{0.03, -0.08, 0, 0, 0, 1.02};
 
-  BrownConrady distortion;  ///< max_radius: of the lens or of the sphere, whichever is smaller
+  BrownConrady distortion;  ///< max_radius: the lens's or the sphere's, whichever is smaller
   double xi = 0;            ///< distance of the projection centre from the sphere's centre, >= 0:
                             ///< 0 pinhole, 1 parabolic mirror, fisheyes up to 3
 

@@ -48,7 +48,7 @@ double mean_distance(const Cloud& from, const Cloud& to) {
 /// Adds up errors of returns.
 class RangeErrors {
  public:
-  /// `rendered_m`: of a return; nothing: none is rendered.
+  /// `rendered_m`: a return's range; nothing: none is rendered.
   void add(std::optional<double> rendered_m, double recorded_m) {
     ++returns_;
     if (!rendered_m) return;

@@ -21,7 +21,7 @@ namespace redrive {
 
 struct OtherCameraScore {
   Score score;
-  std::array<double, 3> gains{1, 1, 1};         ///< r, g, b: of rendered images, before scoring
+  std::array<double, 3> gains{1, 1, 1};         ///< r, g, b: applied before scoring
   std::optional<ViewAlignment> view_alignment;  ///< where training refined poses
   std::optional<MovingEvaluation> moving;       ///< empty where no image shows a moving object
 };

@@ -83,8 +83,8 @@ struct ProjectedGaussian {
   Real conic[3];     ///< inverse of the filtered covariance: xx, xy, yy
   Real variance[2];  ///< filtered, along x and y: pixels^2
   Real covariance;   ///< filtered, xy
-  /// Change of the logarithm of the distance per pixel: of the point of highest density on the
-  /// pixel's ray, which is the conditional mean of the Gaussian in (u, v, log distance).
+  /// Change of the log distance per pixel at the point of highest density on the pixel's ray, which
+  /// is the conditional mean of the Gaussian in (u, v, log distance).
   Real slope[2];
   Real det, filtered_det;
   Real opacity;       ///< sigmoid of the logit

@@ -27,7 +27,7 @@ TEST(PositionalEncoding, HandComputedValues) {
   const double root = std::sqrt(3.0) / 2;
   const std::vector<double> expected = {0.5,   -1.0 / 3, 0,            // x y z
                                         1,     0,        0,     -1,    // x: sin cos of pi/2, pi
-                                        -root, 0.5,      -root, -0.5,  // y: of -pi/3, -2pi/3
+                                        -root, 0.5,      -root, -0.5,  // y: -pi/3, -2pi/3
                                         0,     1,        0,     1};    // z
   ASSERT_EQ(e.size(), expected.size());
   for (std::size_t i = 0; i < e.size(); ++i) EXPECT_NEAR(e[i], expected[i], 1e-15) << i;

@@ -18,9 +18,9 @@ std::optional<std::string> video_obstacle();
 /// A video that is written image by image under a temporary name in the file's folder.
 class VideoWriter {
  public:
-  /// width, height: of the images, at least 2; an odd column or row at the end is left out, since
-  /// colours are stored for 2 x 2 pixels. fps: images a second, 1..240, in steps of 0.001. There
-  /// must be no video_obstacle(). IoError if the file cannot be created.
+  /// width, height: size of the images, at least 2; an odd column or row at the end is left out,
+  /// since colours are stored for 2 x 2 pixels. fps: images a second, 1..240, in steps of 0.001.
+  /// There must be no video_obstacle(). IoError if the file cannot be created.
   VideoWriter(const std::filesystem::path& file, int width, int height, double fps);
   ~VideoWriter();  ///< removes the temporary file unless finish() has returned
   VideoWriter(const VideoWriter&) = delete;

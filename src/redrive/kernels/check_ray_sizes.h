@@ -13,7 +13,8 @@ inline void check_compact_rays(int n_rays, int per_ray, std::size_t weights, std
   REDRIVE_CHECK_OP(live, ==, static_cast<std::size_t>(n_rays));
 }
 
-/// Returns the numbers per ray. `few`: size of the array of the listed rays, `all`: of all rays.
+/// Returns the numbers per ray. `few`: size of the array of the listed rays, `all`: size for all
+/// rays.
 inline std::size_t check_gather_rays(std::size_t rays, std::size_t few, std::size_t all) {
   REDRIVE_CHECK_OP(rays, >, 0u);
   REDRIVE_CHECK_OP(few, >, 0u);

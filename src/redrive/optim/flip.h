@@ -101,8 +101,8 @@ template <int radius>
 using FlipTaps = std::array<float, 2 * radius + 1>;
 
 struct FlipFilters {
-  // Three standard deviations, in pixels: of section 4.1's widest Gaussian, 3 sqrt(0.04 / (2
-  // pi^2)) 67.02 = 9.05; of features, 3 0.041 67.02 = 8.24.
+  // Three standard deviations, in pixels: 3 sqrt(0.04 / (2 pi^2)) 67.02 = 9.05 for section 4.1's
+  // widest Gaussian, 3 0.041 67.02 = 8.24 for features.
   static constexpr int kColourRadius = 10, kFeatureRadius = 9, kTerms = 4;
 
   /// Contrast sensitivity: a channel is the weighted sum of its terms, times its scale.

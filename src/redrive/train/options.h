@@ -94,7 +94,7 @@ struct TrainField {
 };
 /// Returns the options of every method, then the options of hyperparameters.
 std::vector<TrainField> train_fields();
-/// Returns help, rule and defaults: of the usual method, and of other methods that differ.
+/// Returns help, rule and defaults for the usual method and for other methods that differ.
 std::string help_text(const TrainField& field);
 
 /// Sets the options that are not named in `given` to the method's defaults and the preset's values.

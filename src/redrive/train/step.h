@@ -22,7 +22,7 @@ StepRequest next_step(const TrainState& state);
 StepUpdate update_in_step(double learning_rate, TrainState* state);
 
 /// Computes losses and gradients; adds them to buffers->gradients, which must be 0. `draw`:
-/// Model::step of the state's model, or a part of it. `size`: of the gradients.
+/// Model::step of the state's model, or a part of it. `size`: number of gradients.
 using DrawStep = std::function<StepOutput(std::span<float> gradients)>;
 StepResult step_gradients(const TrainState& state, std::size_t size, StepBuffers* buffers,
                           const DrawStep& draw);

@@ -38,9 +38,9 @@ struct TrainingData {
   }
 };
 
-/// Loads the data of an existing run. `cache_bytes`: of the cache that images are decoded into when
-/// needed (image_cache_bytes in train/memory.h); without it all are in memory. All images are read
-/// once in either case: InputError where more are damaged than the recording allows.
+/// Loads the data of an existing run. `cache_bytes`: size of the cache that images are decoded into
+/// when needed (image_cache_bytes in train/memory.h); without it all are in memory. All images are
+/// read once in either case: InputError where more are damaged than the recording allows.
 TrainingData load_training_data(const Run& run, ThreadPool& pool,
                                 std::optional<std::uint64_t> cache_bytes = {});
 /// Loads the data of a new run and its moving objects (load_actors, with what find_moving found).
@@ -50,7 +50,7 @@ TrainingData prepare_training_data(Run* run, ThreadPool& pool,
 /// Returns the folder that --masks names; empty for auto and none. UsageError if it has no mask of
 /// any camera.
 std::filesystem::path mask_folder(const TrainOptions& options, const Scene& scene);
-/// Returns the objects that move and that nobody annotated: of the mask_folder where it has a
+/// Returns the moving objects that nobody annotated: from the mask_folder where it has a
 /// moving_file, else searched in the LiDAR of the run's frames that are not held out; none with
 /// --masks none.
 std::vector<MovingObject> find_moving(const Run& run, ThreadPool& pool);

@@ -58,7 +58,7 @@ struct ObjectOnRay {
   std::int64_t id = 0;
   double from_m = 0;  ///< along the ray, to its box
 };
-/// Returns the object whose box a ray enters first. `direction`: of length 1.
+/// Returns the object whose box a ray enters first. `direction`: a unit vector.
 std::optional<ObjectOnRay> object_on_ray(const Scene& traffic, std::int64_t t_ns,
                                          const Eigen::Vector3d& origin,
                                          const Eigen::Vector3d& direction);

@@ -115,8 +115,8 @@ struct Preflight {
 /// with at least one besides "as recorded".
 std::string explanation_of(const std::vector<Hypothesis>& tried);
 
-/// Checks a drive (Recording::metric); the verdict on photographs is kCannotTell. `images`: of the
-/// same recording; a width of 640 pixels is enough. `lidar`: its returns for time offsets; may be
+/// Checks a drive (Recording::metric); the verdict on photographs is kCannotTell. `images`: the
+/// same recording's; a width of 640 pixels is enough. `lidar`: its returns for time offsets; may be
 /// empty.
 Preflight check_recording(const Recording& recording, const RigImages& images,
                           const std::vector<LidarSample>& lidar, ThreadPool& pool,

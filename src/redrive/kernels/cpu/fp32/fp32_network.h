@@ -19,7 +19,7 @@ enum Fp32Layer { kFp32Colour = 8, kFp32Density = 9, kFp32Rgb = 10, kFp32Layers =
 
 struct PackedLayer {
   int k1 = 0,
-      k2 = 0;  ///< padded inputs: of the layer before (or gamma(x)), of the concatenated encoding
+      k2 = 0;       ///< padded inputs: the layer before (or gamma(x)), the concatenated encoding
   int outputs = 0;  ///< padded
   std::size_t gradient =
       0;  ///< offset of the weight's gradient [outputs, k1 + k2] in a chunk's buffer
@@ -48,9 +48,9 @@ class Fp32Network final : public NerfNetwork {
   const Fp32Kernels& kernels_;
   int position_rows_, direction_rows_;  ///< rows of the encodings, padded
   std::array<PackedLayer, kFp32Layers> layers_;
-  /// The transposes for d_in = W^T d_out, packed for DenseLayer: of trunk 1..7 (index as layers_;
-  /// the skip layer's part for h only), of [colour; density] with respect to h (kFp32Colour) and of
-  /// rgb (kFp32Rgb).
+  /// The transposes for d_in = W^T d_out, packed for DenseLayer: trunk 1..7 (index as layers_; only
+  /// the skip layer's part for h), [colour; density] with respect to h (kFp32Colour), rgb
+  /// (kFp32Rgb).
   std::array<Buffer<float>, kFp32Layers> backward_;
   /// Transposes with respect to gamma(x), of the skip layer and of the first.
   std::array<Buffer<float>, 2> position_backward_;
