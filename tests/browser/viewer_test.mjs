@@ -376,7 +376,7 @@ const tests = {
       await serve(redrive, [...trainWords(path.join(folder, "live"), 100000), "--view"]);
     try {
       await page.goto(live);
-      assert.match(await text(page, "wait"), /redrive|Training/); // and no black image
+      assert.match(await text(page, "wait"), /redrive|Preparing|Training/); // and no black image
       const label = (pattern) => page.waitForFunction((source) => new RegExp(source).test(
         document.getElementById("training-label")?.textContent ?? ""), {}, pattern);
       await label("^step [1-9]\\d* of 100000, \\d+ s of training$");

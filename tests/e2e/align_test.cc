@@ -14,7 +14,7 @@ TEST_F(EndToEnd, AlignSaysWhyItFails) {
   const fs::path out = folder_ / "aligned";
   ProgramResult ended = redrive({"align", drive_.string(), "--out", out.string()});
   EXPECT_EQ(ended.exit_code, kExitInsufficientData) << ended.err;
-  EXPECT_THAT(ended.err, HasSubstr("cannot: too few observations"));
+  EXPECT_THAT(ended.err, HasSubstr("cannot be aligned: too few observations"));
   EXPECT_THAT(ended.err, HasSubstr("4 frames"));
   EXPECT_FALSE(fs::exists(out));
   ended = redrive(train_arguments(folder_ / "run", {"--align"}));

@@ -354,6 +354,18 @@ std::vector<UnobservableTimeOffset> offsets_against_edges(const Recording& recor
   return rejected;
 }
 
+void print_again(const Recording& recording, const std::vector<UnobservableTimeOffset>& held) {
+  std::string names;
+  for (const UnobservableTimeOffset& offset : held)
+    names += (names.empty() ? "" : ", ") +
+             recording.cameras[static_cast<std::size_t>(offset.camera)].calibration.name;
+  std::printf(
+      "aligning once more with recorded times of %s: with estimated ones its LiDAR edges fit "
+      "worse\n",
+      names.c_str());
+  std::fflush(stdout);
+}
+
 }  // namespace
 
 std::vector<LidarSample> load_align_samples(const Recording& recording, const AlignOptions& options,
@@ -461,7 +473,10 @@ AlignResult align_whole(const Recording& recording, const AlignOptions& options,
   if (contrast) {
     AlignOptions again = options;
     again.bundle.held_offsets = offsets_against_edges(recording, result, *contrast, pool);
-    if (!again.bundle.held_offsets.empty()) result = align_by(again);
+    if (!again.bundle.held_offsets.empty()) {
+      if (options.bundle.verbose) print_again(recording, again.bundle.held_offsets);
+      result = align_by(again);
+    }
     result.initial_edges = depth_edge_scores(make_rig_model(recording), *contrast, pool);
   }
   result.damaged = std::move(damaged);

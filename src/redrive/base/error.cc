@@ -32,7 +32,7 @@ IoError::IoError(const std::filesystem::path& file, std::string_view what)
 
 InsufficientDataError::InsufficientDataError(const std::filesystem::path& recording,
                                              std::string_view reason, std::string_view means)
-    : std::runtime_error(recording.string() + ": cannot: " + std::string(reason) + " (" +
+    : std::runtime_error(recording.string() + ": cannot be aligned: " + std::string(reason) + " (" +
                          std::string(means) + ")") {}
 
 void check_failed(const char* file, int line, const char* expression, const std::string& values) {

@@ -120,6 +120,14 @@ class ProgressDisplay {
       print_line(progress);
   }
 
+  ProgressNews latest() {
+    const std::lock_guard lock(mutex_);
+    const double now = now_s();
+    const Progress* const progress = latest_since(now - kDrawn_s);
+    if (!progress) return {};
+    return {progress->text(false, now), progress->share()};
+  }
+
   void use_lines(std::string (*prefix)()) {
     const std::lock_guard lock(mutex_);
     terminal_ = false;
@@ -144,14 +152,20 @@ class ProgressDisplay {
     }
   }
 
-  /// Draws the latest work that has taken some time: short parts of longer work would only flicker.
+  /// Returns the latest work that began before then, or null: short parts of longer work would
+  /// only flicker.
+  Progress* latest_since(double then_s) const {
+    const auto found = std::find_if(alive_.rbegin(), alive_.rend(), [&](const Progress* progress) {
+      return progress->began_s_ <= then_s;
+    });
+    return found == alive_.rend() ? nullptr : *found;
+  }
+
+  /// Draws the latest work that has taken some time.
   void draw() {
     const double now = now_s();
-    const auto shown = std::find_if(alive_.rbegin(), alive_.rend(), [&](const Progress* progress) {
-      return now - progress->began_s_ >= (terminal_ ? kDrawn_s : kFirstLine_s);
-    });
-    if (shown == alive_.rend()) return;
-    Progress* const progress = *shown;
+    Progress* const progress = latest_since(now - (terminal_ ? kDrawn_s : kFirstLine_s));
+    if (!progress) return;
     if (!terminal_) {
       if (progress_line_due(now, last_line_s_, progress->began_s_, progress->announced_))
         print_line(progress);
@@ -203,10 +217,17 @@ void Progress::show(std::string text) { ProgressDisplay::get().show(this, std::m
 
 void Progress::print() { ProgressDisplay::get().print(this); }
 
+ProgressNews Progress::latest() { return ProgressDisplay::get().latest(); }
+
 void Progress::use_lines(std::string (*prefix)()) { ProgressDisplay::get().use_lines(prefix); }
 
 std::string Progress::text(bool terminal, double now_s) const {
   return own_.empty() ? progress_text(what_, done_, total_, now_s - began_s_, terminal) : own_;
+}
+
+std::optional<double> Progress::share() const {
+  if (total_ <= 0 || !own_.empty()) return std::nullopt;
+  return std::min(1.0, static_cast<double>(done_) / static_cast<double>(total_));
 }
 
 namespace {

@@ -6,9 +6,16 @@
 #include <atomic>
 #include <chrono>
 #include <cstdint>
+#include <optional>
 #include <string>
 
 namespace redrive {
+
+/// What is being done.
+struct ProgressNews {
+  std::string text;             ///< the line of a pipe; empty where nothing takes time
+  std::optional<double> share;  ///< the share that is done, where it is known
+};
 
 /// Shows work while it lives: the latest Progress alive. A thread of its own prints, so that there
 /// is output however long a part takes.
@@ -25,6 +32,8 @@ class Progress {
   void show(std::string text);  ///< shows the caller's own line in place of the parts
   void print();                 ///< prints that line, if any, permanently
 
+  static ProgressNews latest();  ///< returns the work that a terminal would show
+
   /// From now on output is lines only, as into a pipe. `prefix`: returns the beginning of the
   /// calling thread's lines.
   static void use_lines(std::string (*prefix)());
@@ -32,6 +41,7 @@ class Progress {
  private:
   friend class ProgressDisplay;
   std::string text(bool terminal, double now_s) const;
+  std::optional<double> share() const;
 
   const std::string what_, prefix_;
   const std::int64_t total_;

@@ -13,7 +13,7 @@ inline void add_actor_options(CLI::App& command, std::string* actors, std::strin
   command.add_option("--actors", *actors,
                      "moving objects to draw: all, none, or the ids of some, such as 3,17 or -1");
   command.add_option("--edit", *edit,
-                     "EDIT.json: moves, removes, hides, copies, adds and recolours moving objects");
+                     "moves, removes, hides, copies, adds and recolours moving objects");
 }
 
 }  // namespace redrive

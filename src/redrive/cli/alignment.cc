@@ -8,6 +8,7 @@
 #include "redrive/base/unfinished.h"
 #include "redrive/math/angles.h"
 #include "redrive/recording/pose_files.h"
+#include "redrive/recording/wording.h"
 #include "redrive/report/align_page.h"
 #include "redrive/report/html.h"
 
@@ -100,8 +101,9 @@ void print_alignment(const AlignResult& result) {
 
 AlignResult align_verbose(const Recording& recording, AlignOptions options, ThreadPool& pool) {
   options.bundle.verbose = true;
-  std::printf("aligning %zu frames of %zu cameras: finding feature tracks and LiDAR returns\n",
-              recording.frames.size(), recording.cameras.size());
+  std::printf("aligning %s of %s: finding feature tracks and LiDAR returns\n",
+              counted(recording.frames.size(), "frame").c_str(),
+              counted(recording.cameras.size(), "camera").c_str());
   std::fflush(stdout);
   AlignResult result = align(recording, options, pool);
   print_alignment(result);

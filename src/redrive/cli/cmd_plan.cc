@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <map>
 #include <memory>
+#include <optional>
 
 #include <nlohmann/json.hpp>
 
@@ -17,6 +18,8 @@
 #include "redrive/cli/notes.h"
 #include "redrive/cli/training.h"
 #include "redrive/recording/frame_range.h"
+#include "redrive/recording/wording.h"
+#include "redrive/scene/seen_through.h"
 #include "redrive/train/divided_run.h"
 #include "redrive/train/memory.h"
 #include "redrive/train/plan.h"
@@ -89,6 +92,11 @@ PlannedBlock planned(const Block& block, const Run& run, int threads) {
     for (const FrameFile& file : run.recording.lidar_files)
       if (file.frame_id >= out.first_frame && file.frame_id <= out.last_frame)
         out.lidar_file_bytes += size_of(file.path);
+  out.cameras = std::ssize(run.scene.rig);
+  if (!run.recording.lidar_files.empty())
+    out.sweeps = 1 + std::llround(1e-9 / kSweep_s *
+                                  static_cast<double>(run.scene.frames.back().t_ns -
+                                                      run.scene.frames.front().t_ns));
   const MemoryEstimate need = estimate_memory(run, threads);
   out.memory_bytes = need.total();
   out.least_memory_bytes = need.least();
@@ -108,6 +116,24 @@ std::int64_t calibration_images(const Scene& scene) {
                                             (pixels / static_cast<double>(scene.views.size()))));
 }
 
+/// Returns a run of the `n` frames in the middle of `whole`. Numbers that follow from the images,
+/// such as the maximum of Gaussians, follow from the images of `whole`.
+Run middle_of(const Run& whole, TrainOptions options, const Recording& recording, std::int64_t n) {
+  const std::vector<Frame>& frames = whole.scene.frames;
+  const std::int64_t before = (std::ssize(frames) - n) / 2;
+  const std::int64_t first = frames[std::size_t(before)].id,
+                     last = frames[std::size_t(before + n - 1)].id;
+  options.frames = std::to_string(first) + ":" + std::to_string(last) + ":" +
+                   std::to_string(parse_frame_range(options.frames).step);
+  options.holdout_every = 0;
+  Run run = run_of(options, recording);
+  std::erase_if(run.recording.lidar_files, [&](const FrameFile& file) {
+    return file.frame_id < first || file.frame_id > last;
+  });
+  run.state = make_initial_state(options, whole.scene);
+  return run;
+}
+
 /// Measures on the frames in the middle of a block that have calibration_images.
 TrainingRates measured(const TrainOptions& whole, const Recording& recording, const Block& block,
                        kernels::Backend& backend) {
@@ -116,24 +142,17 @@ TrainingRates measured(const TrainOptions& whole, const Recording& recording, co
   const std::int64_t images = std::ssize(all.scene.views), frames = std::ssize(all.scene.frames),
                      n = std::min(frames,
                                   (calibration_images(all.scene) * frames + images - 1) / images);
-  const std::int64_t first = all.scene.frames[std::size_t((frames - n) / 2)].id,
-                     last = all.scene.frames[std::size_t((frames - n) / 2 + n - 1)].id;
-  options.frames = std::to_string(first) + ":" + std::to_string(last) + ":" +
-                   std::to_string(parse_frame_range(options.frames).step);
-  options.holdout_every = 0;
   CalibrationSteps calibration;
   if (options.method == "splat" && !options.hyperparameters.contains("densify_every"))
     options.set("densify_every", calibration.change_every);
   else
     calibration.change_every_of_run = calibration.change_every;
-  Run run = run_of(options, recording);
-  std::erase_if(run.recording.lidar_files, [&](const FrameFile& file) {
-    return file.frame_id < first || file.frame_id > last;
-  });
-  // Numbers that follow from the images, such as the maximum of Gaussians, follow from the block's
-  // images.
-  run.state = make_initial_state(options, all.scene);
-  return measure_rates(&run, backend, calibration);
+  Run run = middle_of(all, options, recording, n);
+  std::optional<Run> fewer;
+  if (n > 1) fewer = middle_of(all, options, recording, n / 2);
+  TrainingRates rates = measure_rates(&run, backend, calibration, fewer ? &*fewer : nullptr);
+  measure_left_out(options, recording, all.scene, backend, &rates);
+  return rates;
 }
 
 std::string time_text(double seconds) {
@@ -191,9 +210,9 @@ void print(const Scene& scene, const TrainingPlan& plan, const TrainingRates& ra
   std::int64_t images = 0;
   for (const View& view : scene.views) images += !view.held_out;
   if (scene.metric)
-    std::printf("drive      %zu frames over %.0f m, %zu cameras, %lld images for training\n",
-                scene.frames.size(), way_driven(scene.frames).back(), scene.rig.size(),
-                static_cast<long long>(images));
+    std::printf("drive      %s over %.0f m, %s, %lld images for training\n",
+                counted(scene.frames.size(), "frame").c_str(), way_driven(scene.frames).back(),
+                counted(scene.rig.size(), "camera").c_str(), static_cast<long long>(images));
   else
     std::printf("photos     %lld images for training\n", static_cast<long long>(images));
   double length_m = 0, longest_s = 0;
@@ -215,9 +234,13 @@ void print(const Scene& scene, const TrainingPlan& plan, const TrainingRates& ra
       "begin with it, %.1f ms a step; its speed changed by %.0f %% meanwhile, corrected\n",
       1e3 * rates.decode_s, 1e3 * rates.prepare_s, 1e3 * rates.start_s, 1e3 * rates.step_s,
       100 * (rates.spread - 1));
-  std::printf("machines   %d with %d cores and %s each: %d blocks at once with %d cores each\n",
-              machines.machines, machines.cores, gib_text(machines.memory).c_str(),
-              plan.ranks_per_machine, plan.cores_per_rank);
+  const auto count = [](int n, const char* noun) {
+    return counted(static_cast<std::size_t>(n), noun);
+  };
+  std::printf("machines   %d with %s and %s each: %s at once with %s each\n", machines.machines,
+              count(machines.cores, "core").c_str(), gib_text(machines.memory).c_str(),
+              count(plan.ranks_per_machine, "block").c_str(),
+              count(plan.cores_per_rank, "core").c_str());
   std::printf("time       %s; %.1f core hours; efficiency %.0f %%, limited by %s\n",
               time_text(plan.seconds).c_str(), plan.core_seconds / 3600, 100 * plan.efficiency,
               plan.limit.c_str());
@@ -274,10 +297,9 @@ int run_plan(const PlanArguments& arguments) {
   json["machines"] = {{"machines", machines.machines},
                       {"cores", machines.cores},
                       {"memory_bytes", machines.memory}};
-  json["core_rates"] = {{"decode_s", rates.decode_s},
-                        {"prepare_s", rates.prepare_s},
-                        {"start_s", rates.start_s},
-                        {"step_s", rates.step_s},
+  json["core_rates"] = {{"decode_s", rates.decode_s}, {"prepare_s", rates.prepare_s},
+                        {"start_s", rates.start_s},   {"mask_s", rates.mask_s},
+                        {"look_s", rates.look_s},     {"step_s", rates.step_s},
                         {"spread", rates.spread}};
   std::printf("%s\n", json.dump(2).c_str());
   return kExitOk;

@@ -270,7 +270,7 @@ Action configure_render(CLI::App& command) {
   command.add_option("RUN", options->run, "run folder, as train makes it")->required();
   CLI::Option* poses = command.add_option(
       "--poses", options->poses,
-      "POSES.json: renders each of its views under its own file name into the folder --out. "
+      "renders each view of the file under its own name into the folder --out. "
       "RT_ECEF_body is an absolute pose of the body, shift_body_m a translation of the recording's "
       "pose of frame_id in body axes");
   poses->type_name("POSES.json")->group("Many images");
@@ -300,11 +300,11 @@ Action configure_render(CLI::App& command) {
                       "(default: that of the file's keyframes, else the file's lens; for a drive "
                       "the run's first)")
           ->excludes(poses);
-  CLI::Option* mount = command.add_option("--mount", options->mount,
-                                          "X,Y,Z,YAW,PITCH,ROLL: a camera of your own instead of "
-                                          "--camera, metres along the body's axes "
-                                          "(x forward, y left, z up) and degrees (to the left, "
-                                          "upwards, clockwise); zeros look forward");
+  CLI::Option* mount =
+      command.add_option("--mount", options->mount,
+                         "a camera of your own instead of --camera: metres along the body's axes "
+                         "(x forward, y left, z up) and degrees (to the left, "
+                         "upwards, clockwise); zeros look forward");
   CLI::Option* lens = command.add_option("--lens", options->lens,
                                          "lens of --mount: pinhole:FOV:WIDTHxHEIGHT with the "
                                          "horizontal field of view in degrees, or a "
@@ -332,9 +332,7 @@ Action configure_render(CLI::App& command) {
       ->check(within("--rate", 0.1, 1000.0))
       ->needs(lidar)
       ->default_str("10");
-  command
-      .add_option("--range", options->range,
-                  "MIN:MAX in metres: returns of --lidar outside are dropped")
+  command.add_option("--range", options->range, "metres: returns of --lidar outside are dropped")
       ->needs(lidar)
       ->capture_default_str();
   command

@@ -5,6 +5,7 @@
 #include <cstdio>
 #include <memory>
 #include <optional>
+#include <utility>
 
 #include "redrive/base/error.h"
 #include "redrive/cli/command.h"
@@ -82,6 +83,7 @@ int lead_resuming(const ResumeArguments& arguments, ProcessGroup& processes) {
   if (together) check_together(processes, run);
   const std::optional<std::uint64_t> cache =
       check_run_memory(run, backend->threads(), together ? processes.on_machine() : 1, together);
+  std::unique_ptr<LivePage> page = start_live_page(arguments.live);
   const TrainingData training = [&] {
     ThreadPool pool(backend->threads());
     return load_training_data(run, pool, cache);
@@ -89,7 +91,7 @@ int lead_resuming(const ResumeArguments& arguments, ProcessGroup& processes) {
   if (!arguments.given.empty()) write_config(run.paths, run.options, run.state.model.get());
   print_summary(run, training, *backend);
   if (together) return lead_together(processes, &run, training, *backend);
-  return train_to_end(&run, training, *backend, stop, arguments.live);
+  return train_to_end(&run, training, *backend, stop, std::move(page));
 }
 
 int run_resume(const ResumeArguments& arguments) {

@@ -4,6 +4,7 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <utility>
 
 #include "redrive/base/error.h"
 #include "redrive/cli/alignment.h"
@@ -145,6 +146,7 @@ int lead_training(const TrainArguments& arguments, ProcessGroup& processes) {
   if (together) check_together(processes, run);
   const std::optional<std::uint64_t> cache =
       check_run_memory(run, threads, together ? processes.on_machine() : 1, together);
+  std::unique_ptr<LivePage> page = start_live_page(arguments.live);
   const TrainingData training = [&] {
     ThreadPool pool(threads);
     return prepare_training_data(&run, pool, cache);
@@ -160,7 +162,7 @@ int lead_training(const TrainArguments& arguments, ProcessGroup& processes) {
   const RunLock lock(run.paths.root);
   print_summary(run, training, *backend);
   if (together) return lead_together(processes, &run, training, *backend);
-  return train_to_end(&run, training, *backend, stop, arguments.live);
+  return train_to_end(&run, training, *backend, stop, std::move(page));
 }
 
 int run_train(const TrainArguments& arguments) {

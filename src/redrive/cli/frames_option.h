@@ -16,14 +16,12 @@ namespace redrive {
 
 inline void add_frames_option(CLI::App& command, std::string* frames) {
   command.add_option("--frames", *frames,
-                     "FIRST:LAST[:STEP], frame ids, both ends included, either may be empty: reads "
+                     "frame ids, both ends included, either may be empty: reads "
                      "these frames alone (default: all)");
 }
 
 inline void add_cameras_option(CLI::App& command, std::vector<std::string>* cameras) {
-  command
-      .add_option("--cameras", *cameras,
-                  "A,B: takes these cameras alone (default: all with images)")
+  command.add_option("--cameras", *cameras, "takes these cameras alone (default: all with images)")
       ->delimiter(',');
 }
 

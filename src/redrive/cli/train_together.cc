@@ -35,7 +35,7 @@ int lead_together(ProcessGroup& processes, Run* run, const TrainingData& trainin
   start_together(processes);
   ExitCode failure = kExitOk;
   try {
-    return train_to_end(run, training, backend, stop_on_signal(), {}, &processes);
+    return train_to_end(run, training, backend, stop_on_signal(), nullptr, &processes);
   } catch (...) {
     failure = print_failure();
   }

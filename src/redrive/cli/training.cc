@@ -153,16 +153,25 @@ void check_live_view(const LiveViewOptions& options) {
   check_address(options.server);
 }
 
+LivePage::LivePage(const ViewServerOptions& options)
+    : started(start_view_server(options, &preparation)) {
+  preparation.begin(*started.server);
+}
+
+std::unique_ptr<LivePage> start_live_page(const LiveViewOptions& options) {
+  return options.view ? std::make_unique<LivePage>(options.server) : nullptr;
+}
+
 int train_to_end(Run* run, const TrainingData& training, kernels::Backend& backend,
-                 const std::atomic<bool>& stop, const LiveViewOptions& options,
+                 const std::atomic<bool>& stop, std::unique_ptr<LivePage> page,
                  ProcessGroup* processes) {
   const auto train_with = [&](StepObserver* observer) {
     return report_end(*run, train(run, training, backend, stop, observer, processes));
   };
-  if (!options.view) return train_with(nullptr);
+  if (!page) return train_with(nullptr);
   view::LiveView live(run, backend, stop);
-  const ViewServer started = start_view_server(options.server, &live.viewer());
-  live.use(*started.server);
+  const std::unique_ptr<LivePage> shown = std::move(page);  // ends before what it shows
+  live.use(*shown->started.server, &shown->preparation);
   const int code = train_with(&live);
   live.serve(*run);
   return code;

@@ -5,6 +5,7 @@
 
 #include <atomic>
 #include <map>
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -13,6 +14,7 @@
 #include "redrive/kernels/backend.h"
 #include "redrive/train/trainer.h"
 #include "redrive/train/training_data.h"
+#include "redrive/view/preparation.h"
 
 namespace redrive {
 
@@ -49,10 +51,21 @@ void add_live_view_options(CLI::App& command, LiveViewOptions* options);
 /// Throws UsageError where the page could not be served. Call it before anything is written.
 void check_live_view(const LiveViewOptions& options);
 
-/// Trains, prints how it ended and how to resume, and returns the exit code. With --view the page
-/// stays until `stop`.
+/// The page of a run, from before its data is prepared.
+struct LivePage {
+  view::Preparation preparation;
+  ViewServer started;
+  explicit LivePage(const ViewServerOptions& options);
+  ~LivePage() { preparation.end(); }
+};
+
+/// Returns null without --view.
+std::unique_ptr<LivePage> start_live_page(const LiveViewOptions& options);
+
+/// Trains, prints how it ended and how to resume, and returns the exit code. A `page` stays until
+/// `stop`.
 int train_to_end(Run* run, const TrainingData& training, kernels::Backend& backend,
-                 const std::atomic<bool>& stop, const LiveViewOptions& options,
+                 const std::atomic<bool>& stop, std::unique_ptr<LivePage> page = nullptr,
                  ProcessGroup* processes = nullptr);
 
 }  // namespace redrive

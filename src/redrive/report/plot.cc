@@ -39,15 +39,18 @@ std::string history_script(const std::vector<MetricsRow>& rows, const Axis& axis
       << "set grid noxtics\nset offsets 0, 0, graph 0.12, 0\nset xrange [0:"
       << (rows.empty() ? 1 : rows.back().step) << "]\n";
   const int epochs = rows.empty() ? 0 : rows.back().epoch + 1;
+  std::int64_t unlabelled_from = 0;  // the step
   for (std::size_t i = 0; i < rows.size(); ++i) {
     if (i > 0 && rows[i].epoch == rows[i - 1].epoch) continue;
     const std::int64_t step = i == 0 ? 0 : rows[i - 1].step;
     if (i > 0)
       out << "set arrow from " << step << ", graph 0 to " << step
           << ", graph 1 nohead dt 3 lc rgb '#aaaaaa'\n";
-    if (epochs <= kLabelledEpochs)
+    if (epochs <= kLabelledEpochs && step >= unlabelled_from) {
+      unlabelled_from = step + rows.back().step / kLabelledEpochs;
       out << "set label 'epoch " << rows[i].epoch + 1 << "' at " << step
           << ", graph 0.97 offset 0.5,0 tc rgb '#888888'\n";
+    }
   }
   std::vector<double> values;
   for (const MetricsRow& row : rows) values.push_back(row.*axis.value);

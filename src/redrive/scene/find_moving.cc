@@ -380,7 +380,7 @@ MovingObject object_of(const Track& track, const std::vector<Sweep>& sweeps) {
 
 std::vector<MovingObject> find_moving_objects(const LidarReturns& returns,
                                               const MovingObjects& annotated, ThreadPool& pool) {
-  const Progress progress("looking for moving objects in the LiDAR");
+  const Progress progress("following what moves in the LiDAR");
   const std::vector<Sweep> sweeps = seen_through(returns, pool);
   std::vector<std::vector<Cluster>> clusters(sweeps.size());
   pool.run(static_cast<int>(sweeps.size()),

@@ -8,6 +8,8 @@
 #include <unordered_map>
 #include <unordered_set>
 
+#include "redrive/base/progress.h"
+
 namespace redrive {
 namespace {
 
@@ -199,6 +201,12 @@ std::uint64_t search_bytes(std::uint64_t returns, std::uint64_t revolutions) {
                     sizeof(Vector3f) * RayIndex::kColumns);
 }
 
+std::int64_t search_looks(std::int64_t sweeps) {
+  std::int64_t looks = 0;
+  for (const int offset : kOffsets) looks += 2 * std::max<std::int64_t>(sweeps - offset, 0);
+  return looks;
+}
+
 std::vector<Sweep> seen_through(const LidarReturns& returns, ThreadPool& pool) {
   std::vector<Sweep> sweeps;
   if (returns.n == 0) return sweeps;
@@ -228,6 +236,7 @@ std::vector<Sweep> seen_through(const LidarReturns& returns, ThreadPool& pool) {
     }
   };
   int made = 0, dropped = 0;
+  Progress progress("looking for moving objects in the LiDAR", count);
   for (int begin = 0; begin < count; begin += kBlock) {
     const int end = std::min(begin + kBlock, count),
               needed = std::min(end + kOffsets.back(), count);
@@ -238,7 +247,10 @@ std::vector<Sweep> seen_through(const LidarReturns& returns, ThreadPool& pool) {
       indices[s] = RayIndex(returns, rays[s]);
     });
     made = needed;
-    pool.run(end - begin, [&](int k) { look(begin + k); });
+    pool.run(end - begin, [&](int k) {
+      look(begin + k);
+      progress.count();
+    });
   }
   return sweeps;
 }

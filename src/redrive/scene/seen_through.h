@@ -35,6 +35,10 @@ constexpr float kThinning_m = 0.25f;
 /// Maximum bytes of seen_through for this many returns in this many scans.
 std::uint64_t search_bytes(std::uint64_t returns, std::uint64_t revolutions);
 
+/// Returns how often seen_through looks from one of so many sweeps at another, at most. Most points
+/// stay in place, which half of the looks tell.
+std::int64_t search_looks(std::int64_t sweeps);
+
 /// Returns scans one after the other, empty ones included; none where they span more than a day.
 /// Scans nearer than 0.4 s to one do not count for it.
 std::vector<Sweep> seen_through(const LidarReturns& returns, ThreadPool& pool);

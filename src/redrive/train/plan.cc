@@ -14,12 +14,16 @@
 #include "redrive/model/surface_planes.h"
 #include "redrive/rays/lidar_sampler.h"
 #include "redrive/scene/load_views.h"
+#include "redrive/scene/masks.h"
+#include "redrive/scene/seen_through.h"
 #include "redrive/train/memory.h"
 #include "redrive/train/step.h"
 #include "redrive/train/training_data.h"
 
 namespace redrive {
 namespace {
+
+constexpr double kLooksTaken = 0.6;  // share of search_looks: most points stay in place
 
 /// Measures work on a machine whose speed changes: the same reference work is done before and after
 /// each part, and the part's time is divided by its slowness.
@@ -79,10 +83,78 @@ class PacedClock {
   std::vector<Part> parts_;
 };
 
+TrainingSet training_set(const Run& run, const TrainingData& data, const PixelSampler& sampler,
+                         const LidarSampler& lidar) {
+  return {run.scene, data.view_images(), data.lidar, sampler,
+          data.lidar.n > 0 && run.state.model->uses_lidar() ? &lidar : nullptr};
+}
+
+/// What a trainer does before its first step.
+void begin_from(const TrainingData& data, ThreadPool& pool, Run* run,
+                std::optional<SurfacePlanes>* surfaces) {
+  const PixelSampler sampler(run->scene, data.images, run->options.seed);
+  const LidarSampler lidar(data.lidar, run->options.seed);
+  const TrainingSet set = training_set(*run, data, sampler, lidar);
+  Model& model = *run->state.model;
+  model.initialize_from(set, run->state.seed, pool);
+  if (model.uses_surfaces(set)) surfaces->emplace(run->scene, data.lidar, pool);
+}
+
+double training_images(const Scene& scene) {
+  return static_cast<double>(std::ranges::count(scene.views, false, &View::held_out));
+}
+
+/// Core seconds to find the static mask of the rig's first camera.
+double measure_mask(const Scene& scene, ThreadPool& pool) {
+  Scene one = scene;
+  std::erase_if(one.views, [](const View& view) { return view.camera != 0 || view.held_out; });
+  const std::size_t n = std::min(one.views.size(), kMostMaskViews);
+  for (std::size_t i = 0; i < n; ++i) one.views[i] = one.views[i * one.views.size() / n];
+  one.views.resize(n);
+  const std::vector<Image8> images = load_views(one, pool);
+  const CoreTimer timer;
+  find_static_mask(one, 0, images, /*on_car=*/true);
+  return timer.core_seconds(1);
+}
+
+/// Core seconds for a look of the search for moving objects: between two revolutions of LiDAR that
+/// are so far apart that they look at each other, beyond what each of them takes alone.
+double measure_look(Run* run, ThreadPool& pool) {
+  constexpr double kApart_s = 0.5;
+  const std::vector<FrameFile> files = run->recording.lidar_files;
+  const auto middle = std::ssize(files) / 2;
+  const double drive_s =
+      1e-9 * static_cast<double>(run->scene.frames.back().t_ns - run->scene.frames.front().t_ns);
+  const auto apart =
+      std::lround(kApart_s * static_cast<double>(std::ssize(files) - 1) / std::max(drive_s, 1e-3));
+  if (apart < 1 || middle + apart >= std::ssize(files)) return 0;
+  const auto search = [&](std::vector<FrameFile> of) {
+    run->recording.lidar_files = std::move(of);
+    const CoreTimer timer;
+    find_moving(*run, pool);
+    return timer.core_seconds(pool.threads());
+  };
+  const double alone_s = search({files[middle]}),
+               both_s = search({files[middle], files[middle + apart]});
+  return std::max(0.0, (both_s - 2 * alone_s) / 2);
+}
+
 }  // namespace
 
+void measure_left_out(const TrainOptions& options, const Recording& recording, const Scene& scene,
+                      kernels::Backend& backend, TrainingRates* rates) {
+  if (options.masks == "none" || !recording.metric) return;
+  ThreadPool pool(backend.threads());
+  if (options.masks == "auto") rates->mask_s = measure_mask(scene, pool);
+  Run run;
+  run.options = options;
+  run.recording = recording;
+  run.scene = scene;
+  rates->look_s = measure_look(&run, pool);
+}
+
 TrainingRates measure_rates(Run* run, kernels::Backend& backend,
-                            const CalibrationSteps& calibration) {
+                            const CalibrationSteps& calibration, Run* fewer) {
   constexpr int kDecoded = 8;
   TrainingRates rates;
   ThreadPool pool(backend.threads());
@@ -90,7 +162,7 @@ TrainingRates measure_rates(Run* run, kernels::Backend& backend,
   std::vector<const View*> views;
   for (const View& view : run->scene.views)
     if (!view.held_out) views.push_back(&view);
-  const double images = static_cast<double>(views.size());
+  const double images = training_images(run->scene);
   const int cores = pool.threads();
 
   DamagedViews damaged;
@@ -103,16 +175,18 @@ TrainingRates measure_rates(Run* run, kernels::Backend& backend,
   std::optional<TrainingData> data;
   const std::size_t prepare =
       clock.measure(cores, [&] { data.emplace(prepare_training_data(run, pool)); });
+  std::optional<SurfacePlanes> surfaces;
+  const std::size_t start = clock.measure(cores, [&] { begin_from(*data, pool, run, &surfaces); });
+  std::optional<std::size_t> fewer_start;
+  if (fewer) {
+    std::optional<SurfacePlanes> unused;
+    const TrainingData part = prepare_training_data(fewer, pool);
+    fewer_start = clock.measure(cores, [&] { begin_from(part, pool, fewer, &unused); });
+  }
   const PixelSampler sampler(run->scene, data->images, run->options.seed);
   const LidarSampler lidar(data->lidar, run->options.seed);
-  const TrainingSet set{run->scene, data->view_images(), data->lidar, sampler,
-                        data->lidar.n > 0 && model.uses_lidar() ? &lidar : nullptr};
+  const TrainingSet set = training_set(*run, *data, sampler, lidar);
   TrainState& state = run->state;
-  std::optional<SurfacePlanes> surfaces;
-  const std::size_t start = clock.measure(cores, [&] {
-    model.initialize_from(set, state.seed, pool);
-    if (model.uses_surfaces(set)) surfaces.emplace(run->scene, data->lidar, pool);
-  });
   state.adam = model.zero_moments();
   if (model.uses_error_map()) {
     state.cell_errors = Buffer<float>(sampler.cells().size());
@@ -156,6 +230,10 @@ TrainingRates measure_rates(Run* run, kernels::Backend& backend,
   rates.decode_s = clock.seconds(decode) / static_cast<double>(decoded);
   rates.prepare_s = clock.seconds(prepare) / images;
   rates.start_s = clock.seconds(start) / images;
+  if (fewer)
+    if (const double more = images - training_images(fewer->scene); more > 0)
+      rates.start_s =
+          std::max(rates.start_s, (clock.seconds(start) - clock.seconds(*fewer_start)) / more);
   rates.spread = clock.spread();
   return rates;
 }
@@ -214,8 +292,12 @@ TrainingPlan plan_training(std::vector<PlannedBlock> blocks, const TrainingRates
                  step_s =
                      std::max(rates.step_s / cores + missing * rates.decode_s / cores, decode_s);
     decoding_limits |= decode_s >= step_s;
-    const double read_s = images * rates.prepare_s / cores;
-    block.prepare_s = read_s + start_s;
+    const double read_s = images * rates.prepare_s / cores,
+                 left_out_s = (static_cast<double>(block.cameras) * rates.mask_s +
+                               kLooksTaken * static_cast<double>(search_looks(block.sweeps)) *
+                                   rates.look_s) /
+                              cores;
+    block.prepare_s = read_s + left_out_s + start_s;
     block.train_s = static_cast<double>(limits.max_steps) * step_s;
     if (limits.max_seconds > 0)
       block.train_s =

@@ -19,6 +19,8 @@ struct TrainingRates {
   double prepare_s = 0;  ///< to read an image and its frame's LiDAR, with masks
   double decode_s = 0;   ///< part of it: an image alone
   double start_s = 0;    ///< time for an image, for the first parameters (Model::initialize_from)
+  double mask_s = 0;     ///< time to find a camera's static mask
+  double look_s = 0;     ///< time to compare a sweep with another one (search_looks)
   double step_s = 0;     ///< a step, mean of a run
   /// The longest over the shortest time of the same work, one image decoded again and again while
   /// the others were measured: how much the machine's speed changed. The rates hold for its fastest
@@ -37,9 +39,15 @@ struct CalibrationSteps {
 
 /// Measures the rates with `run`, whose options, recording and scene are set: prepares its data,
 /// then trains. Writes nothing. Core time of other programs does not count (CoreTimer), and times
-/// are divided by the speed of the machine meanwhile.
+/// are divided by the speed of the machine meanwhile. `fewer`: null, or a run with a part of the
+/// frames, so that start_s is the time for one more image: images at the ends of a drive are
+/// matched with fewer others.
 TrainingRates measure_rates(Run* run, kernels::Backend& backend,
-                            const CalibrationSteps& calibration);
+                            const CalibrationSteps& calibration, Run* fewer = nullptr);
+
+/// Sets mask_s and look_s, as a drive with this scene will take them; 0 without masks.
+void measure_left_out(const TrainOptions& options, const Recording& recording, const Scene& scene,
+                      kernels::Backend& backend, TrainingRates* rates);
 
 /// A part of the drive that is a run of its own, or the whole drive where it is not divided.
 struct PlannedBlock {
@@ -47,6 +55,7 @@ struct PlannedBlock {
   std::int64_t first_frame = 0, last_frame = 0;  ///< ids
   double length_m = 0;                           ///< length of its core, along the way driven
   std::int64_t images = 0;                       ///< for training
+  std::int64_t cameras = 0, sweeps = 0;          ///< sweeps: of LiDAR (scene/seen_through.h)
   std::uint64_t image_file_bytes = 0, lidar_file_bytes = 0;
   std::uint64_t memory_bytes = 0;        ///< with all images (MemoryEstimate::total)
   std::uint64_t least_memory_bytes = 0;  ///< with the smallest cache of them (least)

@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "redrive/base/error.h"
+#include "redrive/scene/seen_through.h"
 #include "redrive/train/train_testing.h"
 
 namespace redrive {
@@ -50,6 +51,20 @@ TEST(Plan, OneBlockOnOneMachine) {
   EXPECT_DOUBLE_EQ(plan.reads_bytes_per_s, 600e6 / 2);
   EXPECT_EQ(plan.writes_bytes, 50'000'000u);
   EXPECT_EQ(plan.limit, "the longest block");
+}
+
+// Of 6 sweeps two pairs are 4 apart and one is 5 apart: each of these looks at the other.
+TEST(Plan, PreparationIncludesMasksAndTheSearchForMovingObjects) {
+  PlannedBlock block = planned_block(100);
+  block.cameras = 3;
+  block.sweeps = 6;
+  TrainingRates rates = kRates;
+  rates.mask_s = 2;
+  rates.look_s = 0.5;
+  EXPECT_EQ(search_looks(6), 6);
+  const TrainingPlan plan =
+      plan_training({block}, rates, {1, 2, 4 * kPlanGiB}, {.max_steps = 1000});
+  EXPECT_DOUBLE_EQ(plan.blocks[0].prepare_s, (100 * (0.04 + 0.1) + 3 * 2 + 0.6 * 6 * 0.5) / 2);
 }
 
 // Seconds of training count from the first step on.

@@ -43,6 +43,15 @@ LiveView::LiveView(Run* run, kernels::Backend& backend, const std::atomic<bool>&
   viewer_->set_training({true, run->state.step, run->state.seconds, false, run->options.max_steps});
 }
 
+void LiveView::use(Server& server, Preparation* preparation) {
+  viewer_->use(server);
+  preparation_ = preparation;
+}
+
+void LiveView::take_over() {
+  if (preparation_) std::exchange(preparation_, nullptr)->hand_over(*viewer_);
+}
+
 /// Shows the latest training state; the model has been lent.
 void LiveView::refresh(const Run& run) {
   refresh_at_ = Clock::now() + kRefresh;
@@ -57,6 +66,7 @@ void LiveView::correct_actors() {
 }
 
 void LiveView::between_steps(Run& run, const Scene& scene, const std::vector<FramePose>& frames) {
+  take_over();
   if (!viewer_->has_clients()) {
     refresh_at_ = {};  // the first page sees the run as it is
     return;
@@ -86,6 +96,7 @@ void LiveView::between_steps(Run& run, const Scene& scene, const std::vector<Fra
 }
 
 void LiveView::serve(Run& run) {
+  take_over();
   if (run.state.poses.refines()) {
     shown_->scene = run.scene;
     shown_->recording.frames = apply_corrections(run.scene, run.recording.frames,

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "redrive/train/trainer.h"
+#include "redrive/view/preparation.h"
 #include "redrive/view/viewer.h"
 
 namespace redrive::view {
@@ -19,7 +20,8 @@ class LiveView : public StepObserver {
   LiveView(Run* run, kernels::Backend& backend, const std::atomic<bool>& stop);
 
   Viewer& viewer() { return *viewer_; }  ///< receives the events of the server
-  void use(Server& server) { viewer_->use(server); }
+  /// `preparation`: has the server's pages until the first step; null: the viewer has them.
+  void use(Server& server, Preparation* preparation = nullptr);
 
   /// Makes images for at most kShare of the time, or for as long as a page pauses training.
   void between_steps(Run& run, const Scene& scene, const std::vector<FramePose>& frames) override;
@@ -35,11 +37,14 @@ class LiveView : public StepObserver {
   void refresh(const Run& run);
   void correct_actors();
 
+  void take_over();
+
   const std::atomic<bool>& stop_;
   std::vector<MovingObject> annotated_;  ///< Scene::actors without corrections
   std::shared_ptr<Run> shown_;           ///< has the model while images are made
   std::unique_ptr<Viewer> viewer_;
-  const Model* model_ = nullptr;  ///< model of the last images
+  Preparation* preparation_ = nullptr;  ///< null: the viewer has the pages
+  const Model* model_ = nullptr;        ///< model of the last images
   Clock::time_point returned_, refresh_at_;
   double credit_s_ = 0;  ///< time for images
 };

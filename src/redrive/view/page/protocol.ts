@@ -73,6 +73,13 @@ export interface Training {
   seconds: number;
 }
 
+/** What is done before a run's first step. */
+export interface Preparing {
+  kind: "preparing";
+  text: string; // empty: nothing that takes time
+  share: number | null; // that is done; null: not known
+}
+
 /** Rows of metrics.jsonl. */
 export interface Curve {
   kind: "curve";
@@ -171,6 +178,7 @@ export type Text =
   | Edited
   | Dragged
   | SeenBy
+  | Preparing
   | Training
   | Curve
   // PSNR against the recorded image, or the share of pixels that training images saw

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The part of the panel that shows the progress of training and pauses it.
-import type {Curve, Training} from "./protocol";
+import type {Curve, Preparing, Training} from "./protocol";
 
 const svg = "http://www.w3.org/2000/svg";
 const [width, height] = [300, 100];
@@ -14,19 +14,30 @@ function progressOf({step, steps, trains, seconds}: Training): string {
 export class WaitNote {
   connected = false;
   training: Training | null = null;
+  preparing: Preparing | null = null;
+  private readonly text = document.createElement("span");
+  private readonly bar = document.createElement("progress");
   private since = performance.now();
 
-  constructor(private readonly place: HTMLElement) {}
+  constructor(private readonly place: HTMLElement) {
+    this.bar.hidden = true;
+    place.replaceChildren(this.text, this.bar);
+  }
 
   show(hasImage: boolean): void {
     this.place.hidden = hasImage;
+    this.place.parentElement?.classList.toggle("waiting", !hasImage);
     if (hasImage) return;
     const waited = Math.floor((performance.now() - this.since) / 1000);
     const what = !this.connected ? "Connecting to redrive"
       : this.training?.trains ? `Training, ${progressOf(this.training)}: the first image is made`
-      : "redrive prepares the run; its first image comes by itself";
+      : this.preparing?.text ? `Preparing the run; ${this.preparing.text}`
+      : "Preparing the run; its first image comes by itself";
     const text = waited > 1 ? `${what} (${waited} s)` : `${what} ...`;
-    if (this.place.textContent !== text) this.place.textContent = text;
+    if (this.text.textContent !== text) this.text.textContent = text;
+    const share = this.connected && !this.training ? this.preparing?.share ?? null : null;
+    this.bar.hidden = share === null;
+    this.bar.value = share ?? 0;
   }
 }
 

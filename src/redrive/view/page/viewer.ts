@@ -83,6 +83,10 @@ class Viewer {
   }
 
   private receive(message: Text): void {
+    if (message.kind === "preparing") {
+      this.wait.preparing = message;
+      return;
+    }
     if (message.kind === "hello") this.begin(message);
     if (message.kind === "paths") this.path.receive(message);
     if (message.kind === "edited" || message.kind === "dragged") this.traffic.receive(message);
@@ -129,6 +133,7 @@ class Viewer {
           this.changed();
         });
       this.listen();
+      document.body.classList.remove("empty");
       document.title = `${hello.run} · redrive view`;
     } else if (!sameRun(this.hello, hello)) {
       return location.reload();
