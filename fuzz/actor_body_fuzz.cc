@@ -8,8 +8,8 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/gzip.h"
+#include "redrive/edit/actor_body.h"
 #include "redrive/field/gaussian.h"
-#include "redrive/scene/actor_body.h"
 
 namespace {
 

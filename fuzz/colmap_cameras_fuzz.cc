@@ -6,7 +6,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/camera/camera.h"
-#include "redrive/recording/colmap_files.h"
+#include "redrive/recording/formats/photographs/colmap_files.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const std::string_view bytes(reinterpret_cast<const char*>(data), size);

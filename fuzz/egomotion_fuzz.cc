@@ -5,7 +5,7 @@
 #include <string_view>
 
 #include "redrive/base/error.h"
-#include "redrive/recording/egomotion_json.h"
+#include "redrive/recording/formats/egomotion_json.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const std::string_view text(reinterpret_cast<const char*>(data), size);

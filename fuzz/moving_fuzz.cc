@@ -6,7 +6,7 @@
 #include <string_view>
 
 #include "redrive/base/error.h"
-#include "redrive/scene/moving_file.h"
+#include "redrive/perception/moving_file.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const std::string_view text(reinterpret_cast<const char*>(data), size);

@@ -8,7 +8,7 @@
 #include <string_view>
 
 #include "redrive/base/error.h"
-#include "redrive/recording/nuscenes_boxes.h"
+#include "redrive/recording/formats/nuscenes/nuscenes_boxes.h"
 
 namespace {
 

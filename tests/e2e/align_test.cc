@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // align, train --poses and --align, and the copy of the poses that a run keeps.
-#include "redrive/recording/pose_files.h"
+#include "redrive/recording/formats/pose_files.h"
 #include "redrive/train/run.h"
 #include "tests/e2e/end_to_end.h"
 

@@ -9,7 +9,7 @@
 #include <nlohmann/json.hpp>
 
 #include "redrive/image/image_io.h"
-#include "redrive/model/nerf_model.h"
+#include "redrive/methods/nerf/nerf_model.h"
 #include "redrive/train/run.h"
 #include "tests/e2e/end_to_end.h"
 

@@ -5,8 +5,8 @@
 #include <nlohmann/json.hpp>
 
 #include "redrive/image/image_io.h"
-#include "redrive/recording/ply.h"
-#include "redrive/recording/recording_reader.h"
+#include "redrive/recording/formats/recording_reader.h"
+#include "redrive/recording/lidar/ply.h"
 #include "redrive/scene/scene.h"
 #include "tests/e2e/end_to_end.h"
 

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // redrive export on small runs.
 #include "redrive/base/gzip.h"
-#include "redrive/model/splat_model.h"
-#include "redrive/recording/ply.h"
+#include "redrive/methods/splat/splat_model.h"
+#include "redrive/recording/lidar/ply.h"
 #include "redrive/report/html.h"
 #include "redrive/train/state.h"
 #include "tests/e2e/end_to_end.h"

@@ -6,8 +6,8 @@
 #include <set>
 
 #include "redrive/image/image_io.h"
-#include "redrive/recording/recording_reader.h"
-#include "redrive/recording/trajectory.h"
+#include "redrive/recording/core/trajectory.h"
+#include "redrive/recording/formats/recording_reader.h"
 #include "redrive/scene/load_views.h"
 #include "tests/e2e/end_to_end.h"
 

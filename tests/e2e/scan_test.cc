@@ -5,9 +5,9 @@
 #include <nlohmann/json.hpp>
 
 #include "redrive/image/exr.h"
-#include "redrive/recording/kitti_poses.h"
-#include "redrive/recording/las.h"
-#include "redrive/recording/recording_reader.h"
+#include "redrive/recording/formats/kitti/kitti_poses.h"
+#include "redrive/recording/formats/recording_reader.h"
+#include "redrive/recording/lidar/las.h"
 #include "tests/e2e/end_to_end.h"
 
 namespace redrive::testing {

@@ -7,7 +7,7 @@
 #include "redrive/align/align.h"
 #include "redrive/math/angles.h"
 #include "redrive/math/so3.h"
-#include "redrive/recording/frame_range.h"
+#include "redrive/recording/core/frame_range.h"
 
 namespace redrive {
 namespace {

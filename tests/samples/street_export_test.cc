@@ -7,8 +7,8 @@
 
 #include "redrive/base/temporary_folder_testing.h"
 #include "redrive/export/drive.h"
-#include "redrive/recording/frame_range.h"
-#include "redrive/recording/trajectory.h"
+#include "redrive/recording/core/frame_range.h"
+#include "redrive/recording/core/trajectory.h"
 
 namespace redrive {
 namespace {

@@ -9,15 +9,15 @@
 
 #include <gtest/gtest.h>
 
+#include "redrive/edit/traffic_edit.h"
 #include "redrive/eval/novel_ground_truth.h"
 #include "redrive/image/image_io.h"
 #include "redrive/math/angles.h"
-#include "redrive/recording/recording_reader.h"
-#include "redrive/recording/traffic_edit.h"
-#include "redrive/recording/trajectory.h"
+#include "redrive/perception/masks.h"
+#include "redrive/recording/core/trajectory.h"
+#include "redrive/recording/formats/recording_reader.h"
 #include "redrive/scene/lidar_returns.h"
 #include "redrive/scene/load_views.h"
-#include "redrive/scene/masks.h"
 #include "redrive/train/run.h"
 
 namespace redrive {

@@ -7,11 +7,11 @@
 #include "redrive/base/files.h"
 #include "redrive/base/rng.h"
 #include "redrive/base/temporary_folder_testing.h"
+#include "redrive/edit/view_requests.h"
 #include "redrive/image/image_io.h"
 #include "redrive/math/angles.h"
-#include "redrive/recording/recording_reader.h"
-#include "redrive/recording/trajectory.h"
-#include "redrive/recording/view_requests.h"
+#include "redrive/recording/core/trajectory.h"
+#include "redrive/recording/formats/recording_reader.h"
 #include "tools/drive/write_drive.h"
 
 namespace redrive::drive {

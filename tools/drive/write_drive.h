@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Writes a made drive in the aiMotive layout (redrive/recording/aimotive.h), with its ground truth:
-// calibration_true.json and egomotion2_true.json, and images of shifted cameras below novel/.
+// Writes a made drive in the aiMotive layout (redrive/recording/formats/aimotive/aimotive.h), with
+// its ground truth: calibration_true.json and egomotion2_true.json, and images of shifted cameras
+// below novel/.
 #pragma once
 
 #include <filesystem>

@@ -19,8 +19,8 @@
 #include "redrive/base/progress.h"
 #include "redrive/math/angles.h"
 #include "redrive/math/so3.h"
-#include "redrive/recording/pose_jumps.h"
-#include "redrive/recording/summary.h"
+#include "redrive/recording/core/pose_jumps.h"
+#include "redrive/recording/core/summary.h"
 #include "redrive/scene/moving_objects.h"
 
 namespace redrive {

@@ -12,8 +12,8 @@
 #include "redrive/align/lidar/depth_edges.h"
 #include "redrive/align/tracks/tracks.h"
 #include "redrive/base/parallel.h"
-#include "redrive/recording/recording.h"
-#include "redrive/recording/register_trajectories.h"
+#include "redrive/recording/core/recording.h"
+#include "redrive/recording/core/register_trajectories.h"
 
 namespace redrive {
 

@@ -6,8 +6,8 @@
 
 #include "redrive/base/files.h"
 #include "redrive/base/temporary_folder_testing.h"
-#include "redrive/recording/aimotive.h"
-#include "redrive/recording/las.h"
+#include "redrive/recording/formats/aimotive/aimotive.h"
+#include "redrive/recording/lidar/las.h"
 #include "redrive/scene/scene_testing.h"
 
 namespace redrive {

@@ -5,7 +5,7 @@
 #include <gtest/gtest.h>
 
 #include "redrive/align/lidar/made_block_testing.h"
-#include "redrive/recording/register_trajectories.h"
+#include "redrive/recording/core/register_trajectories.h"
 
 namespace redrive {
 namespace {

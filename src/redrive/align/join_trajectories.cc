@@ -8,7 +8,7 @@
 #include "redrive/base/error.h"
 #include "redrive/math/angles.h"
 #include "redrive/math/so3.h"
-#include "redrive/recording/register_trajectories.h"
+#include "redrive/recording/core/register_trajectories.h"
 
 namespace redrive {
 namespace {

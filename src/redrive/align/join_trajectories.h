@@ -11,7 +11,7 @@
 #include <Eigen/Core>
 
 #include "redrive/align/rigid_motions.h"
-#include "redrive/recording/recording.h"
+#include "redrive/recording/core/recording.h"
 
 namespace redrive {
 

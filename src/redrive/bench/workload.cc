@@ -5,7 +5,7 @@
 #include <cmath>
 
 #include "redrive/base/rng.h"
-#include "redrive/model/initial_gaussians.h"
+#include "redrive/methods/splat/initial_gaussians.h"
 #include "redrive/train/run.h"
 #include "redrive/volume/hierarchical_sampling.h"
 

@@ -12,7 +12,7 @@
 namespace redrive {
 namespace {
 
-constexpr double kMaxCoordinate_m = 1e4;  // as a shift, recording/view_requests.h
+constexpr double kMaxCoordinate_m = 1e4;  // as a shift, edit/view_requests.h
 constexpr double kMaxAngle_deg = 360, kMinFov_deg = 1, kMaxFov_deg = 170;
 constexpr int kMinSide = 16, kMaxSide = 4096;
 

@@ -7,8 +7,8 @@
 #include "redrive/align/bundle/unobservable_extrinsics.h"
 #include "redrive/base/unfinished.h"
 #include "redrive/math/angles.h"
-#include "redrive/recording/pose_files.h"
-#include "redrive/recording/wording.h"
+#include "redrive/recording/core/wording.h"
+#include "redrive/recording/formats/pose_files.h"
 #include "redrive/report/align_page.h"
 #include "redrive/report/html.h"
 

@@ -13,9 +13,9 @@
 #include "redrive/cli/frames_option.h"
 #include "redrive/cli/help.h"
 #include "redrive/cli/notes.h"
-#include "redrive/recording/camera_choice.h"
-#include "redrive/recording/damaged_records.h"
-#include "redrive/recording/readout_options.h"
+#include "redrive/recording/core/camera_choice.h"
+#include "redrive/recording/core/readout_options.h"
+#include "redrive/recording/formats/damaged_records.h"
 #include "redrive/scene/lidar_returns.h"
 #include "redrive/train/run.h"
 

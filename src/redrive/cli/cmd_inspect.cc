@@ -20,16 +20,16 @@
 #include "redrive/cli/frames_option.h"
 #include "redrive/cli/inspection.h"
 #include "redrive/image/image_io.h"
-#include "redrive/recording/camera_choice.h"
-#include "redrive/recording/damaged_records.h"
-#include "redrive/recording/recording_reader.h"
-#include "redrive/recording/wording.h"
+#include "redrive/perception/find_moving.h"
+#include "redrive/perception/masks.h"
+#include "redrive/perception/moving_file.h"
+#include "redrive/recording/core/camera_choice.h"
+#include "redrive/recording/core/wording.h"
+#include "redrive/recording/formats/damaged_records.h"
+#include "redrive/recording/formats/recording_reader.h"
 #include "redrive/report/preflight_page.h"
-#include "redrive/scene/find_moving.h"
 #include "redrive/scene/lidar_returns.h"
 #include "redrive/scene/load_views.h"
-#include "redrive/scene/masks.h"
-#include "redrive/scene/moving_file.h"
 
 namespace redrive {
 namespace {

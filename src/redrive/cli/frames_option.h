@@ -10,7 +10,7 @@
 #include <CLI/App.hpp>
 
 #include "redrive/cli/help.h"
-#include "redrive/recording/frame_range.h"
+#include "redrive/recording/core/frame_range.h"
 
 namespace redrive {
 

@@ -8,9 +8,9 @@
 #include <nlohmann/json_fwd.hpp>
 
 #include "redrive/align/preflight/preflight.h"
-#include "redrive/recording/recording.h"
-#include "redrive/recording/summary.h"
-#include "redrive/scene/object_summary.h"
+#include "redrive/edit/object_summary.h"
+#include "redrive/recording/core/recording.h"
+#include "redrive/recording/core/summary.h"
 
 namespace redrive {
 

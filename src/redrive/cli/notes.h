@@ -4,8 +4,8 @@
 
 #include <cstdio>
 
-#include "redrive/recording/recording.h"
-#include "redrive/recording/summary.h"
+#include "redrive/recording/core/recording.h"
+#include "redrive/recording/core/summary.h"
 #include "redrive/scene/scene.h"
 
 namespace redrive {

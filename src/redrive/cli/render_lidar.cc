@@ -15,7 +15,7 @@
 #include "redrive/cli/render_options.h"
 #include "redrive/cli/training.h"
 #include "redrive/math/angles.h"
-#include "redrive/recording/las.h"
+#include "redrive/recording/lidar/las.h"
 #include "redrive/render/lidar_scan.h"
 
 namespace redrive {

@@ -8,7 +8,7 @@
 #include "redrive/base/memory_limit.h"
 #include "redrive/camera/ray_share.h"
 #include "redrive/cli/help.h"
-#include "redrive/scene/find_moving.h"
+#include "redrive/perception/find_moving.h"
 #include "redrive/train/memory.h"
 #include "redrive/train/pose_changes.h"
 #include "redrive/view/live_view.h"

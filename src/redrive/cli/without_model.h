@@ -7,9 +7,9 @@
 
 #include "redrive/base/error.h"
 #include "redrive/cli/notes.h"
-#include "redrive/recording/damaged_records.h"
-#include "redrive/recording/frame_range.h"
-#include "redrive/recording/pose_files.h"
+#include "redrive/recording/core/frame_range.h"
+#include "redrive/recording/formats/damaged_records.h"
+#include "redrive/recording/formats/pose_files.h"
 #include "redrive/scene/load_views.h"
 #include "redrive/train/run.h"
 
@@ -24,7 +24,8 @@ inline bool is_run_folder(const std::string& folder) {
 struct WithoutModel {
   std::string folder;
   int downscale = 1;
-  std::string frames = "", poses = "";  ///< recording/frame_range.h; a folder of pose files, or ""
+  std::string frames = "",
+              poses = "";  ///< recording/core/frame_range.h; a folder of pose files, or ""
   bool outside_files = false;
   double max_damaged = kMostDamagedPercent;
   std::size_t whole = 0;  ///< DamageCheck::whole

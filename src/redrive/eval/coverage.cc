@@ -7,8 +7,8 @@
 #include "redrive/base/error.h"
 #include "redrive/base/evenly_spaced.h"
 #include "redrive/base/progress.h"
+#include "redrive/edit/actor_body.h"
 #include "redrive/eval/evaluate.h"
-#include "redrive/scene/actor_body.h"
 #include "redrive/scene/moving_objects.h"
 
 namespace redrive {

@@ -5,9 +5,9 @@
 #include <gtest/gtest.h>
 
 #include "redrive/base/temporary_folder_testing.h"
-#include "redrive/model/nerf_model.h"
+#include "redrive/methods/nerf/nerf_model.h"
+#include "redrive/perception/masks.h"
 #include "redrive/render/paint_backend_testing.h"
-#include "redrive/scene/masks.h"
 
 namespace redrive {
 namespace {

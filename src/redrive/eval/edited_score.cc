@@ -12,10 +12,10 @@
 #include "redrive/base/evenly_spaced.h"
 #include "redrive/base/files.h"
 #include "redrive/base/progress.h"
+#include "redrive/edit/edit_actors.h"
 #include "redrive/eval/coverage.h"
 #include "redrive/eval/score_mean.h"
-#include "redrive/recording/frame_files.h"
-#include "redrive/scene/edit_actors.h"
+#include "redrive/recording/formats/frame_files.h"
 #include "redrive/scene/load_views.h"
 #include "redrive/train/training_data.h"
 

@@ -2,7 +2,7 @@
 // Scores a run's edits of moving objects against images of the edited scene, which generators of
 // recordings can make (tools/street, samples/street_traffic/edited).
 //
-// A folder of ground truth holds edit.json (recording/traffic_edit.h) and, by camera and frame,
+// A folder of ground truth holds edit.json (edit/traffic_edit.h) and, by camera and frame,
 // <CAM>_<frame id>.jpg or .png with <CAM>_<frame id>_changed.png, which has the size of the image
 // and is white where the edit changed it, shadows included, and black elsewhere.
 #pragma once

@@ -14,9 +14,9 @@
 #include "redrive/base/files.h"
 #include "redrive/base/temporary_folder_testing.h"
 #include "redrive/eval/edited_score.h"
-#include "redrive/model/nerf_model.h"
+#include "redrive/methods/nerf/nerf_model.h"
+#include "redrive/perception/masks.h"
 #include "redrive/render/paint_backend_testing.h"
-#include "redrive/scene/masks.h"
 
 namespace redrive {
 namespace {

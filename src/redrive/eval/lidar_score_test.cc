@@ -7,10 +7,10 @@
 #include <gtest/gtest.h>
 
 #include "redrive/base/temporary_folder_testing.h"
-#include "redrive/model/nerf_model.h"
-#include "redrive/recording/aimotive.h"
-#include "redrive/recording/las.h"
-#include "redrive/recording/scan_files.h"
+#include "redrive/methods/nerf/nerf_model.h"
+#include "redrive/recording/formats/aimotive/aimotive.h"
+#include "redrive/recording/lidar/las.h"
+#include "redrive/recording/lidar/scan_files.h"
 #include "redrive/render/paint_backend_testing.h"
 #include "redrive/scene/scene_testing.h"
 

@@ -7,7 +7,7 @@
 #include <string>
 
 #include "redrive/eval/score_mean.h"
-#include "redrive/scene/masks.h"
+#include "redrive/perception/masks.h"
 
 namespace redrive {
 

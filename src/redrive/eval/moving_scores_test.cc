@@ -6,7 +6,7 @@
 
 #include <gtest/gtest.h>
 
-#include "redrive/recording/recording_reader.h"
+#include "redrive/recording/formats/recording_reader.h"
 #include "redrive/render/paint_backend_testing.h"
 
 namespace redrive {

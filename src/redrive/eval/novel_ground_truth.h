@@ -7,8 +7,8 @@
 #include <string>
 #include <vector>
 
-#include "redrive/recording/register_trajectories.h"
-#include "redrive/recording/view_requests.h"
+#include "redrive/edit/view_requests.h"
+#include "redrive/recording/core/register_trajectories.h"
 #include "redrive/scene/load_views.h"
 #include "redrive/train/run.h"
 

@@ -6,8 +6,8 @@
 
 #include <gtest/gtest.h>
 
-#include "redrive/model/nerf_model.h"
-#include "redrive/model/tiny_grid_model_testing.h"
+#include "redrive/methods/grid/tiny_grid_model_testing.h"
+#include "redrive/methods/nerf/nerf_model.h"
 #include "redrive/render/renderer.h"
 #include "redrive/scene/scene_testing.h"
 

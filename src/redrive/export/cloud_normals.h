@@ -5,7 +5,7 @@
 #include <span>
 
 #include "redrive/base/parallel.h"
-#include "redrive/recording/ply.h"
+#include "redrive/recording/lidar/ply.h"
 
 namespace redrive {
 

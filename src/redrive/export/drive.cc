@@ -4,8 +4,8 @@
 #include <algorithm>
 
 #include "redrive/base/error.h"
-#include "redrive/recording/frame_range.h"
-#include "redrive/recording/trajectory.h"
+#include "redrive/recording/core/frame_range.h"
+#include "redrive/recording/core/trajectory.h"
 
 namespace redrive {
 

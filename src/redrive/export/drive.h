@@ -10,7 +10,7 @@
 
 #include "redrive/base/parallel.h"
 #include "redrive/export/photo_set.h"
-#include "redrive/recording/recording_reader.h"
+#include "redrive/recording/formats/recording_reader.h"
 #include "redrive/scene/scene.h"
 
 namespace redrive {
@@ -41,13 +41,13 @@ Rigid3d global_from_box_at(const Box& box, const std::vector<FramePose>& frames,
 /// Adds notes on what formats of drives do not have: rolling shutters, other poses, novel views.
 void note_left_out(const Recording& drive, DriveNotes* notes);
 
-/// Writes KITTI-360's layout (recording/kitti360.h) with up to two perspective cameras and two
-/// fisheyes. InputError for a file that cannot be read and a drive without such a camera; IoError;
-/// Interrupted once `stop` is set.
+/// Writes KITTI-360's layout (recording/formats/kitti360/kitti360.h) with up to two perspective
+/// cameras and two fisheyes. InputError for a file that cannot be read and a drive without such a
+/// camera; IoError; Interrupted once `stop` is set.
 DriveNotes write_kitti360(const std::filesystem::path& folder, const Recording& drive,
                           ThreadPool& pool, const std::atomic<bool>& stop);
 
-/// Writes aiMotive's layout (recording/aimotive.h). Throws as write_kitti360.
+/// Writes aiMotive's layout (recording/formats/aimotive/aimotive.h). Throws as write_kitti360.
 DriveNotes write_aimotive(const std::filesystem::path& folder, const Recording& drive,
                           ThreadPool& pool, const std::atomic<bool>& stop);
 

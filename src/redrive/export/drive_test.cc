@@ -7,8 +7,8 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
-#include "redrive/recording/aimotive_boxes.h"
-#include "redrive/recording/trajectory.h"
+#include "redrive/recording/core/trajectory.h"
+#include "redrive/recording/formats/aimotive/aimotive_boxes.h"
 #include "redrive/scene/scene_testing.h"
 
 namespace redrive {

@@ -8,8 +8,8 @@
 #include "redrive/export/depth_image.h"
 #include "redrive/export/surface_mesh.h"
 #include "redrive/export/surfaces_testing.h"
+#include "redrive/perception/masks.h"
 #include "redrive/render/paint_backend_testing.h"
-#include "redrive/scene/masks.h"
 #include "redrive/scene/scene_testing.h"
 
 namespace redrive {

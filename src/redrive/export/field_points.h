@@ -4,7 +4,7 @@
 
 #include <vector>
 
-#include "redrive/recording/ply.h"
+#include "redrive/recording/lidar/ply.h"
 #include "redrive/train/run.h"
 
 namespace redrive {

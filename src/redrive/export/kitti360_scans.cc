@@ -9,9 +9,9 @@
 #include "redrive/base/files.h"
 #include "redrive/base/progress.h"
 #include "redrive/export/write_photo_set.h"
-#include "redrive/recording/scan_files.h"
-#include "redrive/recording/trajectory.h"
-#include "redrive/recording/wording.h"
+#include "redrive/recording/core/trajectory.h"
+#include "redrive/recording/core/wording.h"
+#include "redrive/recording/lidar/scan_files.h"
 #include "redrive/scene/lidar_returns.h"
 
 namespace redrive {

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "redrive/export/drive.h"
-#include "redrive/recording/kitti360.h"
+#include "redrive/recording/formats/kitti360/kitti360.h"
 
 namespace redrive {
 

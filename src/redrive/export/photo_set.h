@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "redrive/recording/recording.h"
+#include "redrive/recording/core/recording.h"
 #include "redrive/scene/scene.h"
 
 namespace redrive {

@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "redrive/recording/ply.h"
+#include "redrive/recording/lidar/ply.h"
 
 namespace redrive {
 

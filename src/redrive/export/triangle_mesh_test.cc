@@ -6,7 +6,7 @@
 
 #include <nlohmann/json.hpp>
 
-#include "redrive/recording/little_endian.h"
+#include "redrive/recording/parse/little_endian.h"
 
 namespace redrive {
 namespace {

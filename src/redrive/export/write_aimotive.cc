@@ -11,13 +11,13 @@
 #include "redrive/base/progress.h"
 #include "redrive/export/drive.h"
 #include "redrive/export/write_photo_set.h"
-#include "redrive/recording/aimotive_boxes.h"
-#include "redrive/recording/calibration_json.h"
-#include "redrive/recording/egomotion_json.h"
-#include "redrive/recording/las.h"
-#include "redrive/recording/ply.h"
-#include "redrive/recording/rigid_json.h"
-#include "redrive/recording/trajectory.h"
+#include "redrive/recording/core/trajectory.h"
+#include "redrive/recording/formats/aimotive/aimotive_boxes.h"
+#include "redrive/recording/formats/calibration_json.h"
+#include "redrive/recording/formats/egomotion_json.h"
+#include "redrive/recording/lidar/las.h"
+#include "redrive/recording/lidar/ply.h"
+#include "redrive/recording/parse/rigid_json.h"
 
 namespace redrive {
 namespace {

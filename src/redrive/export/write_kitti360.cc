@@ -12,12 +12,12 @@
 #include "redrive/export/drive.h"
 #include "redrive/export/kitti360_scans.h"
 #include "redrive/export/write_photo_set.h"
-#include "redrive/recording/kitti.h"
-#include "redrive/recording/kitti360.h"
-#include "redrive/recording/kitti360_boxes.h"
-#include "redrive/recording/scan_files.h"
-#include "redrive/recording/trajectory.h"
-#include "redrive/recording/wording.h"
+#include "redrive/recording/core/trajectory.h"
+#include "redrive/recording/core/wording.h"
+#include "redrive/recording/formats/kitti/kitti.h"
+#include "redrive/recording/formats/kitti360/kitti360.h"
+#include "redrive/recording/formats/kitti360/kitti360_boxes.h"
+#include "redrive/recording/lidar/scan_files.h"
 #include "redrive/scene/moving_objects.h"
 
 namespace redrive {

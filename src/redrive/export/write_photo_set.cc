@@ -12,9 +12,9 @@
 #include "redrive/base/progress.h"
 #include "redrive/export/cloud_normals.h"
 #include "redrive/image/image_io.h"
-#include "redrive/recording/colmap_files.h"
-#include "redrive/recording/photographs.h"
-#include "redrive/recording/ply.h"
+#include "redrive/recording/formats/photographs/colmap_files.h"
+#include "redrive/recording/formats/photographs/photographs.h"
+#include "redrive/recording/lidar/ply.h"
 #include "redrive/scene/resample.h"
 
 namespace redrive {

@@ -11,7 +11,7 @@
 #include "redrive/base/files.h"
 #include "redrive/base/output_folder.h"
 #include "redrive/image/image_io.h"
-#include "redrive/recording/ply.h"
+#include "redrive/recording/lidar/ply.h"
 #include "redrive/scene/scene_testing.h"
 
 namespace redrive {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The body's pose between the frames (recording/trajectory.h), in plain numbers.
+// The body's pose between the frames (recording/core/trajectory.h), in plain numbers.
 #pragma once
 
 #include <algorithm>
@@ -16,7 +16,7 @@ struct PlainFrame {
   PlainPose global_from_body;
 };
 
-/// Returns the pose at t_ns of frames of either kind, as recording/trajectory.h.
+/// Returns the pose at t_ns of frames of either kind, as recording/core/trajectory.h.
 template <class Frame>
 auto pose_at(std::span<const Frame> frames, std::int64_t t_ns) {
   const Frame *const first = frames.data(), *const end = first + frames.size();

@@ -135,7 +135,7 @@ struct StepBuffers {
 struct ExportOptions {
   int sh_degree = 1;  ///< degree of the colours' spherical harmonics, at most: 0 or 1
   /// Object whose Gaussians are written instead of the world's, in the axes of its box
-  /// (scene/actor_body.h); one that the model draws. Null: none.
+  /// (edit/actor_body.h); one that the model draws. Null: none.
   const MovingObject* actor = nullptr;
 };
 

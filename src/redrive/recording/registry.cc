@@ -4,16 +4,16 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/progress.h"
-#include "redrive/recording/aimotive.h"
-#include "redrive/recording/colmap.h"
-#include "redrive/recording/excerpt.h"
-#include "redrive/recording/folder_kind.h"
-#include "redrive/recording/kitti.h"
-#include "redrive/recording/kitti360.h"
-#include "redrive/recording/nuscenes.h"
-#include "redrive/recording/recording.h"
-#include "redrive/recording/repeated_images.h"
-#include "redrive/recording/transforms.h"
+#include "redrive/recording/core/excerpt.h"
+#include "redrive/recording/core/recording.h"
+#include "redrive/recording/core/repeated_images.h"
+#include "redrive/recording/formats/aimotive/aimotive.h"
+#include "redrive/recording/formats/folder_kind.h"
+#include "redrive/recording/formats/kitti/kitti.h"
+#include "redrive/recording/formats/kitti360/kitti360.h"
+#include "redrive/recording/formats/nuscenes/nuscenes.h"
+#include "redrive/recording/formats/photographs/colmap.h"
+#include "redrive/recording/formats/photographs/transforms.h"
 
 namespace redrive {
 namespace {
@@ -26,9 +26,9 @@ struct Format {
 };
 
 // To add a format: recording/<format>.{h,cc} with looks_like and open, which fills a Recording and
-// sets Recording::reader (recording/recording_reader.h), its test, a fuzz target per parser, and a
-// line here. recording/aimotive.cc is the model for drives, recording/transforms.cc for
-// photographs.
+// sets Recording::reader (recording/formats/recording_reader.h), its test, a fuzz target per
+// parser, and a line here. recording/formats/aimotive/aimotive.cc is the model for drives,
+// recording/formats/photographs/transforms.cc for photographs.
 constexpr Format kFormats[] = {
     {"aimotive", "sensor/calibration, sensor/camera or sensor/gnssins", aimotive::looks_like,
      aimotive::open},

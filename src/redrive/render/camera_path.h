@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "redrive/camera/camera.h"
-#include "redrive/recording/camera_path_file.h"
+#include "redrive/edit/camera_path_file.h"
 #include "redrive/scene/scene.h"
 
 namespace redrive {

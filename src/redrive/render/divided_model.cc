@@ -5,9 +5,9 @@
 #include <cmath>
 
 #include "redrive/base/error.h"
-#include "redrive/model/gaussian_ply.h"
-#include "redrive/model/gaussian_spz.h"
-#include "redrive/model/splat_model.h"
+#include "redrive/methods/splat/gaussian_ply.h"
+#include "redrive/methods/splat/gaussian_spz.h"
+#include "redrive/methods/splat/splat_model.h"
 #include "redrive/render/merged_gaussians.h"
 
 namespace redrive {

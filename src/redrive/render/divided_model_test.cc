@@ -9,7 +9,7 @@
 
 #include <gtest/gtest.h>
 
-#include "redrive/model/known_splats_testing.h"
+#include "redrive/methods/splat/known_splats_testing.h"
 #include "redrive/render/merged_gaussians.h"
 
 namespace redrive {

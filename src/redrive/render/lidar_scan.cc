@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/render/lidar_scan.h"
 
-#include "redrive/recording/trajectory.h"
+#include "redrive/recording/core/trajectory.h"
 
 namespace redrive {
 

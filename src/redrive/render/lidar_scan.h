@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "redrive/model/model.h"
-#include "redrive/recording/scan_files.h"
+#include "redrive/recording/lidar/scan_files.h"
 #include "redrive/render/lidar_sensor.h"
 #include "redrive/render/view_pose.h"
 

@@ -6,11 +6,11 @@
 
 #include <gtest/gtest.h>
 
-#include "redrive/model/nerf_model.h"
-#include "redrive/recording/aimotive.h"
-#include "redrive/recording/las.h"
-#include "redrive/recording/scan_files.h"
-#include "redrive/recording/trajectory.h"
+#include "redrive/methods/nerf/nerf_model.h"
+#include "redrive/recording/core/trajectory.h"
+#include "redrive/recording/formats/aimotive/aimotive.h"
+#include "redrive/recording/lidar/las.h"
+#include "redrive/recording/lidar/scan_files.h"
 #include "redrive/render/paint_backend_testing.h"
 #include "redrive/scene/scene_testing.h"
 

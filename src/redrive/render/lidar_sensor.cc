@@ -8,7 +8,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/math/angles.h"
-#include "redrive/recording/trajectory.h"
+#include "redrive/recording/core/trajectory.h"
 #include "redrive/scene/lidar_returns.h"
 
 namespace redrive {

@@ -4,7 +4,7 @@
 #include <cmath>
 
 #include "redrive/base/error.h"
-#include "redrive/model/splat_model.h"
+#include "redrive/methods/splat/splat_model.h"
 #include "redrive/render/divided_model.h"
 
 namespace redrive {

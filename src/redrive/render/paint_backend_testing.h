@@ -11,7 +11,7 @@
 
 #include "redrive/kernels/backend.h"
 #include "redrive/kernels/nerf_stages.h"
-#include "redrive/model/nerf_model.h"
+#include "redrive/methods/nerf/nerf_model.h"
 
 namespace redrive {
 

@@ -7,7 +7,7 @@
 
 #include <gtest/gtest.h>
 
-#include "redrive/model/nerf_model.h"
+#include "redrive/methods/nerf/nerf_model.h"
 
 #include "redrive/render/paint_backend_testing.h"
 

@@ -7,7 +7,7 @@
 #include "redrive/base/did_you_mean.h"
 #include "redrive/base/error.h"
 #include "redrive/math/wgs84.h"
-#include "redrive/recording/trajectory.h"
+#include "redrive/recording/core/trajectory.h"
 
 namespace redrive {
 namespace {

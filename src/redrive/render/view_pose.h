@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "redrive/camera/mount.h"
-#include "redrive/recording/view_requests.h"
+#include "redrive/edit/view_requests.h"
 #include "redrive/scene/scene.h"
 
 namespace redrive {

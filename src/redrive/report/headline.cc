@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "redrive/recording/wording.h"
+#include "redrive/recording/core/wording.h"
 #include "redrive/report/html.h"
 #include "redrive/train/blocks.h"
 #include "redrive/train/train_command.h"

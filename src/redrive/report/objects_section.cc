@@ -11,12 +11,12 @@
 #include <opencv2/imgproc.hpp>
 
 #include "redrive/base/opencv_threads.h"
+#include "redrive/edit/object_summary.h"
 #include "redrive/image/image_io.h"
+#include "redrive/perception/line_pen.h"
 #include "redrive/report/html.h"
 #include "redrive/report/plot.h"
-#include "redrive/scene/line_pen.h"
 #include "redrive/scene/load_views.h"
-#include "redrive/scene/object_summary.h"
 #include "redrive/scene/project_shutter.h"
 
 namespace redrive {

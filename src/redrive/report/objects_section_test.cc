@@ -6,7 +6,7 @@
 
 #include "redrive/base/files.h"
 #include "redrive/image/image_io.h"
-#include "redrive/recording/recording_reader.h"
+#include "redrive/recording/formats/recording_reader.h"
 #include "redrive/report/plot.h"
 #include "redrive/scene/scene_testing.h"
 

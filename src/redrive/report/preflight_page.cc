@@ -9,11 +9,11 @@
 
 #include "redrive/base/files.h"
 #include "redrive/base/progress.h"
+#include "redrive/perception/masks.h"
 #include "redrive/report/html.h"
 #include "redrive/report/objects_section.h"
 #include "redrive/report/plot.h"
 #include "redrive/scene/load_views.h"
-#include "redrive/scene/masks.h"
 
 namespace redrive {
 namespace {

@@ -7,10 +7,10 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/progress.h"
-#include "redrive/recording/damaged_records.h"
-#include "redrive/recording/recording_reader.h"
-#include "redrive/recording/trajectory.h"
-#include "redrive/recording/wording.h"
+#include "redrive/recording/core/trajectory.h"
+#include "redrive/recording/core/wording.h"
+#include "redrive/recording/formats/damaged_records.h"
+#include "redrive/recording/formats/recording_reader.h"
 #include "redrive/scene/cloud_returns.h"
 
 namespace redrive {

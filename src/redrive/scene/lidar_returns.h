@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "redrive/base/parallel.h"
-#include "redrive/recording/lidar_point.h"
+#include "redrive/recording/core/lidar_point.h"
 #include "redrive/scene/moving_objects.h"
 #include "redrive/scene/scene.h"
 

@@ -6,9 +6,9 @@
 
 #include <gtest/gtest.h>
 
-#include "redrive/recording/aimotive.h"
-#include "redrive/recording/las_testing.h"
-#include "redrive/recording/trajectory.h"
+#include "redrive/recording/core/trajectory.h"
+#include "redrive/recording/formats/aimotive/aimotive.h"
+#include "redrive/recording/lidar/las_testing.h"
 #include "redrive/scene/scene_testing.h"
 
 namespace redrive {

@@ -11,7 +11,7 @@
 #include "redrive/base/opencv_threads.h"
 #include "redrive/base/progress.h"
 #include "redrive/image/image_io.h"
-#include "redrive/recording/damaged_records.h"
+#include "redrive/recording/formats/damaged_records.h"
 #include "redrive/scene/resample.h"
 
 namespace redrive {

@@ -12,7 +12,7 @@
 
 #include "redrive/base/parallel.h"
 #include "redrive/image/image.h"
-#include "redrive/recording/recording.h"
+#include "redrive/recording/core/recording.h"
 #include "redrive/scene/resample.h"
 #include "redrive/scene/scene.h"
 

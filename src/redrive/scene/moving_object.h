@@ -33,9 +33,9 @@ struct MovingObject {
   Eigen::Vector3d size_m = Eigen::Vector3d::Zero();  ///< along each axis, the largest of its boxes
   std::vector<Key> keys;                             ///< ascending by time, at least one
   bool is_refined = false;                           ///< the keys have a model's corrections
-  // Changes (scene/edit_actors.h):
+  // Changes (edit/edit_actors.h):
   std::optional<std::int64_t> body;  ///< id of the object whose Gaussians it shows; its own
-  /// Gaussians from another run that it shows instead (scene/actor_body.h); null: none.
+  /// Gaussians from another run that it shows instead (edit/actor_body.h); null: none.
   std::shared_ptr<const ActorBody> imported = nullptr;
   std::array<float, 3> gain{1, 1, 1};                            ///< factors of r, g, b
   std::vector<std::pair<std::int64_t, std::int64_t>> hidden_ns;  ///< times at which it is not drawn

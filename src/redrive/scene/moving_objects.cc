@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <map>
 
-#include "redrive/recording/trajectory.h"
+#include "redrive/recording/core/trajectory.h"
 
 namespace redrive {
 

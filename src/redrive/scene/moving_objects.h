@@ -9,7 +9,7 @@
 #include <utility>
 #include <vector>
 
-#include "redrive/recording/recording_reader.h"
+#include "redrive/recording/formats/recording_reader.h"
 #include "redrive/scene/moving_object.h"
 #include "redrive/scene/scene.h"
 

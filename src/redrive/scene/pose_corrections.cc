@@ -6,14 +6,14 @@
 
 #include "redrive/base/error.h"
 #include "redrive/math/so3.h"
-#include "redrive/recording/trajectory.h"
+#include "redrive/recording/core/trajectory.h"
 
 namespace redrive {
 namespace {
 
 /// The interval that contains a time among n ascending ones, and the fraction `part` in it, below 0
-/// and above 1 at the ends as in recording/trajectory.h. With a single time, both ends are that
-/// one.
+/// and above 1 at the ends as in recording/core/trajectory.h. With a single time, both ends are
+/// that one.
 struct Between {
   std::size_t before = 0;
   double part = 0;

@@ -7,9 +7,9 @@
 
 #include "redrive/base/error.h"
 #include "redrive/camera/ray_share.h"
-#include "redrive/recording/camera_choice.h"
-#include "redrive/recording/frame_range.h"
-#include "redrive/recording/trajectory.h"
+#include "redrive/recording/core/camera_choice.h"
+#include "redrive/recording/core/frame_range.h"
+#include "redrive/recording/core/trajectory.h"
 
 namespace redrive {
 namespace {

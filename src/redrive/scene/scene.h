@@ -13,7 +13,7 @@
 #include "redrive/camera/camera.h"
 #include "redrive/field/exposure.h"
 #include "redrive/field/unit_from_world.h"
-#include "redrive/recording/recording.h"
+#include "redrive/recording/core/recording.h"
 #include "redrive/scene/moving_object.h"
 #include "redrive/scene/shutter_poses.h"
 

@@ -7,7 +7,7 @@
 
 #include "redrive/base/temporary_folder_testing.h"
 #include "redrive/image/image_io.h"
-#include "redrive/recording/recording.h"
+#include "redrive/recording/core/recording.h"
 
 namespace redrive {
 

@@ -3,7 +3,7 @@
 
 #include <gtest/gtest.h>
 
-#include "redrive/recording/trajectory.h"
+#include "redrive/recording/core/trajectory.h"
 #include "redrive/scene/pose_corrections.h"
 #include "redrive/scene/scene_testing.h"
 

@@ -10,7 +10,7 @@
 #include "redrive/base/temporary_folder_testing.h"
 #include "redrive/camera/camera.h"
 #include "redrive/image/image_io.h"
-#include "redrive/recording/trajectory.h"
+#include "redrive/recording/core/trajectory.h"
 #include "redrive/scene/shutter_poses.h"
 
 namespace redrive {

@@ -12,7 +12,7 @@
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
 #include "redrive/base/json_field.h"
-#include "redrive/recording/frame_range.h"
+#include "redrive/recording/core/frame_range.h"
 
 namespace redrive {
 namespace {

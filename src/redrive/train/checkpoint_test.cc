@@ -3,7 +3,7 @@
 
 #include <limits>
 
-#include "redrive/model/grid_model.h"
+#include "redrive/methods/grid/grid_model.h"
 
 namespace redrive {
 namespace {

@@ -21,7 +21,7 @@
 
 #include <gtest/gtest.h>
 
-#include "redrive/model/tiny_grid_model_testing.h"
+#include "redrive/methods/grid/tiny_grid_model_testing.h"
 #include "redrive/train/data_parallel.h"
 #include "redrive/train/train_testing.h"
 #include "redrive/train/training_data.h"

@@ -6,11 +6,11 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/memory_limit.h"
-#include "redrive/recording/recording_reader.h"
+#include "redrive/perception/masks.h"
+#include "redrive/perception/seen_through.h"
+#include "redrive/perception/track_points.h"
+#include "redrive/recording/formats/recording_reader.h"
 #include "redrive/scene/cloud_returns.h"
-#include "redrive/scene/masks.h"
-#include "redrive/scene/seen_through.h"
-#include "redrive/scene/track_points.h"
 #include "redrive/train/step.h"
 
 namespace redrive {

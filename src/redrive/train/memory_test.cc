@@ -5,10 +5,10 @@
 #include <gtest/gtest.h>
 
 #include "redrive/base/error.h"
-#include "redrive/model/range_pixels.h"
-#include "redrive/model/surface_planes.h"
-#include "redrive/recording/aimotive.h"
-#include "redrive/recording/las.h"
+#include "redrive/methods/splat/range_pixels.h"
+#include "redrive/methods/splat/surface_planes.h"
+#include "redrive/recording/formats/aimotive/aimotive.h"
+#include "redrive/recording/lidar/las.h"
 #include "redrive/train/train_testing.h"
 
 namespace redrive {

@@ -12,11 +12,11 @@
 
 #include "redrive/base/did_you_mean.h"
 #include "redrive/base/error.h"
-#include "redrive/recording/camera_choice.h"
-#include "redrive/recording/damaged_records.h"
-#include "redrive/recording/frame_range.h"
-#include "redrive/recording/readout_options.h"
-#include "redrive/recording/wording.h"
+#include "redrive/recording/core/camera_choice.h"
+#include "redrive/recording/core/frame_range.h"
+#include "redrive/recording/core/readout_options.h"
+#include "redrive/recording/core/wording.h"
+#include "redrive/recording/formats/damaged_records.h"
 
 namespace redrive {
 namespace {

@@ -17,7 +17,7 @@
 #include <nlohmann/json_fwd.hpp>
 
 #include "redrive/model/method.h"
-#include "redrive/recording/pose_files.h"
+#include "redrive/recording/formats/pose_files.h"
 #include "redrive/scene/scene.h"
 #include "redrive/train/pose_refinement.h"
 
@@ -37,11 +37,12 @@ struct TrainOptions {
   /// whether to read files outside the recording's folder that it names
   bool outside_files = false;
   double max_damaged = kMostDamagedPercent;  ///< share of a sensor's records that may be damaged
-  std::string poses;   ///< folder of other poses and another calibration (recording/pose_files.h);
-                       ///< "": the recording's own
+  std::string
+      poses;  ///< folder of other poses and another calibration (recording/formats/pose_files.h);
+              ///< "": the recording's own
   bool align = false;  ///< runs redrive align first and uses its poses
   std::vector<std::string>
-      rolling_shutter;                ///< recording/readout_options.h; overrides the calibration
+      rolling_shutter;  ///< recording/core/readout_options.h; overrides the calibration
   std::string refine_poses = "auto";  ///< "auto", "on", "off"; auto: on for drives with grid, off
                                       ///< with ground_truth_poses
   double near_m = 0.5, far_m = 1000;

@@ -6,7 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "redrive/base/error.h"
-#include "redrive/scene/seen_through.h"
+#include "redrive/perception/seen_through.h"
 #include "redrive/train/train_testing.h"
 
 namespace redrive {

@@ -4,7 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "redrive/model/ray_model.h"
+#include "redrive/methods/march/ray_model.h"
 #include "redrive/rays/ray_table.h"
 #include "redrive/scene/scene_testing.h"
 #include "redrive/train/pose_changes.h"

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // --rolling-shutter of train and align.
-#include "redrive/recording/readout_options.h"
+#include "redrive/recording/core/readout_options.h"
 
 #include <gtest/gtest.h>
 

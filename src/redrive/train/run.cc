@@ -11,9 +11,9 @@
 #include "redrive/base/progress.h"
 #include "redrive/base/unfinished.h"
 #include "redrive/model/method.h"
-#include "redrive/recording/folder_kind.h"
-#include "redrive/recording/pose_files.h"
-#include "redrive/scene/moving_file.h"
+#include "redrive/perception/moving_file.h"
+#include "redrive/recording/formats/folder_kind.h"
+#include "redrive/recording/formats/pose_files.h"
 #include "redrive/train/memory.h"
 
 namespace redrive {

@@ -19,10 +19,12 @@ namespace redrive {
 struct RunPaths {
   std::filesystem::path root;
   std::filesystem::path config() const { return root / "config.json"; }
-  std::filesystem::path masks() const { return root / "masks"; }  ///< scene/masks.h write_masks
+  std::filesystem::path masks() const {
+    return root / "masks";
+  }  ///< perception/masks.h write_masks
   std::filesystem::path poses() const {
     return root / "poses";
-  }  ///< recording/pose_files.h, where has_external_poses
+  }  ///< recording/formats/pose_files.h, where has_external_poses
   std::filesystem::path metrics() const { return root / "metrics.jsonl"; }
   std::filesystem::path checkpoint() const { return root / "checkpoint.safetensors"; }
   std::filesystem::path figures() const { return root / "figures"; }
@@ -59,9 +61,10 @@ struct Run {
 Run open_run(const std::filesystem::path& root, bool to_resume = false,
              std::optional<double> max_damaged = {});
 
-/// Sets run->moving to the annotated objects that move and to `found` ones (scene/find_moving.h).
-/// If the model draws objects, sets run->scene.actors to those with boxes at two or more times that
-/// exist at a frame of the scene. InputError as the readers of boxes.
+/// Sets run->moving to the annotated objects that move and to `found` ones
+/// (perception/find_moving.h). If the model draws objects, sets run->scene.actors to those with
+/// boxes at two or more times that exist at a frame of the scene. InputError as the readers of
+/// boxes.
 void load_actors(Run* run, const std::vector<MovingObject>& found);
 /// The same with the run's masks/moving.json, or without it with --masks none. open_run() calls it.
 /// InputError as read_moving_file, and if the masks of a block (train/blocks.h) did not come with

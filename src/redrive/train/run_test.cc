@@ -9,8 +9,8 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/temporary_folder_testing.h"
-#include "redrive/model/grid_model.h"
-#include "redrive/model/nerf_model.h"
+#include "redrive/methods/grid/grid_model.h"
+#include "redrive/methods/nerf/nerf_model.h"
 
 namespace redrive {
 namespace {

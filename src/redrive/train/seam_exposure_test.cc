@@ -8,7 +8,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/temporary_folder_testing.h"
-#include "redrive/model/tiny_grid_model_testing.h"
+#include "redrive/methods/grid/tiny_grid_model_testing.h"
 
 namespace redrive {
 namespace {

@@ -4,7 +4,7 @@
 #include <array>
 #include <limits>
 
-#include "redrive/model/splat_model.h"
+#include "redrive/methods/splat/splat_model.h"
 
 namespace redrive {
 namespace {

@@ -6,7 +6,7 @@
 #include <gtest/gtest.h>
 
 #include "redrive/kernels/gaussian_stages.h"
-#include "redrive/model/splat_model.h"
+#include "redrive/methods/splat/splat_model.h"
 #include "redrive/train/memory.h"
 #include "redrive/train/train_testing.h"
 #include "redrive/train/training_data.h"

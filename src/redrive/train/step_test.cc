@@ -4,7 +4,7 @@
 #include <gtest/gtest.h>
 
 #include "redrive/base/rng.h"
-#include "redrive/model/grid_model.h"
+#include "redrive/methods/grid/grid_model.h"
 #include "redrive/train/train_testing.h"
 
 namespace redrive {

@@ -14,8 +14,8 @@
 
 #include "redrive/kernels/grid_stages.h"
 #include "redrive/kernels/nerf_stages.h"
-#include "redrive/model/grid_model.h"
-#include "redrive/model/nerf_model.h"
+#include "redrive/methods/grid/grid_model.h"
+#include "redrive/methods/nerf/nerf_model.h"
 #include "redrive/scene/scene_testing.h"
 #include "redrive/train/run.h"
 #include "redrive/train/step.h"

@@ -20,7 +20,7 @@
 #include "redrive/base/error.h"
 #include "redrive/base/progress.h"
 #include "redrive/base/rng.h"
-#include "redrive/model/surface_planes.h"
+#include "redrive/methods/splat/surface_planes.h"
 #include "redrive/rays/lidar_sampler.h"
 #include "redrive/train/data_parallel.h"
 #include "redrive/train/loss_watch.h"

@@ -5,9 +5,9 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/progress.h"
-#include "redrive/scene/find_moving.h"
+#include "redrive/perception/find_moving.h"
+#include "redrive/perception/moving_file.h"
 #include "redrive/scene/load_views.h"
-#include "redrive/scene/moving_file.h"
 #include "redrive/train/memory.h"
 
 namespace redrive {

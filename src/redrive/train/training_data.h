@@ -5,10 +5,10 @@
 #include <memory>
 #include <optional>
 
+#include "redrive/perception/masks.h"
 #include "redrive/rays/ray_table.h"
 #include "redrive/scene/image_cache.h"
 #include "redrive/scene/lidar_returns.h"
-#include "redrive/scene/masks.h"
 #include "redrive/train/run.h"
 
 namespace redrive {

@@ -5,11 +5,11 @@
 #include <gtest/gtest.h>
 
 #include "redrive/base/error.h"
-#include "redrive/model/splat_model.h"
-#include "redrive/recording/aimotive.h"
-#include "redrive/recording/las.h"
-#include "redrive/recording/scan_files.h"
-#include "redrive/scene/moving_file.h"
+#include "redrive/methods/splat/splat_model.h"
+#include "redrive/perception/moving_file.h"
+#include "redrive/recording/formats/aimotive/aimotive.h"
+#include "redrive/recording/lidar/las.h"
+#include "redrive/recording/lidar/scan_files.h"
 #include "redrive/train/train_testing.h"
 
 namespace redrive {

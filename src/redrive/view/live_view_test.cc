@@ -8,7 +8,7 @@
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 
-#include "redrive/model/splat_model.h"
+#include "redrive/methods/splat/splat_model.h"
 #include "redrive/train/train_testing.h"
 #include "redrive/view/loopback_client_testing.h"
 

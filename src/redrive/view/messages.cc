@@ -8,9 +8,9 @@
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
 #include "redrive/base/json_field.h"
-#include "redrive/recording/json_numbers.h"
-#include "redrive/recording/traffic_edit.h"
-#include "redrive/recording/view_requests.h"
+#include "redrive/edit/traffic_edit.h"
+#include "redrive/edit/view_requests.h"
+#include "redrive/recording/parse/json_numbers.h"
 
 namespace redrive::view {
 namespace {

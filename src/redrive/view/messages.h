@@ -27,7 +27,7 @@
 #include <vector>
 
 #include "redrive/camera/mount.h"
-#include "redrive/recording/camera_path_file.h"
+#include "redrive/edit/camera_path_file.h"
 
 namespace redrive::view {
 
@@ -118,7 +118,7 @@ struct LoadPath {
 struct EditMessage {
   std::uint64_t id = 0;  ///< comes back with the answer
   std::string file;      ///< name of the file, for errors
-  std::string text;      ///< text of an EDIT.json (recording/traffic_edit.h), not yet parsed
+  std::string text;      ///< text of an EDIT.json (edit/traffic_edit.h), not yet parsed
 };
 
 /// Asks for the place of an object that is dragged in the last sent image.

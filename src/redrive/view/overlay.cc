@@ -7,9 +7,9 @@
 #include <iterator>
 #include <optional>
 
-#include "redrive/recording/recording_reader.h"
-#include "redrive/recording/trajectory.h"
-#include "redrive/scene/moving_file.h"
+#include "redrive/perception/moving_file.h"
+#include "redrive/recording/core/trajectory.h"
+#include "redrive/recording/formats/recording_reader.h"
 #include "redrive/view/traffic.h"
 
 namespace redrive::view {

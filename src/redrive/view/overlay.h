@@ -9,8 +9,8 @@
 #include <utility>
 #include <vector>
 
-#include "redrive/scene/line_pen.h"
-#include "redrive/scene/masks.h"
+#include "redrive/perception/line_pen.h"
+#include "redrive/perception/masks.h"
 #include "redrive/view/view_renderer.h"
 
 namespace redrive::view {

@@ -25,7 +25,7 @@ class PathStore {
   std::vector<PathKey> keys(const std::vector<PathKeyframe>& keyframes) const;
 
   /// Writes RUN/paths/NAME.json, whole or not at all: the keyframes, and the part of nerfstudio's
-  /// layout that other programs read (recording/camera_path_file.h). InputError where it exists and
+  /// layout that other programs read (edit/camera_path_file.h). InputError where it exists and
   /// must not be overwritten, has more than 20000 images, or would be the 101st; IoError.
   void save(const PathMessage& path) const;
 

@@ -10,8 +10,8 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
+#include "redrive/edit/edit_actors.h"
 #include "redrive/math/angles.h"
-#include "redrive/scene/edit_actors.h"
 #include "redrive/scene/moving_objects.h"
 
 namespace redrive::view {

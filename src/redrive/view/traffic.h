@@ -11,8 +11,8 @@
 
 #include <nlohmann/json_fwd.hpp>
 
-#include "redrive/recording/traffic_edit.h"
-#include "redrive/scene/actor_body.h"
+#include "redrive/edit/actor_body.h"
+#include "redrive/edit/traffic_edit.h"
 #include "redrive/scene/scene.h"
 #include "redrive/view/messages.h"
 #include "redrive/view/view_renderer.h"

@@ -9,8 +9,8 @@
 #include <nlohmann/json.hpp>
 
 #include "redrive/base/error.h"
+#include "redrive/edit/edit_actors.h"
 #include "redrive/render/paint_backend_testing.h"
-#include "redrive/scene/edit_actors.h"
 #include "redrive/scene/scene_testing.h"
 #include "redrive/view/overlay.h"
 

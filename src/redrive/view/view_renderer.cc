@@ -13,12 +13,12 @@
 #include "redrive/math/angles.h"
 #include "redrive/math/wgs84.h"
 #include "redrive/model/method.h"
+#include "redrive/perception/masks.h"
 #include "redrive/render/divided_model.h"
 #include "redrive/render/normals.h"
 #include "redrive/render/view_pose.h"
 #include "redrive/report/report_images.h"
 #include "redrive/scene/load_views.h"
-#include "redrive/scene/masks.h"
 #include "redrive/view/traffic.h"
 
 namespace redrive::view {

@@ -7,7 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "redrive/base/error.h"
-#include "redrive/scene/edit_actors.h"
+#include "redrive/edit/edit_actors.h"
 #include "redrive/view/viewer.h"
 #include "redrive/view/viewer_client.h"
 

@@ -15,7 +15,7 @@
 #include "redrive/align/bundle/unobservable_time_offsets.h"
 #include "redrive/base/progress.h"
 #include "redrive/math/angles.h"
-#include "redrive/recording/register_trajectories.h"
+#include "redrive/recording/core/register_trajectories.h"
 
 namespace redrive {
 namespace {

@@ -5,7 +5,7 @@
 #include <limits>
 
 #include "redrive/math/so3.h"
-#include "redrive/recording/trajectory.h"
+#include "redrive/recording/core/trajectory.h"
 
 namespace redrive {
 namespace {

@@ -15,7 +15,7 @@
 #include "redrive/camera/camera.h"
 #include "redrive/math/angles.h"
 #include "redrive/math/so3.h"
-#include "redrive/recording/recording.h"
+#include "redrive/recording/core/recording.h"
 
 namespace redrive::testing {
 

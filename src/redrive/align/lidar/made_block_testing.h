@@ -12,7 +12,7 @@
 #include "redrive/align/lidar/register_maps.h"
 #include "redrive/base/rng.h"
 #include "redrive/math/so3.h"
-#include "redrive/recording/recording.h"
+#include "redrive/recording/core/recording.h"
 
 namespace redrive::testing {
 

@@ -9,7 +9,7 @@
 
 #include <Eigen/Eigenvalues>
 
-#include "redrive/recording/trajectory.h"
+#include "redrive/recording/core/trajectory.h"
 
 namespace redrive {
 namespace {

@@ -8,8 +8,8 @@
 
 #include "redrive/base/opencv_threads.h"
 #include "redrive/image/image_head.h"
-#include "redrive/recording/pose_jumps.h"
-#include "redrive/recording/wording.h"
+#include "redrive/recording/core/pose_jumps.h"
+#include "redrive/recording/core/wording.h"
 
 namespace redrive {
 namespace {

@@ -11,7 +11,7 @@
 
 namespace redrive {
 
-/// Whether each pose agrees with the motion of the frames around it (recording/pose_jumps.h).
+/// Whether each pose agrees with the motion of the frames around it (recording/core/pose_jumps.h).
 SharedCheck check_motion(const Recording& recording);
 
 /// Whether returns of the LiDAR lie in images, seen from the nearest view in time.

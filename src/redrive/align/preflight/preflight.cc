@@ -5,8 +5,8 @@
 #include <limits>
 
 #include "redrive/align/preflight/drive_checks.h"
-#include "redrive/recording/recording_reader.h"
-#include "redrive/recording/trajectory.h"
+#include "redrive/recording/core/trajectory.h"
+#include "redrive/recording/formats/recording_reader.h"
 
 namespace redrive {
 namespace {

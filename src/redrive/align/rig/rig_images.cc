@@ -5,8 +5,8 @@
 #include <opencv2/imgproc.hpp>
 
 #include "redrive/base/opencv_threads.h"
+#include "redrive/perception/masks.h"
 #include "redrive/scene/load_views.h"
-#include "redrive/scene/masks.h"
 
 namespace redrive {
 namespace {

@@ -17,7 +17,7 @@
 #include "redrive/camera/camera.h"
 #include "redrive/math/rigid3.h"
 #include "redrive/math/shutter_row.h"
-#include "redrive/recording/recording.h"
+#include "redrive/recording/core/recording.h"
 #include "redrive/scene/scene.h"
 
 namespace redrive {

@@ -9,7 +9,7 @@
 
 #include "redrive/align/rig/rig_images.h"
 #include "redrive/base/parallel.h"
-#include "redrive/recording/recording.h"
+#include "redrive/recording/core/recording.h"
 
 namespace redrive {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Changes to moving objects as an EDIT.json holds them (recording/traffic_edit.h), and the way back.
+// Changes to moving objects as an EDIT.json holds them (edit/traffic_edit.h), and the way back.
 
 export type Three = [number, number, number];
 

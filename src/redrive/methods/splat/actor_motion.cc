@@ -1,0 +1,92 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/methods/splat/actor_motion.h"
+
+#include <algorithm>
+#include <vector>
+
+#include "redrive/math/so3.h"
+
+namespace redrive {
+namespace {
+
+constexpr float kSmoothing = 0.02f, kDecay = 0.002f;  // factors of an update
+constexpr double kAtKey = 0.25;  // part of the way between keys: nearer images move one key
+
+/// Returns the later key's share in the derivative with respect to a motion.
+float share_of_later(const MovingObject::KeyTime& at) {
+  if (at.part < kAtKey) return 0;
+  return at.part > 1 - kAtKey ? 1 : static_cast<float>(at.part);
+}
+
+}  // namespace
+
+ActorMotion motion_at(std::span<const float> motions, const MovingObject::KeyTime& at) {
+  ActorMotion motion;
+  const auto part = static_cast<float>(at.part);
+  for (std::size_t k = 0; k < kMotionSize; ++k)
+    motion[k] = (1 - part) * motions[kMotionSize * at.before + k] +
+                part * motions[kMotionSize * at.after + k];
+  return motion;
+}
+
+Rigid3d moved(const Rigid3d& world_from_actor, const ActorMotion& motion) {
+  Rigid3d own = Rigid3d::Identity();
+  own.translation() = Eigen::Vector3f(motion.data()).cast<double>();
+  own.linear() = so3_exp(Eigen::Vector3f(motion.data() + 3).cast<double>());
+  return world_from_actor * own;
+}
+
+void add_motion_gradient(const GaussianPoseGradient<NumberMath<double>>& d_pose,
+                         const Eigen::Vector3d& camera, std::span<const float> motions,
+                         const MovingObject::KeyTime& at, std::span<float> d_motions) {
+  // The camera moves relative to the object: by -exp(-w) u and -w x camera, and turns by -w.
+  const Eigen::Vector3d d_translation(d_pose.translation), d_rotation(d_pose.rotation);
+  const Eigen::Matrix3d turned = moved(Rigid3d::Identity(), motion_at(motions, at)).linear();
+  const Eigen::Vector3d d_u = -turned * d_translation,
+                        d_w = -camera.cross(d_translation) - d_rotation;
+  const float later = share_of_later(at);
+  for (int k = 0; k < 3; ++k)
+    for (const auto& [key, part] : {std::pair(at.before, 1 - later), std::pair(at.after, later)}) {
+      d_motions[kMotionSize * key + k] += part * static_cast<float>(d_u[k]);
+      d_motions[kMotionSize * key + 3 + k] += part * static_cast<float>(d_w[k]);
+    }
+}
+
+void update_motions(AdamStep step, float rate, std::span<const float> gradients,
+                    std::span<float> motions, std::span<float> first_moment,
+                    std::span<float> second_moment) {
+  const std::size_t keys = motions.size() / kMotionSize;
+  const auto any = [](std::span<const float> of, std::size_t key) {
+    return std::ranges::any_of(of.subspan(kMotionSize * key, kMotionSize),
+                               [](float x) { return x != 0; });
+  };
+  const std::vector<float> before(motions.begin(), motions.end());
+  for (std::size_t key = 0; key < keys; ++key) {
+    const bool has_gradient = any(gradients, key);
+    if (!has_gradient && any(second_moment, key)) continue;
+    for (std::size_t k = 0; k < kMotionSize; ++k) {
+      const std::size_t i = kMotionSize * key + k;
+      const float own = before[i], left = key > 0 ? before[i - kMotionSize] : own,
+                  right = key + 1 < keys ? before[i + kMotionSize] : own;
+      if (!has_gradient) {
+        motions[i] = (left + right) / 2;
+        continue;
+      }
+      step.learning_rate = k < 3 ? rate : 0.1f * rate;
+      adam_update(step, gradients[i], motions[i], first_moment[i], second_moment[i]);
+      const float most = k < 3 ? kMaxMotion_m : kMaxMotion_rad;
+      motions[i] = std::clamp((1 - kDecay) * (motions[i] + kSmoothing * (left + right - 2 * own)),
+                              -most, most);
+    }
+  }
+}
+
+void correct_track(std::span<const float> motions, MovingObject* object) {
+  for (std::size_t key = 0; key < object->keys.size(); ++key) {
+    Rigid3d& pose = object->keys[key].world_from_box;
+    pose = moved(pose, motion_at(motions, {key, key, 0}));
+  }
+  object->is_refined = true;
+}
+
+}  // namespace redrive

@@ -1,0 +1,214 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/methods/splat/densify_gaussians.h"
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cmath>
+#include <tuple>
+#include <utility>
+#include <vector>
+
+#include "redrive/base/rng.h"
+#include "redrive/field/gaussian_blocks.h"
+#include "redrive/optim/packed_moments.h"
+
+namespace redrive {
+namespace {
+
+constexpr float kChildOffset = 0.75f;  // in standard deviations of the parent, to either side
+constexpr float kChildScale = 0.6f, kChildOtherScale = 0.92f;  // along the axis, along the others
+
+/// Position on a Morton curve through space contracted by its logarithm.
+std::uint32_t morton_key(const float* position) {
+  constexpr int kBits = 10;
+  std::uint32_t cell[3];
+  for (int k = 0; k < 3; ++k) {
+    const float contracted =
+        std::copysign(std::log1p(std::fabs(position[k]) / 10), position[k]);  // -6..6 within 4 km
+    cell[k] = static_cast<std::uint32_t>(
+        std::clamp((contracted + 6) / 12 * ((1 << kBits) - 1), 0.0f, float((1 << kBits) - 1)));
+  }
+  std::uint32_t key = 0;
+  for (int bit = kBits - 1; bit >= 0; --bit)
+    for (int k = 0; k < 3; ++k) key = key << 1 | (cell[k] >> bit & 1);
+  return key;
+}
+
+/// The source of a Gaussian: itself, or one of the halves of a split one.
+struct Source {
+  std::uint32_t part;  ///< 0: the world, from 1 on actors
+  std::uint32_t key;   ///< on the Morton curve
+  std::uint32_t from;
+  std::int32_t half;  ///< 0: whole; 1, -1: halves along the longest axis
+};
+
+int longest_axis(const float* numbers, std::size_t i) {
+  int axis = 0;
+  for (int k = 1; k < 3; ++k)
+    if (numbers[gaussian_slot(i, kLogScaleRow + k)] >
+        numbers[gaussian_slot(i, kLogScaleRow + axis)])
+      axis = k;
+  return axis;
+}
+
+/// Direction of a Gaussian's axis in the world times its standard deviation.
+std::array<float, 3> axis_of(const float* numbers, std::size_t i, int axis) {
+  float q[4], norm = 0;
+  for (int k = 0; k < 4; ++k) {
+    q[k] = numbers[gaussian_slot(i, kQuaternionRow + k)];
+    norm += q[k] * q[k];
+  }
+  for (float& x : q) x /= std::sqrt(norm);
+  float r[3][3];
+  rotation_from_quaternion<NumberMath<float>>(q, r);
+  const float scale = std::exp(numbers[gaussian_slot(i, kLogScaleRow + axis)]);
+  return {scale * r[0][axis], scale * r[1][axis], scale * r[2][axis]};
+}
+
+/// Returns the layout for these numbers of Gaussians, the world's first.
+GaussianLayout layout_of(std::span<const std::size_t> sizes) {
+  GaussianLayout layout{.world = sizes[0], .actor_ends = {}};
+  for (std::size_t part = 1; part < sizes.size(); ++part)
+    layout.actor_ends.push_back(static_cast<std::int64_t>(
+        layout.blocks() + std::max<std::size_t>(1, gaussian_blocks(sizes[part]))));
+  return layout;
+}
+
+/// Index of the first Gaussian of a part.
+std::size_t first_of(const GaussianLayout& layout, std::size_t part) {
+  return part == 0 ? 0 : layout.first_block(part - 1) * kGaussianBlock;
+}
+
+/// Whether a Gaussian is within the bounds of its part.
+bool within_bounds(const DensifyOptions& options, std::size_t part, const float* numbers,
+                   std::size_t i) {
+  if (part == 0 || options.actor_bounds.empty()) return true;
+  const Eigen::Vector3f& bound = options.actor_bounds[part - 1];
+  const auto at = [&](int k) { return numbers[gaussian_slot(i, kPositionRow + k)]; };
+  const float beside = at(2) <= kShadowHeight_m - bound.z() ? kShadow_m : 0;
+  const float ahead = beside > 0 ? options.ahead_m : 0;
+  return -at(0) <= bound.x() + beside && at(0) <= bound.x() + ahead &&
+         std::fabs(at(1)) <= bound.y() + beside && std::fabs(at(2)) <= bound.z();
+}
+
+/// Returns the sources of the Gaussians, ordered by part and Morton key.
+std::vector<Source> choose_sources(const DensifyOptions& options, std::uint64_t key,
+                                   const GaussianLayout& layout, const float* p,
+                                   std::span<const std::uint32_t> moments) {
+  const std::size_t parts = 1 + layout.actor_ends.size();
+  const float least =
+      std::max(std::log(options.min_opacity / (1 - options.min_opacity)), kUnusedOpacity + 1);
+  std::vector<Source> sources;                              // whole ones at first
+  std::vector<std::pair<float, std::uint32_t>> candidates;  // drawn in ascending order
+  for (std::uint32_t part = 0; part < parts; ++part)
+    for (std::size_t i = first_of(layout, part); i < first_of(layout, part + 1); ++i) {
+      // Unused lanes are transparent.
+      if (!(p[gaussian_slot(i, kOpacityRow)] >= least)) continue;
+      if (!within_bounds(options, part, p, i)) continue;
+      const auto from = static_cast<std::uint32_t>(i);
+      float position[3];
+      for (int k = 0; k < 3; ++k) position[k] = p[gaussian_slot(i, kPositionRow + k)];
+      const float error = std::bit_cast<float>(moments[gaussian_slot(i, kDistanceRow)]),
+                  scale = std::exp(p[gaussian_slot(i, kLogScaleRow + longest_axis(p, i))]);
+      if (error > 0 && scale > options.min_scale * p[gaussian_slot(i, kDistanceRow)])
+        candidates.emplace_back(-std::log(std::max(random_unit(key, i), 1e-9f)) / error,
+                                static_cast<std::uint32_t>(sources.size()));
+      sources.push_back({part, morton_key(position), from, 0});
+    }
+  const std::size_t alive = sources.size(),
+                    wanted = options.target > alive ? options.target - alive : 0,
+                    splits = std::min(wanted, candidates.size() / 3);
+  std::nth_element(candidates.begin(), candidates.begin() + static_cast<std::ptrdiff_t>(splits),
+                   candidates.end());
+  candidates.resize(splits);
+  for (const auto& [time, which] : candidates) {
+    sources[which].half = 1;
+    sources.push_back(sources[which]);
+    sources.back().half = -1;
+  }
+  std::ranges::sort(sources, {},
+                    [](const Source& s) { return std::tuple(s.part, s.key, s.from, -s.half); });
+  return sources;
+}
+
+}  // namespace
+
+GaussianLayout layout_of(std::span<const GaussianList> lists) {
+  std::vector<std::size_t> sizes;
+  for (const GaussianList& list : lists) sizes.push_back(list.size());
+  return layout_of(std::span<const std::size_t>(sizes));
+}
+
+void write_blocks(std::span<const GaussianList> lists, const GaussianLayout& layout,
+                  Buffer<float>* numbers) {
+  for (std::size_t part = 0; part < lists.size(); ++part) {
+    const GaussianList& list = lists[part];
+    const std::size_t first = first_of(layout, part);
+    std::vector<std::pair<std::uint32_t, std::uint32_t>> order(list.size());
+    for (std::size_t i = 0; i < order.size(); ++i)
+      order[i] = {morton_key(&list.rows[i * std::size_t{kGaussianRows}]),
+                  static_cast<std::uint32_t>(i)};
+    std::ranges::sort(order);
+    for (std::size_t i = 0; i < order.size(); ++i)
+      for (int row = 0; row < kGaussianRows; ++row)
+        (*numbers)[gaussian_slot(first + i, row)] =
+            list.rows[order[i].second * std::size_t{kGaussianRows} + row];
+    clear_unused(first + order.size(), first_of(layout, part + 1), numbers->data());
+  }
+}
+
+void densify(const DensifyOptions& options, std::uint64_t key, GaussianLayout* layout,
+             Buffer<float>* numbers, Buffer<std::uint32_t>* moments) {
+  const float* const p = numbers->data();
+  const std::vector<Source> sources = choose_sources(options, key, *layout, p, *moments);
+  std::vector<std::size_t> sizes(1 + layout->actor_ends.size());
+  for (const Source& source : sources) ++sizes[source.part];
+  const std::vector<std::size_t> filled = sizes;
+  sizes[0] += options.spare;
+  const std::size_t old_size = layout->blocks() * kBlockSize;
+  *layout = layout_of(std::span<const std::size_t>(sizes));
+  const std::size_t size = layout->blocks() * kBlockSize;
+  // Calls body(source, slot) for each Gaussian.
+  const auto for_each = [&](const auto& body) {
+    auto source = sources.begin();
+    for (std::size_t part = 0; part < filled.size(); ++part)
+      for (std::size_t i = 0; i < filled[part]; ++i) body(*source++, first_of(*layout, part) + i);
+  };
+  const auto moved = [&]<class T>(const Buffer<T>& before) {
+    const std::size_t others = before.size() - old_size;
+    Buffer<T> to(size + others);
+    for_each([&](const Source& source, std::size_t i) {
+      for (int row = 0; row < kGaussianRows; ++row)
+        to[gaussian_slot(i, row)] = before[gaussian_slot(source.from, row)];
+    });
+    std::copy_n(before.data() + old_size, others, to.data() + size);
+    return to;
+  };
+  // One by one, so that only one of them is in memory twice.
+  *moments = moved(*moments);
+  for_each([&](const Source& source, std::size_t i) {
+    (*moments)[gaussian_slot(i, kDistanceRow)] = 0;
+    for (int row = 0; source.half < 0 && row < kDistanceRow; ++row) {
+      std::uint32_t& packed = (*moments)[gaussian_slot(i, row)];
+      packed = pack_moments(0, unpacked_second(packed));
+    }
+  });
+  Buffer<float> to = moved(*numbers);
+  for_each([&](const Source& source, std::size_t i) {
+    if (source.half == 0) return;
+    const int axis = longest_axis(p, source.from);
+    const std::array<float, 3> along = axis_of(p, source.from, axis);
+    for (int k = 0; k < 3; ++k) {
+      to[gaussian_slot(i, kPositionRow + k)] +=
+          kChildOffset * static_cast<float>(source.half) * along[k];
+      to[gaussian_slot(i, kLogScaleRow + k)] +=
+          std::log(k == axis ? kChildScale : kChildOtherScale);
+    }
+  });
+  for (std::size_t part = 0; part < sizes.size(); ++part)
+    clear_unused(first_of(*layout, part) + filled[part], first_of(*layout, part + 1), to.data());
+  *numbers = std::move(to);
+}
+
+}  // namespace redrive

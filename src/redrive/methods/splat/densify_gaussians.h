@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: Apache-2.0
+// Changes the number of Gaussians during training: removes transparent ones and splits Gaussians in
+// regions of large error. They stay ordered along a Morton curve, so that what a camera sees lies
+// together in memory.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "redrive/base/buffer.h"
+#include "redrive/methods/splat/initial_gaussians.h"
+
+namespace redrive {
+
+/// An actor's Gaussians may lie this far beside its box where they are at most kShadowHeight_m
+/// above its lower bound: its shadow.
+constexpr float kShadow_m = 1, kShadowHeight_m = 0.4f;
+/// In the dark they may lie this far ahead of the box (x), where its headlights light the road.
+constexpr float kHeadlights_m = 8;
+
+struct DensifyOptions {
+  std::size_t target = 0;     ///< number of Gaussians afterwards, at most
+  float min_opacity = 0.01f;  ///< Gaussians below it are removed; 0: only unused ones
+  /// unused places at the end of the world's blocks, which count as Gaussians
+  std::size_t spare = 0;
+  /// least size of the largest axis, as a part of the distance: smaller Gaussians are not split
+  float min_scale = 6e-4f;
+  /// One per actor: half sides of the box around its origin in which its Gaussians stay, but for
+  /// its shadow, metres; Gaussians outside are removed. Empty: no bounds.
+  std::span<const Eigen::Vector3f> actor_bounds;
+  /// distance ahead of the box in which Gaussians on the road stay, too
+  float ahead_m = kShadow_m;
+};
+
+/// Layout: the world's blocks first, then each actor's.
+struct GaussianLayout {
+  std::size_t world = 0;  ///< number of Gaussians of the world, from the first block
+  /// one per actor: the end of its blocks, which follow the world's
+  std::vector<std::int64_t> actor_ends;
+
+  std::size_t world_blocks() const { return gaussian_blocks(world); }
+  std::size_t first_block(std::size_t actor) const {
+    return actor == 0 ? world_blocks() : static_cast<std::size_t>(actor_ends[actor - 1]);
+  }
+  std::size_t blocks() const { return first_block(actor_ends.size()); }
+};
+
+/// Returns the layout of lists of Gaussians, the world's first. An actor has at least one block.
+GaussianLayout layout_of(std::span<const GaussianList> lists);
+
+/// Writes Gaussians in Morton order into blocks; unused lanes are transparent.
+void write_blocks(std::span<const GaussianList> lists, const GaussianLayout& layout,
+                  Buffer<float>* numbers);
+
+/// Splits Gaussians along their longest axis into two, drawn without replacement with probabilities
+/// proportional to their summed error (the row kDistanceRow of the moments), and removes
+/// transparent ones. Sets the summed errors to 0. Parents keep their second moments, children start
+/// without first moments. numbers: the Gaussians' and after them others, which stay; moments: the
+/// Gaussians' (GaussianUpdate::moments). Deterministic in key. Gaussians stay in the world or with
+/// their actor.
+void densify(const DensifyOptions& options, std::uint64_t key, GaussianLayout* layout,
+             Buffer<float>* numbers, Buffer<std::uint32_t>* moments);
+
+}  // namespace redrive

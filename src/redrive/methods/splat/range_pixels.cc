@@ -1,0 +1,135 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/methods/splat/range_pixels.h"
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+#include <utility>
+
+#include "redrive/scene/moving_objects.h"
+#include "redrive/scene/project_shutter.h"
+
+namespace redrive {
+
+namespace {
+
+constexpr std::size_t kReturnsOfChunk = 4096;  // some milliseconds of a spinning LiDAR
+// maximum time between a return and an image that uses it
+constexpr std::int64_t kApart_ns = 150'000'000;
+
+}  // namespace
+
+ReturnTimes::ReturnTimes(const LidarReturns& lidar) : n_(lidar.n) {
+  for (std::size_t i = 0; i < n_; ++i) {
+    const std::int64_t t_ns = lidar.t_ns[i];
+    if (i % kReturnsOfChunk == 0) chunks_.push_back({t_ns, t_ns});
+    chunks_.back().first_ns = std::min(chunks_.back().first_ns, t_ns);
+    chunks_.back().last_ns = std::max(chunks_.back().last_ns, t_ns);
+  }
+}
+
+std::vector<ReturnTimes::Range> ReturnTimes::ranges(std::int64_t first_ns,
+                                                    std::int64_t last_ns) const {
+  std::vector<Range> found;
+  for (std::size_t c = 0; c < chunks_.size(); ++c)
+    if (chunks_[c].first_ns <= last_ns && chunks_[c].last_ns >= first_ns)
+      found.emplace_back(c * kReturnsOfChunk, std::min(n_, (c + 1) * kReturnsOfChunk));
+  return found;
+}
+
+std::vector<RangePixel> find_range_pixels(const TrainingSet& data, const ReturnTimes& times,
+                                          std::size_t of_view) {
+  constexpr int kCell = 8;  // pixels
+  // a return farther by this part of the distance is hidden, as a logarithm
+  constexpr float kBehind = 0.14f;
+  // With poses refined meanwhile, the result would depend on when it is computed.
+  const Scene& scene = data.initial ? *data.initial : data.scene;
+  const View& view = scene.views[of_view];
+  const RigCamera& rig = scene.rig[view.camera];
+  const std::int64_t t_ns = scene.frames[view.frame].t_ns + rig.time_offset_ns;
+  const ShutterPoses poses = scene.shutter_poses(view);
+  const Rigid3d middle = poses.at(0.5), camera_from_world = middle.inverse(Eigen::Isometry);
+  const LidarReturns& lidar = data.lidar;
+  std::vector<RangePixel> all;
+  const auto pixel_of = [&](const Eigen::Vector3d& at) -> std::optional<RangePixel> {
+    const auto seen = project_shutter(rig.camera, poses, camera_from_world, at);
+    if (!seen) return std::nullopt;
+    const int x = static_cast<int>(std::floor(seen->pixel.x() + 0.5)),
+              y = static_cast<int>(std::floor(seen->pixel.y() + 0.5));
+    if (x < 0 || y < 0 || x >= rig.camera.width || y >= rig.camera.height) return std::nullopt;
+    return RangePixel{static_cast<std::uint16_t>(x), static_cast<std::uint16_t>(y),
+                      static_cast<float>(std::log(seen->in_camera.norm()))};
+  };
+  std::vector<MovingBox> boxes;
+  std::vector<std::pair<std::int64_t, Rigid3d>> actors;  // key: id; world_from_actor
+  for (const MovingObject& actor : scene.actors)
+    if (const auto world_from_actor = actor.world_from_box(t_ns)) {
+      boxes.push_back({actor.id, world_from_actor->inverse(Eigen::Isometry), actor.size_m / 2});
+      actors.emplace_back(actor.id, *world_from_actor);
+    }
+  const Eigen::Vector3d eye = middle.translation();
+  const auto add_return = [&](std::size_t i) {
+    if (scene.metric && std::abs(lidar.t_ns[i] - t_ns) > kApart_ns) return;
+    Eigen::Vector3d at;
+    for (int k = 0; k < 3; ++k)
+      at[k] = double(lidar.origin[k * lidar.n + i]) +
+              double(lidar.range_m[i]) * double(lidar.direction[k * lidar.n + i]);
+    const auto pixel = pixel_of(at);
+    // An object may by now hide what the sensor saw then.
+    if (pixel && std::ranges::none_of(
+                     boxes, [&](const MovingBox& box) { return box.intersects(eye, at - eye, 1); }))
+      all.push_back(*pixel);
+  };
+  const auto ranges = scene.metric ? times.ranges(t_ns - kApart_ns, t_ns + kApart_ns)
+                                   : std::vector<ReturnTimes::Range>{{0, lidar.n}};
+  for (const auto& [begin, end] : ranges)
+    for (std::size_t i = begin; i < end; ++i) add_return(i);
+  for (const LidarReturns::OnObject& at : lidar.on_objects) {
+    if (std::abs(at.t_ns - t_ns) > kApart_ns) continue;
+    const auto actor = std::ranges::find(actors, at.id, &std::pair<std::int64_t, Rigid3d>::first);
+    if (actor == actors.end()) continue;
+    if (const auto pixel = pixel_of(actor->second * at.in_box.cast<double>()))
+      all.push_back(*pixel);
+  }
+  const int across = rig.camera.width / kCell + 1, down = rig.camera.height / kCell + 1;
+  std::vector<float> nearest(static_cast<std::size_t>(across) * down, 1e9f);
+  for (const RangePixel& p : all) {
+    float& least = nearest[static_cast<std::size_t>(p.y / kCell) * across + p.x / kCell];
+    least = std::min(least, p.log_range);
+  }
+  std::erase_if(all, [&](const RangePixel& p) {
+    for (int dy = -1; dy <= 1; ++dy)
+      for (int dx = -1; dx <= 1; ++dx) {
+        const int cx = p.x / kCell + dx, cy = p.y / kCell + dy;
+        if (cx < 0 || cy < 0 || cx >= across || cy >= down) continue;
+        if (nearest[static_cast<std::size_t>(cy) * across + cx] < p.log_range - kBehind)
+          return true;
+      }
+    return false;
+  });
+  std::vector<bool> taken(static_cast<std::size_t>(rig.camera.width) * rig.camera.height);
+  std::erase_if(all, [&](const RangePixel& p) {
+    const std::size_t pixel = static_cast<std::size_t>(p.y) * rig.camera.width + p.x;
+    if (taken[pixel]) return true;
+    taken[pixel] = true;
+    return false;
+  });
+  all.shrink_to_fit();
+  return all;
+}
+
+std::uint64_t range_pixel_bytes(const Scene& scene, std::uint64_t returns) {
+  constexpr double kShown = 1.0 / 3;  // share of the returns around the car that an image shows
+  constexpr double kSeconds = 2e-9 * kApart_ns;
+  const double seconds = scene.exposure(0, scene.frames.back().t_ns).t_s,
+               part = scene.metric ? std::min(1.0, kSeconds / std::max(seconds, kSeconds)) : 1;
+  const auto shown = static_cast<std::uint64_t>(kShown * part * static_cast<double>(returns));
+  std::uint64_t pixels = 0;
+  for (const View& view : scene.views) {
+    const Camera& camera = scene.rig[view.camera].camera;
+    if (!view.held_out) pixels += std::min(shown, std::uint64_t(camera.width) * camera.height);
+  }
+  return pixels * sizeof(RangePixel);
+}
+
+}  // namespace redrive

@@ -1,0 +1,487 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/methods/splat/splat_model.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <optional>
+
+#include "redrive/base/error.h"
+#include "redrive/base/rng.h"
+#include "redrive/camera/plain_camera.h"
+#include "redrive/methods/splat/actor_gaussians.h"
+#include "redrive/methods/splat/gaussian_ply.h"
+#include "redrive/methods/splat/gaussian_points.h"
+#include "redrive/methods/splat/gaussian_spz.h"
+#include "redrive/methods/splat/image_windows.h"
+#include "redrive/methods/splat/range_pixels.h"
+#include "redrive/methods/splat/trace_gaussians.h"
+
+namespace redrive {
+namespace {
+
+enum SplatLossSlot { kL1Loss, kSsimLoss, kOpacityLoss, kRangeLoss };  // in StepSums::terms
+constexpr float kGainsFrom = 0.05f;                                   // progress
+constexpr float kMotionsFrom = 0.05f;                                 // progress
+constexpr double kShareOfActors = 0.5;  // of all Gaussians, at first, at most
+
+/// Working memory of a run's steps.
+struct SplatBuffers final : MethodBuffers {
+  std::vector<ImageLevel> levels;
+  /// Smaller images by level and view, made when first needed; if all are in memory.
+  std::vector<std::vector<ImagePointer>> reduced;
+  std::optional<ReturnTimes> times;                            ///< made when first needed
+  std::vector<std::optional<std::vector<RangePixel>>> ranges;  ///< by view, likewise
+  /// The steps that the images' plan is of.
+  struct Plan {
+    std::uint64_t seed = 0;
+    int level = -1;
+    int rank = 0, world_size = 0;
+    std::int64_t first = 0, end = 0;
+  } plan;
+  kernels::RasterImage image;
+  std::vector<float> gains, d_rgb, d_transmittance, error, log_range, d_range;
+  std::vector<std::uint8_t> tiles;
+};
+
+SplatBuffers& splat_buffers(const TrainingSet& data, int window_pixels, StepBuffers* buffers) {
+  if (!buffers->method) {
+    auto made = std::make_unique<SplatBuffers>();
+    made->levels = image_levels(data, window_pixels);
+    made->reduced.assign(kImageLevels, std::vector<ImagePointer>(data.images.size()));
+    made->ranges.resize(data.images.size());
+    buffers->method = std::move(made);
+  }
+  return static_cast<SplatBuffers&>(*buffers->method);
+}
+
+std::uint64_t draw_of(const StepRequest& request, std::int64_t step) {
+  return static_cast<std::uint64_t>(request.world_size * step + request.rank);
+}
+
+/// Tells which images the next steps draw, where not all are in memory. The order is known for as
+/// long as the level stays.
+void plan_images(const TrainingSet& data, const StepRequest& request, int level,
+                 SplatBuffers* own) {
+  constexpr std::size_t kMostPlanned = 1 << 16;
+  if (data.images.all_in_memory()) return;
+  const SplatBuffers::Plan& last = own->plan;
+  if (last.seed == request.seed && last.level == level && last.rank == request.rank &&
+      last.world_size == request.world_size && request.step >= last.first &&
+      request.step < (last.first + last.end) / 2)
+    return;
+  const std::vector<ImageWindow>& windows = own->levels[level].windows;
+  // Two epochs, so that each image's next use is known.
+  const auto n = static_cast<std::int64_t>(std::min(2 * windows.size(), kMostPlanned));
+  own->plan = {request.seed,       level,        request.rank,
+               request.world_size, request.step, request.step + n};
+  std::vector<ImageKey> coming;
+  for (std::int64_t step = request.step; step < request.step + n; ++step)
+    coming.push_back(
+        {windows[drawn_window(request.seed, draw_of(request, step), windows.size())].view,
+         level > 0});
+  data.images.plan(std::move(coming));
+}
+
+/// Returns a view's image at the size of a level.
+ImagePointer image_of(const TrainingSet& data, int view, int level, SplatBuffers* own) {
+  if (level == 0) return data.images[view];
+  ImagePointer& kept = own->reduced[level][view];
+  if (kept) return kept;
+  ImagePointer image = data.images.half(view);
+  for (int k = 1; k < level; ++k) image = std::make_shared<const Image8>(halved(*image));
+  if (data.images.all_in_memory()) kept = image;
+  return image;
+}
+
+/// Finds the LiDAR returns of the views that windows show, unless they are known, side by side.
+void find_ranges(const TrainingSet& data, std::span<const ImageWindow* const> windows, int threads,
+                 SplatBuffers* own) {
+  std::vector<int> views;
+  for (const ImageWindow* window : windows)
+    if (!own->ranges[window->view] && std::ranges::find(views, window->view) == views.end())
+      views.push_back(window->view);
+  if (views.empty()) return;
+  if (!own->times) own->times.emplace(data.lidar);
+  ThreadPool(threads).run(static_cast<int>(views.size()), [&](int i) {
+    own->ranges[views[i]] = find_range_pixels(data, *own->times, views[i]);
+  });
+}
+
+/// Returns the mean transmittance of the pixels that are not masked; the others' tiles are not
+/// drawn. Writes its derivatives times `weight`.
+double mean_transmittance(const kernels::RasterImage& drawn, const Image8& image,
+                          const ImageWindow& window, double pixels, float weight,
+                          std::vector<float>* derivatives) {
+  derivatives->assign(drawn.size.plane(), 0);
+  const float each = weight / static_cast<float>(std::max(pixels, 1.0));
+  double sum = 0;
+  for (int y = 0; y < window.height; ++y) {
+    const std::size_t row = static_cast<std::size_t>(y) * drawn.size.stride;
+    const std::size_t first =
+        static_cast<std::size_t>(window.y + y) * image.width + static_cast<std::size_t>(window.x);
+    for (int x = 0; x < window.width; ++x)
+      if (image.used.empty() || image.used[first + x]) {
+        sum += static_cast<double>(drawn.transmittance[row + x]);
+        (*derivatives)[row + x] = each;
+      }
+  }
+  return sum / std::max(pixels, 1.0);
+}
+
+ExposureGaps exposure_gaps(const Scene& scene, const View& of_view) {
+  constexpr float kEver = std::numeric_limits<float>::infinity();
+  const float t_s = scene.exposure(of_view).t_s;
+  ExposureGaps gaps{kEver, kEver};
+  for (const View& view : scene.views) {
+    if (view.held_out || view.camera != of_view.camera) continue;
+    const float later_s = scene.exposure(view).t_s - t_s;
+    if (later_s < 0) gaps.before_s = std::min(gaps.before_s, -later_s);
+    if (later_s > 0) gaps.after_s = std::min(gaps.after_s, later_s);
+  }
+  return gaps;
+}
+
+kernels::GaussianCamera camera_of(const PlainCamera& whole, const ImageWindow& window,
+                                  const ShutterPoses& poses,
+                                  std::span<const kernels::GaussianPart> parts) {
+  return {window_of(whole, window.x, window.y, window.width, window.height), poses.keys(),
+          static_cast<float>(window.y), static_cast<float>(whole.height), parts};
+}
+
+/// Writes row y of an image; pixels that are not in the table are outside the valid region.
+/// gains: [3, width].
+void write_image_row(const kernels::RasterImage& from, std::span<const float> gains,
+                     const RayTable& rays, std::size_t y, RenderedImage* image) {
+  const auto width = static_cast<std::size_t>(rays.width);
+  const std::size_t first = y * width, plane = from.size.plane(), row = y * from.size.stride;
+  const auto begin = std::ranges::lower_bound(rays.pixel, first),
+             end = std::lower_bound(begin, rays.pixel.end(), first + width);
+  if (end - begin < rays.width) {
+    std::fill_n(&image->rgb[3 * first], 3 * width, 0.0f);
+    std::fill_n(&image->depth[first], width, 0.0f);
+    std::fill_n(&image->opacity[first], width, 0.0f);
+    std::fill_n(&image->valid[first], width, std::uint8_t{0});
+  }
+  for (auto pixel = begin; pixel != end; ++pixel) {
+    const std::size_t x = *pixel - first;
+    for (std::size_t c = 0; c < 3; ++c)
+      image->rgb[3 * *pixel + c] =
+          std::clamp(gains[c * width + x] * from.rgb[c * plane + row + x], 0.0f, 1.0f);
+    image->depth[*pixel] = from.depth[row + x];
+    image->opacity[*pixel] = 1 - from.transmittance[row + x];
+    image->valid[*pixel] = 1;
+  }
+}
+
+}  // namespace
+
+void SplatModel::initialize(std::uint64_t) {
+  gaussians = first_gaussians = filled = 0;
+  actor_ids.clear();
+  actor_ends.clear();
+  actor_keys.clear();
+  parameters = Buffer<float>(size());
+}
+
+void SplatModel::initialize_from(const TrainingSet& data, std::uint64_t seed, ThreadPool& pool) {
+  if (data.scene.background == Background::kNone) set_background(data);
+  InitialGaussianOptions options = initial;
+  options.max_gaussians = most_gaussians();
+  std::vector<GaussianList> lists(1);
+  std::size_t of_actors = 0;
+  for (const MovingObject& actor : data.scene.actors) {
+    lists.push_back(actor_gaussians(data, actor, options.voxel,
+                                    actor.deforms ? kShadow_m : ahead_m(),
+                                    random_key(seed, kStreamActors), pool));
+    of_actors += lists.back().size();
+  }
+  const auto most_of_actors = static_cast<std::size_t>(kShareOfActors * most_gaussians());
+  if (of_actors > most_of_actors)
+    for (std::size_t i = 1; i < lists.size(); ++i)
+      shuffle(lists[i].size() * most_of_actors / of_actors, random_key(seed, kStreamActors, i),
+              &lists[i]);
+  options.max_gaussians -= static_cast<int>(std::min(of_actors, most_of_actors));
+  lists[0] = initial_gaussians(data, options, seed, pool);
+  set_gaussians(lists, data.scene.actors);
+}
+
+void SplatModel::set_background(const TrainingSet& data) {
+  constexpr std::size_t kEvery = 101;  // pixels
+  double sum[3] = {0, 0, 0}, n = 0;
+  std::vector<ImageKey> views;
+  for (int v = 0; v < std::ssize(data.scene.views); ++v)
+    if (!data.scene.views[v].held_out) views.push_back({v, false});
+  data.images.plan(views);
+  for (const ImageKey& key : views) {
+    const ImagePointer image = data.images[key.view];
+    for (std::size_t i = 0; 3 * i < image->rgb.size(); i += kEvery) {
+      if (!image->used.empty() && image->used[i] == 0) continue;
+      for (int c = 0; c < 3; ++c) sum[c] += image->rgb[3 * i + c] / 255.0;
+      ++n;
+    }
+  }
+  for (int c = 0; c < 3; ++c) background[c] = static_cast<float>(sum[c] / std::max(n, 1.0));
+}
+
+void SplatModel::set_gaussians(std::span<const GaussianList> lists,
+                               std::span<const MovingObject> actors) {
+  const GaussianLayout layout = layout_of(lists);
+  gaussians = static_cast<int>(layout.world);
+  actor_ids.clear();
+  actor_keys.clear();
+  for (const MovingObject& actor : actors) {
+    actor_ids.push_back(actor.id);
+    actor_keys.push_back((actor_keys.empty() ? 0 : actor_keys.back()) + std::ssize(actor.keys));
+  }
+  actor_ends = layout.actor_ends;
+  first_gaussians = 0;
+  for (const GaussianList& list : lists) first_gaussians += static_cast<int>(list.size());
+  parameters = Buffer<float>(size());
+  write_blocks(lists, layout, &parameters);
+  float* bound = parameters.data() + (blocks_size() + gains.size());
+  for (const MovingObject& actor : actors)
+    for (int k = 0; k < 3; ++k) *bound++ = static_cast<float>(actor.size_m[k] / 2) + kBeyondBox_m;
+}
+
+std::int64_t SplatModel::steps_per_epoch(const TrainingSet& data, int world_size) const {
+  ImageLevel full;
+  for (const RigCamera& rig : data.scene.rig) full.cameras.push_back(rig.camera);
+  cut_into_windows(data, window_pixels, &full);
+  return (static_cast<std::int64_t>(full.windows.size()) + world_size - 1) / world_size;
+}
+
+/// One window of a step.
+struct SplatModel::WindowStep {
+  int factor;                ///< by which the image is smaller than the view's
+  const PlainCamera& whole;  ///< camera of the window's image
+  const Image8& image;
+  const ImageWindow& window;
+  float colour[3];  ///< of the background
+};
+
+StepOutput SplatModel::step(kernels::Backend& backend, const TrainingSet& data,
+                            const StepRequest& request, std::span<float> gradients,
+                            StepBuffers* buffers) const {
+  SplatBuffers& own = splat_buffers(data, window_pixels, buffers);
+  // Other batches than training's are of all views at once, at half size.
+  const bool all = request.pixels > 0;
+  REDRIVE_CHECK(!all || !request.update);
+  const int at_level = all ? 1 : level_at(own.levels, request.progress, double(coarse_progress));
+  const ImageLevel& level = own.levels[at_level];
+  const std::uint64_t drawn = draw_of(request, request.step), n = level.windows.size();
+  const std::size_t first = all ? 0 : drawn_window(request.seed, drawn, n),
+                    end = all ? n : first + 1;
+  if (!all) plan_images(data, request, at_level, &own);
+  if (range_weight > 0 && data.lidar.n > 0) {
+    constexpr int kAhead = 16;  // steps
+    std::vector<const ImageWindow*> coming;
+    for (std::size_t w = first; w < end; ++w) coming.push_back(&level.windows[w]);
+    const bool known = own.ranges[coming.front()->view].has_value();
+    for (int k = 1; !all && !known && k < kAhead; ++k)
+      coming.push_back(
+          &level.windows[drawn_window(request.seed, draw_of(request, request.step + k), n)]);
+    find_ranges(data, coming, backend.threads(), &own);
+  }
+
+  buffers->workspace.begin();
+  StepSums& sums = buffers->workspace.sums();
+  sums = {};
+  StepOutput out;
+  out.stage = at_level;
+  if (request.pose_gradients) out.views.resize(data.scene.views.size());
+  for (std::size_t w = first; w < end; ++w) {
+    const ImageWindow& window = level.windows[w];
+    const View& view = data.scene.views[window.view];
+    const ImagePointer image = image_of(data, window.view, at_level, &own);
+    const PlainCamera whole = make_plain_camera(level.cameras[view.camera]);
+    WindowStep step{
+        1 << at_level, whole, *image, window, {background[0], background[1], background[2]}};
+    const std::uint64_t colour = random_key(request.seed, kStreamBackground, drawn);
+    for (int c = 0; data.scene.random_background && c < 3; ++c)
+      step.colour[c] = random_unit(colour, static_cast<std::uint64_t>(c));
+    step_window(backend, data, request, step, gradients, &own, 1.0 / double(end - first), &sums,
+                &out);
+  }
+  return out;
+}
+
+int SplatModel::set_ranges(const TrainingSet& data, const WindowStep& step,
+                           MethodBuffers* buffers) const {
+  if (range_weight == 0 || data.lidar.n == 0) return 0;
+  SplatBuffers& own = static_cast<SplatBuffers&>(*buffers);
+  const kernels::RasterSize size = kernels::raster_size(step.window.width, step.window.height);
+  own.log_range.assign(size.plane(), kernels::kNoRange);
+  own.d_range.assign(size.plane(), 0);
+  int n = 0;
+  for (const RangePixel& p : *own.ranges[step.window.view]) {
+    const int x = p.x / step.factor - step.window.x, y = p.y / step.factor - step.window.y;
+    if (x < 0 || y < 0 || x >= step.window.width || y >= step.window.height) continue;
+    // Tiles of masked pixels alone are not drawn.
+    const Image8& image = step.image;
+    if (!image.used.empty() &&
+        !image.used[static_cast<std::size_t>(step.window.y + y) * image.width + step.window.x + x])
+      continue;
+    const std::size_t i = static_cast<std::size_t>(y) * size.stride + static_cast<std::size_t>(x);
+    if (own.log_range[i] != kernels::kNoRange) continue;  // one of a pixel
+    own.log_range[i] = p.log_range;
+    ++n;
+  }
+  for (std::size_t i = 0; i < own.d_range.size(); ++i)
+    if (own.log_range[i] != kernels::kNoRange)
+      own.d_range[i] = range_weight / static_cast<float>(n);
+  return n;
+}
+
+void SplatModel::step_window(kernels::Backend& backend, const TrainingSet& data,
+                             const StepRequest& request, const WindowStep& step,
+                             std::span<float> gradients, MethodBuffers* buffers, double weight,
+                             StepSums* sums, StepOutput* out) const {
+  SplatBuffers& own = static_cast<SplatBuffers&>(*buffers);
+  kernels::GaussianStages& stages = backend.gaussians();
+  const ImageWindow& window = step.window;
+  const View& view = data.scene.views[window.view];
+  const Image8& image = step.image;
+  ShutterPoses poses = data.scene.shutter_poses(view);
+  const std::int64_t t_ns =
+      data.scene.frames[view.frame].t_ns + data.scene.rig[view.camera].time_offset_ns;
+  correct_poses(data.scene, t_ns, &poses);
+  const DrawnActors actors = drawn_actors(poses);  // as trained
+  const kernels::GaussianCamera camera = camera_of(step.whole, window, poses, actors.parts);
+  find_tiles(image, window, &own.tiles);
+  kernels::RasterOptions options;
+  options.tiles = own.tiles;
+  std::ranges::copy(step.colour, options.background);
+  const int returns = set_ranges(data, step, &own);
+  if (returns > 0) options.log_range = own.log_range;
+  stages.rasterise(camera, all(), options, &own.image);
+
+  const kernels::RasterSize size = own.image.size;
+  own.d_rgb.resize(3 * size.plane());
+  own.error.resize(size.plane());
+  kernels::ImageLossInput input;
+  input.size = size;
+  input.rgb = own.image.rgb.span().first(3 * size.plane());
+  input.target = {.width = image.width,
+                  .x = window.x,
+                  .y = window.y,
+                  .rgb = image.rgb,
+                  .alpha = image.alpha,
+                  .used = image.used};
+  const std::array<float, 3> of_scene = background_colour(data.scene.background);
+  for (int c = 0; !image.alpha.empty() && c < 3; ++c)
+    input.target.background_change[c] = step.colour[c] - of_scene[c];
+  input.l1_weight = l1_weight;
+  input.ssim_weight = ssim_weight;
+  const Exposure exposure = data.scene.exposure(view);
+  const ImagePart part{window.x, window.y, step.whole.width, step.whole.height};
+  own.gains.resize(3 * size.plane());
+  gains.write_planes(gain_parameters(), exposure, size, part, own.gains);
+  input.gains = own.gains;
+  const kernels::ImageLossOutput loss = stages.image_loss(input, own.d_rgb, own.error);
+
+  const float opaque = data.scene.background == Background::kNone ? opacity_weight : 0.0f;
+  const double transmittance =
+      mean_transmittance(own.image, image, window, loss.pixels, opaque, &own.d_transmittance);
+  std::vector<GaussianPoseGradient<NumberMath<double>>> d_poses(
+      request.pose_gradients || (motion_rate > 0 && !poses.actors().empty())
+          ? 1 + actors.parts.size()
+          : 0);
+  double range_loss = 0;
+  for (std::size_t i = 0; returns > 0 && i < size.plane(); ++i)
+    if (own.d_range[i] > 0) range_loss += double(own.d_range[i]) * double(own.image.range_error[i]);
+  const std::span<float> others = gradients.last(this->size() - blocks_size());
+  if (request.progress > double(kGainsFrom))
+    gains.add_changes(gain_parameters(), exposure, exposure_gaps(data.scene, view), size, part,
+                      loss.patches,
+                      static_cast<float>(std::pow(last_rate, std::min(request.progress, 1.0))),
+                      others.first(gains.size()));
+  const bool finite = std::isfinite(loss.l1 + loss.dssim + loss.mse + range_loss + transmittance) &&
+                      std::ranges::all_of(others, [](float x) { return std::isfinite(x); });
+  kernels::GaussianDerivatives to;
+  kernels::GaussianUpdate update;
+  if (request.update) {
+    update = gaussian_update(*request.update);
+    to.update = &update;
+  } else {
+    to.gradients = gradients.first(blocks_size());
+  }
+  if (finite || !request.update)
+    stages.rasterise_backward(
+        camera, all(), options, own.image,
+        {own.d_rgb, own.d_transmittance, own.error,
+         returns > 0 ? std::span<const float>(own.d_range) : std::span<const float>()},
+        to, d_poses);
+  if (motion_rate > 0 && request.progress > double(kMotionsFrom))
+    add_motion_gradients(data.scene, t_ns, poses, d_poses, others);
+
+  sums->opacity += weight * (1 - transmittance);
+  sums->rgb_mse += weight * loss.mse;
+  sums->terms[kL1Loss] += weight * loss.l1;
+  sums->terms[kSsimLoss] += weight * loss.dssim;
+  sums->terms[kRangeLoss] += weight * range_loss;
+  sums->terms[kOpacityLoss] += weight * double(opaque) * transmittance;
+  out->pixels += static_cast<int>(loss.pixels);
+  out->epoch_pixels = out->pixels;
+  out->colour_variance += weight * loss.colour_variance;
+  if (!request.pose_gradients) return;
+  for (int k = 0; k < 3; ++k) {
+    out->views[window.view].d_translation[k] += d_poses[0].translation[k];
+    out->views[window.view].d_rotation[k] += d_poses[0].rotation[k];
+  }
+}
+
+void SplatModel::render_to(kernels::Backend& backend, const RayTable& rays,
+                           const ShutterPoses& world_from_camera, const Exposure& exposure,
+                           RenderedImage* image) const {
+  const PlainCamera camera = make_plain_camera(rays.camera);
+  kernels::RasterOptions options;
+  options.depth = true;
+  std::ranges::copy(background, options.background);
+  const DrawnActors actors = drawn_actors(world_from_camera);
+  backend.gaussians().rasterise(
+      camera_of(camera, {0, 0, 0, rays.width, rays.height}, world_from_camera, actors.parts),
+      actors.gaussians, options, &rendered_);
+  image->resize(rays.width, rays.height);
+  constexpr std::size_t kRowsPerRange = 16;
+  ThreadPool(backend.threads())
+      .run_ranges(rays.height, kRowsPerRange, [&](std::size_t begin, std::size_t end) {
+        std::vector<float> row_gains(3 * static_cast<std::size_t>(rays.width));
+        for (std::size_t y = begin; y < end; ++y) {
+          for (int c = 0; c < 3; ++c)
+            gains.write_row(gain_parameters(), exposure, {0, 0, rays.width, rays.height},
+                            static_cast<int>(y), c,
+                            std::span(row_gains).subspan(c * std::size_t(rays.width), rays.width));
+          write_image_row(rendered_, row_gains, rays, y, image);
+        }
+      });
+}
+
+RenderedRays SplatModel::trace(kernels::Backend& backend, const kernels::Rays& rays) const {
+  return trace_gaussians(backend.gaussians(), world(), rays);
+}
+
+std::vector<ExportFormat> SplatModel::export_formats() const {
+  const auto of_actor = [this](const MovingObject& actor) {
+    ActorBody body = this->body(actor);
+    if (body.n == 0)
+      throw UsageError("--actor", std::to_string(actor.id),
+                       "has no Gaussians: no training image shows it");
+    return body;
+  };
+  return {{"splat-ply", "PLY of 3D Gaussians, as viewers of 3D Gaussian Splatting read it",
+           [this, of_actor](const ExportOptions& options) {
+             if (!options.actor) return gaussian_ply(world(), options.sh_degree);
+             const ActorBody body = of_actor(*options.actor);
+             return gaussian_ply({body.n, body.numbers}, options.sh_degree,
+                                 body_comments(body.type, body.size_m));
+           }},
+          {"splat-spz", "SPZ, a fifth of the size; positions, colours and angles are rounded",
+           [this, of_actor](const ExportOptions& options) {
+             if (!options.actor) return gaussian_spz(world(), options.sh_degree);
+             const ActorBody body = of_actor(*options.actor);
+             return gaussian_spz({body.n, body.numbers}, options.sh_degree);
+           }}};
+}
+
+}  // namespace redrive

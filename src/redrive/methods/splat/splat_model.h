@@ -1,0 +1,197 @@
+// SPDX-License-Identifier: Apache-2.0
+// --method splat: 3D Gaussians, rasterised (Kerbl et al. 2023), through the exact camera of every
+// image (field/gaussian.h). A step takes one image, or a window of a large one.
+// Each moving object, annotated or found (Scene::actors), has Gaussians in axes of its own,
+// those of its box. Hyperparameters: splat_model_config.cc; first Gaussians: initial_gaussians.h,
+// actor_gaussians.h; their number: densify_gaussians.h.
+#pragma once
+
+#include <algorithm>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "redrive/edit/actor_body.h"
+#include "redrive/kernels/gaussian_stages.h"
+#include "redrive/methods/splat/actor_motion.h"
+#include "redrive/methods/splat/densify_gaussians.h"
+#include "redrive/methods/splat/image_gains.h"
+#include "redrive/methods/splat/initial_gaussians.h"
+#include "redrive/model/method.h"
+
+namespace redrive {
+
+constexpr float kBeyondBox_m = 0.2f;  ///< an actor's Gaussians may be so far out of its box
+
+struct SplatModel final : Model {
+  InitialGaussianOptions initial;
+  int max_gaussians = 400000;
+  int pixel_limit = 20'000'000;  ///< likewise at most, by the number of pixels to train on
+  int window_pixels = 260000;    ///< of a step; larger images are cut into windows
+  float coarse_progress = 0.6f;  ///< part of the run at half size, for images that are cut
+  double initial_rate = 0.1, last_rate = 0.03;
+  /// Learning rates as multiples of the opacity's.
+  float position_rate = 0.008f, scale_rate = 0.4f, rotation_rate = 0.16f, colour_rate = 0.3f,
+        harmonics_rate = 0.01f;
+  float l1_weight = 0.8f, ssim_weight = 0.2f;
+  float range_weight = 0.1f;               ///< of LiDAR returns
+  float surface_rate = 0.5f;               ///< part of the way to a LiDAR plane in a call
+  float opacity_weight = 0.02f;            ///< of transmittance, unless a background is given
+  int lidar_rays = 1;                      ///< 0: LiDAR is not used
+  int actors = 1;                          ///< 0: moving objects are not drawn
+  float motion_rate = 0.1f;                ///< of tracks' corrections; rotations: a tenth, rad
+  float min_scale = 2e-4f, max_scale = 1;  ///< of the two larger axes, of the distance
+  float min_opacity = 0.01f;               ///< of Gaussians that are kept
+  int densify_every = 100;                 ///< steps
+  float grown_by = 0.6f, densified_until = 0.85f;  ///< progress
+  int warm_up_steps = 50;
+  float beta2 = 0.99f, epsilon = 1e-15f;  ///< of Adam
+  ImageGains gains;
+  // State:
+  int gaussians = 0;        ///< of the world
+  int first_gaussians = 0;  ///< at the start, with those of actors
+  /// By actor: MovingObject::id, and the end of its blocks (GaussianLayout).
+  std::vector<std::int64_t> actor_ids, actor_ends;
+  std::vector<std::int64_t> actor_keys;  ///< by actor: the end of its track's keys (actor_motion.h)
+  int filled = 0;                        ///< 1: finish_training() was called since the last step
+  float background[3] = {0.5f, 0.5f, 0.5f};  ///< where no Gaussian is: the images' mean colour
+
+  const char* method() const override { return "splat"; }
+  int most_gaussians() const { return std::min(max_gaussians, pixel_limit); }
+  std::string describe() const override;
+  void visit_hyperparameters(HyperparameterVisitor& visit) override;
+  void visit_state(HyperparameterVisitor& visit) override;
+  void check(const HyperparameterFailure& fail) const override;
+  void configure(const Scene& scene) override;
+  std::size_t size() const override { return blocks_size() + gains.size() + actors_size(); }
+  std::size_t max_size() const override;
+  std::vector<ModelTensor> tensors() const override;
+  void initialize(std::uint64_t seed) override;
+  void initialize_from(const TrainingSet& data, std::uint64_t seed, ThreadPool& pool) override;
+  bool uses_lidar() const override { return lidar_rays > 0; }
+  bool uses_surfaces(const TrainingSet& data) const override {
+    return uses_lidar() && surface_rate > 0 && data.lidar.n > 0 && data.scene.metric;
+  }
+  bool streams_images() const override { return true; }
+  bool keeps_half_images(const Scene& scene) const override;
+  bool draws_actors() const override { return actors > 0; }
+  void check_actors(const std::filesystem::path& recording, const std::filesystem::path& found,
+                    const std::vector<MovingObject>& objects) const override;
+  void correct_actors(std::vector<MovingObject>* objects) const override;
+  std::string describe_batch() const override { return "1 image"; }
+  std::int64_t steps_per_epoch(const TrainingSet& data, int world_size) const override;
+  StepOutput step(kernels::Backend& backend, const TrainingSet& data, const StepRequest& request,
+                  std::span<float> gradients, StepBuffers* buffers) const override;
+  /// Pixels of one image are alike, and images differ: some ten thousand count as 32.
+  std::int64_t independent_pixels(std::int64_t pixels) const override { return pixels / 8192; }
+  std::vector<LossTerm> loss_terms(const StepSums& sums) const override;
+  std::span<const float> sentinels(std::span<const float> gradients) const override {
+    return gradients.last(size() - blocks_size());
+  }
+  std::size_t updated_in_step() const override { return blocks_size(); }
+  std::optional<std::size_t> bad_moment(std::span<const std::uint32_t> packed) const override;
+  double learning_rate(const Schedule& at) const override;
+  std::string describe_schedule(std::int64_t total_steps) const override;
+  void update(kernels::Backend& backend, double learning_rate, std::int64_t step,
+              std::span<float> gradients, AdamState* adam) override;
+  void finish_step(kernels::Backend& backend, const StepRequest& request, const StepOutput& output,
+                   std::int64_t step, AdamState* adam) override;
+  /// Fills what objects hide in all images (fill_hidden.h).
+  void finish_training(kernels::Backend& backend, const TrainingSet& data,
+                       AdamState* adam) override;
+  void render_to(kernels::Backend& backend, const RayTable& rays,
+                 const ShutterPoses& world_from_camera, const Exposure& exposure,
+                 RenderedImage* image) const override;
+  /// Of the world alone.
+  RenderedRays trace(kernels::Backend& backend, const kernels::Rays& rays) const override;
+  /// An object is traced in its own axes, by the rays that meet its box. Of two surfaces on a ray
+  /// the nearer one counts unless it is more transparent than opaque.
+  void trace_actors(kernels::Backend& backend, const kernels::Rays& rays,
+                    std::span<const std::int64_t> t_ns, const std::vector<MovingObject>& actors,
+                    RenderedRays* rendered) const override;
+  std::vector<ExportFormat> export_formats() const override;
+  std::uint64_t step_bytes() const override;
+  std::uint64_t lidar_bytes(const Scene& scene, std::uint64_t returns) const override;
+
+  /// Whether an object of this id was trained and has Gaussians.
+  bool has_body(std::int64_t id) const { return !blocks_of(id, nullptr).empty(); }
+  /// Returns the Gaussians of an object that was trained, in the axes of its box; empty for others.
+  ActorBody body(const MovingObject& actor) const;
+  /// Replaces the Gaussians by those of the world and of each actor.
+  void set_gaussians(std::span<const GaussianList> lists, std::span<const MovingObject> actors);
+  GaussianLayout layout() const { return {static_cast<std::size_t>(gaussians), actor_ends}; }
+  /// Gaussians of the world, for exports.
+  kernels::Gaussians world() const {
+    const auto n = static_cast<std::size_t>(gaussians);
+    return {n, parameters.span().first(gaussian_blocks(n) * kBlockSize)};
+  }
+
+ private:
+  /// All Gaussians, with the unused lanes between those of the world and of actors.
+  kernels::Gaussians all() const {
+    return {actor_ends.empty() ? static_cast<std::size_t>(gaussians)
+                               : layout().blocks() * kGaussianBlock,
+            parameters.span().first(blocks_size())};
+  }
+  /// Gaussians to draw and their parts.
+  struct DrawnActors {
+    kernels::Gaussians gaussians;
+    std::vector<kernels::GaussianPart> parts;
+    Buffer<float> copied;  ///< the numbers, where a body is shown twice or recoloured
+  };
+  /// `poses` must outlive the result.
+  DrawnActors drawn_actors(const ShutterPoses& poses) const;
+  /// How far ahead of an actor's box its Gaussians may be: farther in the dark.
+  float ahead_m() const;
+  /// Sets the background to the mean colour of the images.
+  void set_background(const TrainingSet& data);
+  /// Most Gaussians that finish_training() adds; training leaves them free.
+  int most_fills() const { return actor_ids.empty() ? 0 : most_gaussians() / 100; }
+  /// Changes the number of Gaussians (densify_gaussians.h).
+  void change_number(const DensifyOptions& options, std::uint64_t key, AdamState* adam);
+  struct WindowStep;
+  AdamStep adam_step_of(double learning_rate, std::int64_t step) const;
+  kernels::GaussianUpdate gaussian_update(const StepUpdate& at) const;
+  /// Sets the planes of ranges of a window; returns their number.
+  int set_ranges(const TrainingSet& data, const WindowStep& step, MethodBuffers* buffers) const;
+  /// Adds a window's losses, times `weight`, and gradients, or updates the Gaussians.
+  void step_window(kernels::Backend& backend, const TrainingSet& data, const StepRequest& request,
+                   const WindowStep& step, std::span<float> gradients, MethodBuffers* buffers,
+                   double weight, StepSums* sums, StepOutput* out) const;
+  std::size_t blocks_size() const { return layout().blocks() * kBlockSize; }
+  std::span<const float> gain_parameters() const {
+    return parameters.span().subspan(blocks_size(), gains.size());
+  }
+  std::size_t bounds_size() const { return 3 * actor_ids.size(); }
+  /// Bounds, then corrections of the tracks.
+  std::size_t actors_size() const {
+    return bounds_size() +
+           (actor_keys.empty() ? 0 : kMotionSize * static_cast<std::size_t>(actor_keys.back()));
+  }
+  std::optional<std::size_t> actor_index(std::int64_t id) const;
+  /// Keeps the colours of actors' Gaussians in [0, 1]: those of sides that images see at a glance
+  /// alone would leave it, and an edit may turn them to the camera.
+  void bound_actor_colours();
+  /// Returns the blocks that an object shows: `imported`, or of the actor of this id; empty where
+  /// there are none.
+  std::span<const float> blocks_of(std::int64_t id, const ActorBody* imported) const;
+  /// Offset, behind the blocks of Gaussians in `parameters`, and size of an actor's corrections.
+  std::pair<std::size_t, std::size_t> motions_of(std::size_t actor) const;
+  std::span<const float> motion_parameters(std::size_t actor) const {
+    const auto [first, n] = motions_of(actor);
+    return parameters.span().subspan(blocks_size() + first, n);
+  }
+  /// Corrects where the camera sees the actors at t_ns; tracks of the scene that are corrected
+  /// already stay.
+  void correct_poses(const Scene& scene, std::int64_t t_ns, ShutterPoses* poses) const;
+  void add_motion_gradients(const Scene& scene, std::int64_t t_ns, const ShutterPoses& poses,
+                            std::span<const GaussianPoseGradient<NumberMath<double>>> d_poses,
+                            std::span<float> gradients) const;
+
+  mutable kernels::RasterImage rendered_;  ///< kept from image to image
+};
+
+Method splat_method();
+
+}  // namespace redrive

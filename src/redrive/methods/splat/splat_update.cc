@@ -1,0 +1,111 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a step of method splat changes: Adam on the Gaussians, gains and tracks, then their number.
+#include <algorithm>
+#include <bit>
+#include <cmath>
+
+#include "redrive/base/error.h"
+#include "redrive/base/rng.h"
+#include "redrive/methods/splat/splat_model.h"
+#include "redrive/methods/splat/surface_planes.h"
+#include "redrive/optim/packed_moments.h"
+
+namespace redrive {
+namespace {
+
+constexpr std::int64_t kFlattenEvery = 50;  // steps
+
+}  // namespace
+
+AdamStep SplatModel::adam_step_of(double learning_rate, std::int64_t step) const {
+  AdamStep out = adam_step(learning_rate, step);
+  out.beta2 = beta2;
+  out.bias2 = static_cast<float>(1 / (1 - std::pow(double(beta2), static_cast<double>(step))));
+  out.epsilon = epsilon;
+  return out;
+}
+
+kernels::GaussianUpdate SplatModel::gaussian_update(const StepUpdate& at) const {
+  kernels::GaussianUpdate update;
+  update.step = adam_step_of(at.learning_rate, at.step);
+  const auto set = [&](int first, int end, float factor) {
+    std::fill(update.rates + first, update.rates + end,
+              static_cast<float>(at.learning_rate) * factor);
+  };
+  set(kPositionRow, kLogScaleRow, position_rate);
+  set(kLogScaleRow, kQuaternionRow, scale_rate);
+  set(kQuaternionRow, kOpacityRow, rotation_rate);
+  set(kOpacityRow, kColourRow, 1);
+  set(kColourRow, kHarmonicsRow, colour_rate);
+  set(kHarmonicsRow, kDistanceRow, harmonics_rate);
+  update.min_log_scale = std::log(min_scale);
+  update.max_log_scale = std::log(max_scale);
+  update.numbers = at.parameters.first(blocks_size());
+  update.moments = at.adam->packed;
+  return update;
+}
+
+void SplatModel::update(kernels::Backend& backend, double learning_rate, std::int64_t step,
+                        std::span<float> gradients, AdamState* adam) {
+  const std::span<float> others = parameters.span().subspan(blocks_size());
+  if (gradients.size() == size())
+    backend.gaussians().update_gaussians(gaussian_update({learning_rate, step, parameters, adam}),
+                                         all().n, gradients.first(blocks_size()));
+  else
+    REDRIVE_CHECK_OP(gradients.size(), ==, others.size());
+  bound_actor_colours();
+  const std::span<float> of_others = gradients.last(others.size());
+  for (std::size_t i = 0; i < gains.size(); ++i) others[i] += of_others[i];
+  for (std::size_t a = 0; motion_rate > 0 && a < actor_ids.size(); ++a) {
+    const auto [first, n] = motions_of(a);
+    update_motions(adam_step_of(learning_rate, step),
+                   static_cast<float>(learning_rate) * motion_rate, of_others.subspan(first, n),
+                   others.subspan(first, n), adam->first_moment.span().subspan(first, n),
+                   adam->second_moment.span().subspan(first, n));
+  }
+  std::ranges::fill(gradients, 0.0f);
+}
+
+std::optional<std::size_t> SplatModel::bad_moment(std::span<const std::uint32_t> packed) const {
+  for (std::size_t i = 0; i < packed.size(); ++i) {
+    const bool of_error = i / kGaussianBlock % kGaussianRows == kDistanceRow;
+    const float first = of_error ? std::bit_cast<float>(packed[i]) : unpacked_first(packed[i]),
+                second = of_error ? 0 : unpacked_second(packed[i]);
+    if (!std::isfinite(first) || !std::isfinite(second)) return i;
+  }
+  return std::nullopt;
+}
+
+void SplatModel::finish_step(kernels::Backend& backend, const StepRequest& request,
+                             const StepOutput&, std::int64_t step, AdamState* adam) {
+  filled = 0;
+  if (request.surfaces && step % kFlattenEvery == 0) {
+    ThreadPool pool(backend.threads());
+    flatten_gaussians(*request.surfaces, surface_rate, static_cast<std::size_t>(gaussians),
+                      parameters.data(), pool);
+  }
+  if (step % densify_every != 0 || request.progress >= double(densified_until)) return;
+  const double grown = std::min(1.0, request.progress / double(grown_by));
+  DensifyOptions options;
+  const int most = most_gaussians() - most_fills();
+  options.target =
+      static_cast<std::size_t>(first_gaussians + grown * std::max(0, most - first_gaussians));
+  options.min_opacity = min_opacity;
+  std::vector<Eigen::Vector3f> bounds;
+  for (std::size_t a = 0, i = blocks_size() + gains.size(); a < actor_ids.size(); ++a, i += 3)
+    bounds.emplace_back(parameters[i], parameters[i + 1], parameters[i + 2]);
+  options.actor_bounds = bounds;
+  options.ahead_m = ahead_m();
+  backend.gaussians().release();  // not beside what densify copies
+  change_number(options, random_key(request.seed, kStreamDensify, static_cast<std::uint64_t>(step)),
+                adam);
+}
+
+void SplatModel::change_number(const DensifyOptions& options, std::uint64_t key, AdamState* adam) {
+  GaussianLayout layout = this->layout();
+  densify(options, key, &layout, &parameters, &adam->packed);
+  gaussians = static_cast<int>(layout.world);
+  actor_ends = std::move(layout.actor_ends);
+}
+
+}  // namespace redrive

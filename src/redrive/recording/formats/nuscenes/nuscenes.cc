@@ -1,0 +1,294 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/recording/formats/nuscenes/nuscenes.h"
+
+#include <algorithm>
+#include <cstdlib>
+#include <map>
+#include <optional>
+
+#include "redrive/base/error.h"
+#include "redrive/base/files.h"
+#include "redrive/recording/core/trajectory.h"
+#include "redrive/recording/core/wording.h"
+#include "redrive/recording/formats/frame_files.h"
+#include "redrive/recording/formats/nuscenes/nuscenes_boxes.h"
+#include "redrive/recording/formats/nuscenes/nuscenes_scan.h"
+#include "redrive/recording/formats/nuscenes/nuscenes_tables.h"
+#include "redrive/recording/formats/recording_reader.h"
+
+namespace redrive::nuscenes {
+namespace {
+
+namespace fs = std::filesystem;
+
+// Cameras fire as the laser passes them, so a trigger of all of them repeats to a millisecond, and
+// triggers are 50 ms apart or more. A car at 15 m/s moves by 7 cm in this time.
+constexpr std::int64_t kSameFrame_ns = 5'000'000;
+constexpr std::int64_t kSameSample_ns = 200'000'000;
+constexpr std::int64_t kHalfRevolution_ns = 25'000'000;
+constexpr const char *kLidar = "LIDAR_TOP", *kFirstCamera = "CAM_FRONT";
+
+bool is_tables_folder(const fs::path& folder) {
+  return is_there(folder / "scene.json") || is_there(folder / "sample_data.json") ||
+         is_there(folder / "calibrated_sensor.json");
+}
+
+/// Returns the folder itself, or the versions in it.
+std::vector<fs::path> tables_below(const fs::path& folder) {
+  if (is_tables_folder(folder)) return {folder};
+  std::vector<fs::path> versions;
+  std::error_code error;
+  for (fs::directory_iterator it(folder, error), end; !error && it != end; it.increment(error))
+    if (it->path().filename().string().starts_with("v1.0-") && is_tables_folder(it->path()))
+      versions.push_back(it->path());
+  std::ranges::sort(versions);
+  return versions;
+}
+
+std::vector<std::string> missing_tables_of_boxes(const fs::path& tables) {
+  std::vector<std::string> missing;
+  for (const char* name : {"sample_annotation.json", "instance.json", "category.json"})
+    if (!is_there(tables / name)) missing.push_back(name);
+  return missing;
+}
+
+struct SceneFolder {
+  std::vector<fs::path> tables;
+  std::string scene;  ///< name or token; empty: the only one
+};
+
+SceneFolder find_scene_folder(const fs::path& root) {
+  fs::path path = fs::absolute(root).lexically_normal();
+  if (!path.has_filename()) path = path.parent_path();
+  if (is_there(path)) return {tables_below(path), ""};
+  return {tables_below(path.parent_path()), path.filename().string()};
+}
+
+class Reader : public RecordingReader {
+ public:
+  std::vector<LidarPoint> read_lidar(const FrameFile& file,
+                                     std::size_t* left_out = nullptr) const override {
+    return parse_scan(read_file(file.path, kMaxDataBytes), file.path,
+                      {body_from_lidar, revolution_ends_ns.at(file.path)}, poses, left_out);
+  }
+  std::uint64_t lidar_point_count(const FrameFile& file) const override {
+    std::error_code error;
+    const std::uintmax_t bytes = fs::file_size(file.path, error);
+    return error || bytes % kScanRecordBytes != 0 ? 0 : bytes / kScanRecordBytes;
+  }
+  std::vector<Box> read_boxes(const FrameFile& file) const override {
+    return boxes.at(file.frame_id);
+  }
+
+  Rigid3d body_from_lidar = Rigid3d::Identity();
+  std::vector<FramePose> poses;
+  std::map<fs::path, std::int64_t> revolution_ends_ns;
+  std::map<std::int64_t, std::vector<Box>> boxes;  ///< by frame: those of Recording::box_files
+};
+
+/// Time offsets of cameras to the first one: medians at the key frames. By sensor; 0 for others.
+/// Files of a key frame more than 0.2 s from it are damaged. InputError: a camera without a key
+/// frame.
+std::vector<std::int64_t> time_offsets_ns(const fs::path& sample_data, std::size_t first,
+                                          SceneTables* tables) {
+  SceneTables& scene = *tables;
+  std::map<std::size_t, std::int64_t> first_times;  // by sample
+  for (const SensorFile& file : scene.files)
+    if (file.sensor == first && file.key_frame) first_times[file.sample] = file.t_ns;
+  std::vector<std::vector<std::int64_t>> offsets(scene.sensors.size());
+  std::erase_if(scene.files, [&](const SensorFile& file) {
+    const auto found = first_times.find(file.sample);
+    if (!file.key_frame || found == first_times.end()) return false;
+    const std::int64_t offset_ns = file.t_ns - found->second;
+    const std::string& name = scene.sensors[file.sensor].calibration.name;
+    const DamagedList damaged{"times of " + name, &scene.damaged};
+    const bool fits = parse_record(&damaged, -1, [&] {
+      if (std::abs(offset_ns) > kSameSample_ns)
+        throw InputError(sample_data, name, file.path.filename().string(),
+                         "more than 0.2 s from " + scene.sensors[first].calibration.name +
+                             " in the same sample");
+    });
+    if (fits) offsets[file.sensor].push_back(offset_ns);
+    return !fits;
+  });
+  std::vector<std::int64_t> medians(scene.sensors.size());
+  for (std::size_t s = 0; s < medians.size(); ++s) {
+    if (scene.sensors[s].modality != "camera") continue;
+    const std::string& name = scene.sensors[s].calibration.name;
+    if (offsets[s].empty())
+      throw InputError(sample_data, name, "",
+                       "has no key frame together with " + scene.sensors[first].calibration.name +
+                           " in " + scene.name + ", so its time offset is unknown");
+    std::ranges::sort(offsets[s]);
+    medians[s] = offsets[s][offsets[s].size() / 2];
+  }
+  return medians;
+}
+
+/// Leaves out single poses that are far from those around them, which are milliseconds away.
+void leave_out_strays(const fs::path& file, SceneTables* scene) {
+  constexpr double kMost_m = 1, kMost_m_per_s = 150;
+  std::vector<FramePose>& poses = scene->poses;
+  const Misfits misfits = find_misfits(poses.size(), [&](std::size_t a, std::size_t b) {
+    const double dt_s = 1e-9 * static_cast<double>(poses[b].t_ns - poses[a].t_ns);
+    return (poses[b].global_from_body.translation() - poses[a].global_from_body.translation())
+               .norm() <= kMost_m + kMost_m_per_s * dt_s;
+  });
+  for (const std::size_t i : misfits.single)
+    scene->damaged.push_back(
+        {"poses", -1,
+         InputError(file, "translation at " + std::to_string(poses[i].t_ns / 1000) + " us", "",
+                    "no car moves so to the poses around it")
+             .what()});
+  for (auto i = misfits.single.rbegin(); i != misfits.single.rend(); ++i)
+    poses.erase(poses.begin() + static_cast<std::ptrdiff_t>(*i));
+}
+
+struct Frames {
+  std::vector<FramePose> poses;
+  std::vector<std::vector<FrameFile>> images;  ///< by sensor
+};
+
+/// Images whose times agree up to the cameras' offsets are a frame. It has the pose at the time of
+/// its earliest image minus the offset.
+/// An image at the time of another one of its camera is damaged.
+Frames make_frames(const SceneTables& scene, const std::vector<std::int64_t>& offsets_ns,
+                   const fs::path& sample_data, std::vector<DamagedRecord>* damaged) {
+  std::vector<std::pair<std::int64_t, const SensorFile*>> images;
+  for (const SensorFile& file : scene.files)
+    if (scene.sensors[file.sensor].modality == "camera")
+      images.emplace_back(file.t_ns - offsets_ns[file.sensor], &file);
+  std::ranges::sort(images, {}, [](const auto& image) { return image.first; });
+  Frames frames;
+  frames.images.resize(scene.sensors.size());
+  for (const auto& [t_ns, file] : images) {
+    if (frames.poses.empty() || t_ns - frames.poses.back().t_ns > kSameFrame_ns)
+      frames.poses.push_back(
+          {static_cast<std::int64_t>(frames.poses.size()), t_ns, pose_at(scene.poses, t_ns)});
+    std::vector<FrameFile>& of_camera = frames.images[file->sensor];
+    const std::int64_t id = frames.poses.back().id;
+    const std::string& name = scene.sensors[file->sensor].calibration.name;
+    const DamagedList times{"times of " + name, damaged};
+    const SensorFile& here = *file;
+    if (parse_record(&times, id, [&] {
+          if (!of_camera.empty() && of_camera.back().frame_id == id)
+            throw InputError(sample_data, name, here.path.string(),
+                             "less than 5 ms after " + of_camera.back().path.string());
+        }))
+      of_camera.push_back({id, here.path});
+  }
+  return frames;
+}
+
+/// Leaves out files that are not there.
+template <class File>
+void drop_missing(std::vector<File>* files, const std::string& subject,
+                  std::vector<Finding>* findings) {
+  std::vector<std::string> missing;
+  std::erase_if(*files, [&](const File& file) {
+    if (is_there(file.path)) return false;
+    missing.push_back(file.path.filename().string());
+    return true;
+  });
+  if (!missing.empty())
+    findings->push_back({subject, counted(missing.size(), "file") +
+                                      " of the tables missing: " + first_few(missing)});
+}
+
+/// Revolutions by the frame that is nearest to their middle; several may have the same.
+std::vector<FrameFile> list_revolutions(const SceneTables& scene,
+                                        const std::vector<FramePose>& frames, Reader* reader) {
+  std::vector<FrameFile> revolutions;
+  for (const SensorFile& file : scene.files) {
+    if (scene.sensors[file.sensor].calibration.name != kLidar) continue;
+    const std::int64_t t_ns = file.t_ns - kHalfRevolution_ns;
+    auto frame = std::ranges::lower_bound(frames, t_ns, {}, &FramePose::t_ns);
+    if (frame == frames.end() ||
+        (frame != frames.begin() && t_ns - (frame - 1)->t_ns < frame->t_ns - t_ns))
+      --frame;
+    revolutions.push_back({frame->id, file.path});
+    reader->revolution_ends_ns[file.path] = file.t_ns;
+  }
+  return revolutions;
+}
+
+}  // namespace
+
+bool looks_like(const fs::path& root) { return !find_scene_folder(root).tables.empty(); }
+
+Recording open(const fs::path& root, PoseSource source) {
+  refuse_ground_truth(root, source);
+  const auto [versions, wanted] = find_scene_folder(root);
+  if (versions.size() > 1)
+    throw InputError(root, "", "",
+                     "holds several versions, " + versions[0].filename().string() + " and " +
+                         versions[1].filename().string() +
+                         ": add one of them to the path, and a scene, as in " +
+                         (versions[0] / "scene-0061").string());
+  const fs::path tables = versions.at(0), sample_data = tables / "sample_data.json";
+  const std::vector<std::string> missing = missing_tables_of_boxes(tables);
+  SceneTables scene = read_scene(tables, wanted, scan_file, missing.empty());
+  leave_out_strays(tables / "ego_pose.json", &scene);
+
+  Recording recording;
+  recording.root = root;
+  recording.global_frame = GlobalFrame::kArbitrary;
+  std::vector<Finding>& findings = recording.findings;
+  if (!missing.empty())
+    findings.push_back(
+        {"boxes", "none: " + first_few(missing) + " missing in " + tables.filename().string()});
+  std::size_t first = scene.sensors.size();
+  for (std::size_t s = 0; s < scene.sensors.size(); ++s) {
+    const Sensor& sensor = scene.sensors[s];
+    const std::string& name = sensor.calibration.name;
+    if (sensor.modality != "camera") recording.other_sensors.push_back(name);
+    if (name == kLidar) recording.body_from_lidar = sensor.calibration.body_from_sensor;
+    // CAM_FRONT, or the first camera by name.
+    const auto before = [&](const std::string& other) {
+      return std::pair(name != kFirstCamera, name) < std::pair(other != kFirstCamera, other);
+    };
+    if (sensor.modality == "camera" &&
+        (first == scene.sensors.size() || before(scene.sensors[first].calibration.name)))
+      first = s;
+  }
+  std::ranges::sort(recording.other_sensors);
+  if (first == scene.sensors.size())
+    throw InputError(sample_data, "", "", "has no image of " + scene.name);
+  const std::vector<std::int64_t> offsets_ns = time_offsets_ns(sample_data, first, &scene);
+  Frames frames = make_frames(scene, offsets_ns, sample_data, &scene.damaged);
+  check_trajectory(frames.poses, tables / "ego_pose.json", {"timestamp", "translation"});
+
+  std::vector<bool> shown(frames.poses.size());
+  for (std::size_t s = 0; s < scene.sensors.size(); ++s) {
+    drop_missing(&frames.images[s], scene.sensors[s].calibration.name, &findings);
+    for (const FrameFile& image : frames.images[s]) shown[std::size_t(image.frame_id)] = true;
+  }
+  for (const FramePose& frame : frames.poses)
+    if (shown[std::size_t(frame.id)]) recording.frames.push_back(frame);
+  for (std::size_t s = 0; s < scene.sensors.size(); ++s) {
+    CameraCalibration calibration = scene.sensors[s].calibration;
+    calibration.time_offset_ns = offsets_ns[s];
+    std::vector<ImageFile> images = images_with_poses(std::move(frames.images[s]), calibration.name,
+                                                      recording.frames, &findings);
+    if (!images.empty()) recording.cameras.push_back({calibration, std::move(images)});
+  }
+  std::ranges::sort(recording.cameras, {},
+                    [](const RecordedCamera& camera) { return camera.calibration.name; });
+  require_cameras(recording);
+
+  const auto reader = std::make_shared<Reader>();
+  if (recording.body_from_lidar) {
+    reader->body_from_lidar = *recording.body_from_lidar;
+    reader->poses = scene.poses;
+    recording.lidar_files = list_revolutions(scene, recording.frames, reader.get());
+    drop_missing(&recording.lidar_files, kLidar, &findings);
+  }
+  reader->boxes = boxes_of_frames(scene, recording.body_from_lidar, recording.frames);
+  for (const auto& [frame_id, boxes] : reader->boxes)
+    recording.box_files.push_back({frame_id, tables / "sample_annotation.json"});
+  recording.reader = reader;
+  recording.damaged = std::move(scene.damaged);
+  return recording;
+}
+
+}  // namespace redrive::nuscenes

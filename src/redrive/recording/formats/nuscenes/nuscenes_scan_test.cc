@@ -1,0 +1,100 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/recording/formats/nuscenes/nuscenes_scan.h"
+
+#include <limits>
+
+#include "redrive/recording/formats/nuscenes/nuscenes_testing.h"
+
+namespace redrive {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+using testing::input_error;
+
+constexpr std::int64_t kEnd_ns = 1'000'000'000, kColumn_ns = 46'080;
+
+/// A body at 10 m/s along x, at 10 m at the end of the revolution.
+std::vector<FramePose> driving() {
+  return {{0, 0, Rigid3d(Eigen::Translation3d(0, 0, 0))},
+          {1, kEnd_ns, Rigid3d(Eigen::Translation3d(10, 0, 0))}};
+}
+
+std::string nuscenes_scan(const std::vector<std::array<float, 5>>& points) {
+  return {reinterpret_cast<const char*>(points.data()), points.size() * sizeof points[0]};
+}
+
+std::vector<LidarPoint> parsed(const std::string& bytes) {
+  return nuscenes::parse_scan(bytes, "LIDAR_TOP/7.pcd.bin",
+                              {Rigid3d(Eigen::Translation3d(1, 0, 2)), kEnd_ns}, driving());
+}
+
+// All columns have the same point of the world. The body was behind its position at the end by 10
+// m/s for the time that a column is earlier, so the point was further ahead of it.
+TEST(NuScenesScan, PointsAreInTheBodyAtTheirOwnTime) {
+  std::vector<std::array<float, 5>> points;
+  for (int column = 0; column < 1085; ++column)
+    for (int ring = 0; ring < 32; ++ring)
+      points.push_back({20, 3, -1, 17.4f, static_cast<float>(ring)});
+  const std::vector<LidarPoint> scan = parsed(nuscenes_scan(points));
+  ASSERT_EQ(scan.size(), points.size());
+  for (std::size_t i = 0; i < scan.size(); ++i) {
+    const std::int64_t before_ns = kColumn_ns * static_cast<std::int64_t>(1084 - i / 32);
+    ASSERT_EQ(scan[i].t_ns, kEnd_ns - before_ns);
+    // Floats step by 2e-6 at 21.
+    ASSERT_NEAR(scan[i].in_body_m.x(), 21 + 1e-8 * static_cast<double>(before_ns), 4e-6);
+    ASSERT_FLOAT_EQ(scan[i].in_body_m.y(), 3);
+    ASSERT_FLOAT_EQ(scan[i].in_body_m.z(), 1);
+  }
+  EXPECT_EQ(scan[0].intensity, 17);
+}
+
+// A file without its points near the car still has the beginnings of its columns.
+TEST(NuScenesScan, AColumnBeginsWhereTheRingDoesNotIncrease) {
+  const std::vector<LidarPoint> scan = parsed(nuscenes_scan(
+      {{9, 0, 0, -95, 4}, {9, 0, 0, 300, 9}, {9, 0, 0, 0, 9}, {9, 0, 0, 0, 2}, {9, 0, 0, 0, 31}}));
+  const int column[] = {0, 0, 1, 2, 2};
+  for (std::size_t i = 0; i < 5; ++i)
+    EXPECT_EQ(scan[i].t_ns, kEnd_ns - kColumn_ns * (2 - column[i])) << i;
+  EXPECT_EQ(scan[0].intensity, 0);
+  EXPECT_EQ(scan[1].intensity, 255);
+  EXPECT_TRUE(parsed("").empty());
+}
+
+TEST(NuScenesScan, RejectsInvalidValues) {
+  const auto message = [](std::size_t field, float value) {
+    std::array<float, 5> point = {1, 2, 3, 4, 5};
+    point[field] = value;
+    return input_error([&] { parsed(nuscenes_scan({{0, 0, 0, 0, 0}, point})); });
+  };
+  EXPECT_THAT(input_error([] { parsed(std::string(41, '\0')); }),
+              AllOf(HasSubstr("7.pcd.bin: size = 41 bytes"), HasSubstr("multiple of 20")));
+  EXPECT_THAT(message(2, -1001), HasSubstr("point 1 z = -1001"));
+  for (const float ring : {-1.0f, 32.0f, 0.5f, std::numeric_limits<float>::quiet_NaN()})
+    EXPECT_THAT(message(4, ring), HasSubstr("point 1 ring")) << ring;
+  EXPECT_THAT(input_error([] { parsed(std::string(1303 * 20, '\0')); }),
+              HasSubstr("number of columns = 1303"));
+  EXPECT_TRUE(parsed(std::string(1302 * 20, '\0')).empty());
+}
+
+TEST(NuScenesScan, ReturnsThatCannotBeUsedAreLeftOutAndCounted) {
+  const float nan = std::numeric_limits<float>::quiet_NaN();
+  std::vector<std::array<float, 5>> points(40, {9, 0, 0, 1, 3});
+  points[3][0] = nan;
+  points[4] = {0, 0, 0, 0, 3};
+  points[5][3] = std::numeric_limits<float>::infinity();
+  points[6][4] = 32;
+  points[39][2] = 2000;
+  std::size_t left_out = 0;
+  const auto scan =
+      nuscenes::parse_scan(nuscenes_scan(points), "7.pcd.bin", {Rigid3d::Identity(), kEnd_ns},
+                           {{0, 0, Rigid3d::Identity()}}, &left_out);
+  EXPECT_EQ(scan.size(), 35u);
+  EXPECT_EQ(left_out, 5u);
+  EXPECT_EQ(scan[3].t_ns - scan[2].t_ns, 4 * kColumn_ns);  // what is left out keeps its column
+  points[7][4] = nan;
+  EXPECT_THAT(input_error([&] { parsed(nuscenes_scan(points)); }), HasSubstr("point 6 ring"));
+}
+
+}  // namespace
+}  // namespace redrive

@@ -1,0 +1,63 @@
+// SPDX-License-Identifier: Apache-2.0
+// The records of one scene in the tables of nuScenes (docs/schema_nuscenes.md of
+// nutonomy/nuscenes-devkit): scene, sample, sample_data, calibrated_sensor, sensor, ego_pose,
+// sample_annotation, instance and category. Tables of all scenes together have gigabytes: records
+// of other scenes are not parsed.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "redrive/recording/core/recording.h"
+#include "redrive/recording/formats/nuscenes/token_tables.h"
+
+namespace redrive::nuscenes {
+
+/// A sensor as calibrated on the car of the scene; its name is its channel, "CAM_FRONT".
+/// body_from_sensor of any sensor, the rest of cameras alone: pinholes, since images are
+/// undistorted.
+struct Sensor {
+  std::string modality;  ///< "camera", "lidar" or "radar"
+  CameraCalibration calibration;
+};
+
+/// A file of a sensor.
+struct SensorFile {
+  std::size_t sensor = 0;  ///< index into SceneTables::sensors
+  std::size_t sample = 0;  ///< index into SceneTables::sample_times_ns
+  std::filesystem::path path;
+  std::int64_t t_ns = 0;
+  bool key_frame = false;  ///< of its sample, not between two samples
+};
+
+/// The box of an object at a sample.
+struct Annotation {
+  std::size_t sample = 0, object = 0;
+  Rigid3d global_from_box;  ///< axes and origin of the box as in Box
+  Eigen::Vector3d size_m = Eigen::Vector3d::Zero();
+};
+
+struct SceneTables {
+  std::string name;  ///< "scene-0061"
+  std::vector<std::int64_t> sample_times_ns;
+  std::vector<Sensor> sensors;    ///< by channel; those with files
+  std::vector<SensorFile> files;  ///< of cameras and LIDAR_TOP, by time
+  std::vector<FramePose> poses;   ///< the body's at the times of `files`, by time; ids count them
+  std::vector<Annotation> annotations;
+  std::vector<std::string> categories;  ///< of objects: "vehicle.car"
+  std::vector<DamagedRecord> damaged;   ///< poses, and times of files, that cannot be
+};
+
+/// Reads the scene of that name or token, or the only one if `scene` is empty, from the tables in
+/// `folder`, whose parent holds the files. InputError: a table that is missing or no array of
+/// records; no such scene (the message names those that there are); tokens that no record has;
+/// fields that are missing or of another type; numbers that are not finite; rotations of no length;
+/// positions further than 1e7 m; sizes outside 0.01..100 m; file names that leave the parent
+/// folder; a sensor with two calibrations. A pose of the body or a file's time that cannot be costs
+/// itself. Without `boxes`, sample_annotation, instance and category are not read.
+SceneTables read_scene(const std::filesystem::path& folder, const std::string& scene,
+                       const ReadTable& read = scan_file, bool boxes = true);
+
+}  // namespace redrive::nuscenes

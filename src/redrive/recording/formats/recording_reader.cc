@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/recording/formats/recording_reader.h"
+
+#include "redrive/base/error.h"
+#include "redrive/recording/formats/calibration_json.h"
+#include "redrive/recording/formats/egomotion_json.h"
+#include "redrive/recording/lidar/ply.h"
+
+namespace redrive {
+namespace {
+
+constexpr const char *kEgomotionFile = "egomotion.json", *kCalibrationFile = "calibration.json";
+
+}  // namespace
+
+std::vector<LidarPoint> RecordingReader::read_lidar(const FrameFile& file, std::size_t*) const {
+  throw InputError(file.path, "", "", "LiDAR of a recording whose format has none");
+}
+
+std::uint64_t RecordingReader::lidar_point_count(const FrameFile&) const { return 0; }
+
+std::vector<StaticPoint> RecordingReader::read_points(const Recording& recording) const {
+  std::vector<StaticPoint> points;
+  for (const Eigen::Vector3d& in_body : read_ply(recording.points_file))
+    points.push_back({recording.frames.front().global_from_body * in_body, {}, false});
+  return points;
+}
+
+std::vector<Box> RecordingReader::read_boxes(const FrameFile& file) const {
+  throw InputError(file.path, "", "", "boxes of a recording whose format has none");
+}
+
+std::vector<std::filesystem::path> RecordingReader::pose_file_names() const {
+  return {kEgomotionFile, kCalibrationFile};
+}
+
+PoseFiles RecordingReader::make_pose_files(const Recording&, const std::vector<FramePose>& frames,
+                                           const std::vector<CameraCalibration>& cameras) const {
+  nlohmann::json sensors = nlohmann::json::object();
+  for (const CameraCalibration& camera : cameras)
+    sensors[camera.name] = calibration_to_json(camera);
+  return {{kEgomotionFile, egomotion_to_json(frames).dump(1) + "\n"},
+          {kCalibrationFile, sensors.dump(1) + "\n"}};
+}
+
+CalibratedPoses RecordingReader::parse_pose_files(const PoseFiles& files,
+                                                  const std::filesystem::path& folder,
+                                                  const DamagedList* damaged) const {
+  const std::filesystem::path frames = folder / kEgomotionFile, cameras = folder / kCalibrationFile;
+  return {parse_egomotion(files.at(kEgomotionFile), frames, damaged),
+          parse_calibration(files.at(kCalibrationFile), cameras, nullptr), frames, cameras};
+}
+
+std::shared_ptr<const RecordingReader> basic_reader() {
+  static const auto reader = std::make_shared<const RecordingReader>();
+  return reader;
+}
+
+}  // namespace redrive

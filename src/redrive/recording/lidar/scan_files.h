@@ -1,0 +1,33 @@
+// SPDX-License-Identifier: Apache-2.0
+// Writes LiDAR points: PCD 0.7 (the file format of the Point Cloud Library) and the scans of KITTI
+// (recording/formats/kitti/kitti_scan.h) with the names and times of its files, which KITTI-360
+// has, too. Debian 12's only writer of PCD is all of PCL. LAS: recording/lidar/las.h.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "redrive/recording/core/lidar_point.h"
+
+namespace redrive {
+
+/// Returns a binary PCD with x, y, z as float and time in seconds as double.
+std::string make_pcd(std::span<const LidarRecord> points);
+
+/// Returns a scan of KITTI: x, y, z and a reflectance of 0 as float.
+std::string make_kitti_scan(std::span<const LidarRecord> points);
+
+/// Most lines of a file of times, one for each number of a frame, that is written.
+constexpr std::int64_t kMaxKittiTimes = 1'000'000;
+/// Returns a time as KITTI's timestamps.txt has it: "2011-09-26 13:10:51.175862102", UTC.
+std::string kitti_timestamp(std::int64_t t_ns);
+/// Returns a file of times: line n is of frame n - 1, empty where there is no time, up to the last
+/// frame. `times`: frame and nanoseconds since 1970, by frame from 0 on, each frame once.
+std::string kitti_timestamps(const std::vector<std::pair<std::int64_t, std::int64_t>>& times);
+/// Returns the name of a frame's file: "0000000012.bin". `extension`: with its dot.
+std::string kitti_file_name(std::int64_t frame_id, const char* extension);
+
+}  // namespace redrive
