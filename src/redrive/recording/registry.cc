@@ -6,7 +6,6 @@
 #include "redrive/base/progress.h"
 #include "redrive/recording/core/excerpt.h"
 #include "redrive/recording/core/recording.h"
-#include "redrive/recording/core/repeated_images.h"
 #include "redrive/recording/formats/aimotive/aimotive.h"
 #include "redrive/recording/formats/folder_kind.h"
 #include "redrive/recording/formats/kitti/kitti.h"
@@ -14,6 +13,7 @@
 #include "redrive/recording/formats/nuscenes/nuscenes.h"
 #include "redrive/recording/formats/photographs/colmap.h"
 #include "redrive/recording/formats/photographs/transforms.h"
+#include "redrive/recording/formats/repeated_images.h"
 
 namespace redrive {
 namespace {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/recording/core/repeated_images.h"
+#include "redrive/recording/formats/repeated_images.h"
 
 #include <algorithm>
 #include <array>
