@@ -4,7 +4,8 @@
 //    "camera_path": [{"camera_to_world": [16 numbers, row by row], "fov"}, ..],
 //    "keyframes": [{"camera", "frame_id", "shift_body_m": [x, y, z], "yaw_deg", "pitch_deg",
 //                   "time_s"}, ..]}
-// - camera_to_world: metres, OpenGL camera axes (x right, y up, z backward); its world is that of
+// - camera_to_world: metres, OpenGL camera axes (x right, y up, z backward); its world is the world
+// of the run (Scene::global_from_world).
 //   the run (Scene::global_from_world).
 // - fov: vertical, degrees. The focal length is (render_height / 2) / tan(fov / 2) for both types;
 //   "fisheye" is equidistant, as nerfstudio's.

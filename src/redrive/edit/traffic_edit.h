@@ -2,8 +2,8 @@
 // Changes to the moving objects of a run:
 //   {"actors": {"ID": CHANGE, ..}, "copies": [{"of": ID, "id": ID, CHANGE}, ..],
 //    "added": [{"id": ID, "body": {"file": FILE}, "track": [..], CHANGE}, ..]}
-// ID: the id of the object. The fields of CHANGE are those of ActorChange, whose body is
-// an ID or {"file": FILE}; a copy and what is added have an id that no object has.
+// ID: the id of the object. The fields of CHANGE are the fields of ActorChange, whose body is an ID
+// or {"file": FILE}; copies and added objects have an id that no object has.
 #pragma once
 
 #include <array>
@@ -17,7 +17,7 @@
 namespace redrive {
 
 constexpr double kMaxActorShift_m = 1e4;
-constexpr double kMaxSpeed = 100;     ///< of the recorded one
+constexpr double kMaxSpeed = 100;     ///< factor of the recorded speed
 constexpr double kMaxEdit_s = 86400;  ///< after the first frame
 constexpr std::size_t kMaxTrackPoints = 10'000;
 constexpr std::size_t kMaxEditedActors = 1000;
@@ -25,17 +25,17 @@ constexpr std::size_t kMaxEditedActors = 1000;
 /// A pose of an object's track, interpolated between points.
 struct TrackPoint {
   double time_s = 0;                   ///< after the run's first frame; times increase
-  std::array<double, 3> position_m{};  ///< of the box's centre, in the world of the run
-  double yaw_deg = 0;                  ///< of its length about the world's z axis, from x to y
-  double pitch_deg = 0;                ///< then of its front, upwards
-  double roll_deg = 0;                 ///< then about its length, its left side upwards
+  std::array<double, 3> position_m{};  ///< position of the box's centre, in the world of the run
+  double yaw_deg = 0;    ///< heading of its length about the world's z axis, from x to y
+  double pitch_deg = 0;  ///< then pitch of its front, upwards
+  double roll_deg = 0;   ///< then about its length, its left side upwards
 };
 
 /// Changes to one object, applied in this order.
 struct ActorChange {
   bool remove = false;
-  std::vector<TrackPoint> track;  ///< replaces its own; two points at least, or empty
-  double speed = 1;  ///< along the track, from its first time on, 0: it stands; 0..kMaxSpeed
+  std::vector<TrackPoint> track;  ///< replaces its own; at least two points, or empty
+  double speed = 1;  ///< factor along the track, from its first time on, 0: it stands; 0..kMaxSpeed
   std::array<double, 3> shift_m{};              ///< in its own axes: forward, left, up
   double turn_deg = 0;                          ///< about its own up axis, positive to the left
   std::optional<std::array<double, 2>> hide_s;  ///< not drawn from, to, after the first frame

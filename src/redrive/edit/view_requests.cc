@@ -12,8 +12,8 @@
 namespace redrive {
 namespace {
 
-// The name may come from an untrusted file and is written to. It must stay inside the output folder
-// and have one spelling only, so that equal files have equal names.
+// The name may come from an untrusted file, and a file of this name is written. It must stay inside
+// the output folder and have one spelling only, so that equal files have equal names.
 std::string output_name_from_json(const JsonField& field) {
   const std::string name = field.string();
   const std::filesystem::path path(name);

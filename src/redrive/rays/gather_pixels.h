@@ -36,7 +36,7 @@ struct TrainingImage {
   std::span<const std::uint8_t> rgb, alpha, used;  ///< Image8
 };
 
-/// Pixels of an image: all of its table, or those of UsedPixels. One in `every` of them is drawn
+/// Pixels of an image: all of its table, or the ones in UsedPixels. One in `every` of them is drawn
 /// each epoch.
 struct PixelPool {
   std::uint32_t image = 0, every = 1;
@@ -49,7 +49,7 @@ struct PixelSpans {
   std::uint64_t pixels = 0;               ///< pixels of an epoch
   float background = 0;                   ///< grey level behind transparent images
   bool random_background = false;         ///< a random colour for each ray instead
-  std::span<const RayTableSpans> tables;  ///< by camera of the rig
+  std::span<const RayTableSpans> tables;  ///< one per camera of the rig
   std::span<const TrainingImage> images;
   std::span<const PixelPool> pools;
   std::span<const std::uint64_t> offsets;  ///< [pools + 1]: first pixel of each pool

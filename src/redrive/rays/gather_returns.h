@@ -36,7 +36,7 @@ struct GatheredReturns {
   std::span<float> origin, direction, pixel_angle, range_m;
 };
 
-/// Returns the transform at a time from the world of the recorded poses to that of the current
+/// Returns the transform at a time from the world of the recorded poses to the world of the current
 /// poses.
 inline PlainTransform world_from_recorded(const LidarSpans& from, std::int64_t t_ns) {
   const PlainTransform world_from_body =

@@ -64,7 +64,7 @@ std::string recording_format(const std::filesystem::path& folder) {
 
 namespace {
 
-/// Says why a path is no recording, and which one may have been meant.
+/// Reports why a path is no recording, and which one may have been meant.
 [[noreturn]] void refuse_folder(const std::filesystem::path& root) {
   const std::string hint = did_you_mean(root);
   const auto refusal = [&](const std::string& rule) {

@@ -17,7 +17,7 @@ struct Box {
   Rigid3d body_from_box;  ///< box axes: x along the object's length, forward; y left; z up; the
                           ///< origin is the centre
   Eigen::Vector3d size_m = Eigen::Vector3d::Zero();  ///< full lengths along the box's axes
-  /// The object's velocity minus the ego vehicle's, in body axes: of a parked object minus the ego
+  /// The object's velocity minus the ego vehicle's, in body axes; for a parked object minus the ego
   /// vehicle's. Formats that annotate none take differences of positions.
   Eigen::Vector3d velocity_in_body_m_per_s = Eigen::Vector3d::Zero();
   bool deforms = false;  ///< a person, who counts as moving at any speed

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which cameras of a recording are used.
+// Selects the cameras of a recording that are used.
 #pragma once
 
 #include <string>
@@ -9,10 +9,10 @@
 
 namespace redrive {
 
-/// Returns the camera of that name. UsageError for --cameras, with the names that there are.
+/// Returns the camera of that name. UsageError for --cameras, with the existing names.
 const RecordedCamera& named_camera(const Recording& recording, const std::string& name);
 
-/// Keeps the named cameras alone; all of them where no name is given. UsageError as named_camera,
+/// Keeps only the named cameras; all of them where no name is given. UsageError as named_camera,
 /// and for a name given twice.
 void keep_cameras(const std::vector<std::string>& names, Recording* recording);
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// How readers leave out records of tables and text files that cannot be, one by one.
+// Lets readers drop damaged records of tables and text files one by one.
 #pragma once
 
 #include <algorithm>
@@ -12,7 +12,7 @@
 
 namespace redrive {
 
-/// Where damaged records of a sensor go; null in the functions that take it: they are errors.
+/// Receives the damaged records of a sensor; where a function gets null, they are errors.
 struct DamagedList {
   std::string sensor;
   std::vector<DamagedRecord>* records;
@@ -49,14 +49,14 @@ inline void take_out_named(const DamagedList& damaged, std::vector<std::int64_t>
   });
 }
 
-/// Records of a sequence that do not go with those around them.
+/// Records of a sequence that do not fit their neighbours.
 struct Misfits {
-  std::vector<std::size_t> single;  ///< indices: without them the others go together
-  std::vector<std::size_t> breaks;  ///< indices of records that nothing joins to those before
+  std::vector<std::size_t> single;  ///< indices: without them the others fit together
+  std::vector<std::size_t> breaks;  ///< indices of records that do not fit the ones before
 };
 
-/// Finds the fewest records, eight in a row at most, without which each of `n` goes with the one
-/// before. `goes(a, b)`: whether record b may follow record a.
+/// Finds the fewest records, eight in a row at most, without which each of `n` fits the one before.
+/// `goes(a, b)`: whether record b may follow record a.
 template <class Goes>
 Misfits find_misfits(std::size_t n, const Goes& goes) {
   constexpr std::size_t kMostInRow = 8;

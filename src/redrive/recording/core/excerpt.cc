@@ -18,7 +18,7 @@ Ids ids_of_images(const Recording& recording) {
   return ids;
 }
 
-/// Frames of the scans; none where the place of the sensor is unknown.
+/// Returns the frames of the scans; none where the place of the sensor is unknown.
 Ids ids_of_scans(const Recording& recording) {
   Ids ids;
   if (recording.body_from_lidar)
@@ -26,7 +26,7 @@ Ids ids_of_scans(const Recording& recording) {
   return ids;
 }
 
-/// Ids of frames for which `holds`.
+/// Returns the ids of frames for which `holds`.
 template <class Holds>
 std::vector<std::int64_t> frames_where(const Recording& recording, const Holds& holds) {
   std::vector<std::int64_t> ids;

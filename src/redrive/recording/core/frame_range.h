@@ -12,7 +12,7 @@ namespace redrive {
 
 struct FrameRange {
   std::int64_t first = -1, last = -1;  ///< ids, inclusive; -1: open
-  int step = 1;                        ///< every n-th frame that is there, >= 1
+  int step = 1;                        ///< every n-th existing frame, >= 1
 };
 
 /// "FIRST:LAST[:STEP]", either end may be empty; an empty text is everything. UsageError.
@@ -22,8 +22,8 @@ FrameRange parse_frame_range(const std::string& text);
 std::vector<FramePose> select_frames(const FrameRange& range, const std::vector<FramePose>& frames);
 
 /// Keeps the poses from the first to the last frame of the range, LiDAR and boxes between them, and
-/// the images of its frames, so nothing else is read later. A drive's point cloud, which is in the
-/// axes of its first frame, goes with that, and a finding says so. UsageError if no image is left.
+/// the images of its frames, so that nothing else is read later. A drive's point cloud in the axes
+/// of its first frame goes with that frame, and a finding says so. UsageError if no image is left.
 void keep_frames(const FrameRange& range, Recording* recording);
 
 }  // namespace redrive

@@ -13,7 +13,7 @@ constexpr double kVelocityOver_s = 0.5;  // to either side, to average errors of
 
 struct BoxAt {
   std::int64_t frame_id = 0;
-  double t_s = 0;  ///< after the first frame
+  double t_s = 0;  ///< seconds after the first frame
   Eigen::Vector3d in_global;
   Box box;
 };

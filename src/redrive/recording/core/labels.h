@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Annotated objects as formats have them, an entry for each object and frame, and the boxes that
+// Annotated objects as formats store them, an entry for each object and frame, and the boxes that
 // they become.
 #pragma once
 
@@ -14,7 +14,7 @@
 
 namespace redrive {
 
-/// An object in one frame, in the axes of the sensor that it is annotated in.
+/// An object in one frame, in the axes of the sensor in which it is annotated.
 struct Label {
   std::int64_t frame_id = 0, object_id = 0;
   std::string type;         ///< "Car", "Pedestrian", ...
@@ -26,9 +26,9 @@ struct Label {
 /// Returns the time at which a label of a frame holds, on the frame's clock.
 using TimeOfLabel = std::function<std::int64_t(const Label& label, const FramePose& frame)>;
 
-/// Returns the boxes of the frames that have a pose, by frame. Each holds at its `time_of`;
+/// Returns the boxes of the frames that have a pose, keyed by frame. Each holds at its `time_of`;
 /// nullptr: at its frame's time. Velocities are least-squares slopes of the positions within half a
-/// second. `frames`: at least one, by increasing ids and times.
+/// second. `frames`: at least one, with increasing ids and times.
 std::map<std::int64_t, std::vector<Box>> place_boxes(const std::vector<Label>& labels,
                                                      const Rigid3d& body_from_sensor,
                                                      const std::vector<FramePose>& frames,

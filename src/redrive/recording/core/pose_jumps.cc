@@ -49,7 +49,7 @@ Vector6d median_of(const std::vector<Vector6d>& values, std::size_t begin, std::
   return medians;
 }
 
-/// The velocity that the intervals around i let expect.
+/// Returns the velocity at interval i that its neighbours suggest.
 Vector6d expected_velocity(const std::vector<Vector6d>& v, std::size_t i) {
   const std::size_t begin = i - std::min(i, kWindow), end = std::min(i + 1 + kWindow, v.size());
   const bool before = i - begin >= kLeastSide, after = end - i - 1 >= kLeastSide;
@@ -59,7 +59,7 @@ Vector6d expected_velocity(const std::vector<Vector6d>& v, std::size_t i) {
   return median_of(v, begin, end, i);
 }
 
-/// Intervals with a jump, in order.
+/// Returns the intervals with a jump, in order.
 std::vector<PoseJump> all_jumps(const std::vector<FramePose>& frames) {
   const std::vector<Vector6d> v = velocities(frames);
   std::vector<PoseJump> steps;
@@ -83,7 +83,7 @@ std::vector<PoseJump> all_jumps(const std::vector<FramePose>& frames) {
   return steps;
 }
 
-/// Measures how far stray poses lie off the way of the others.
+/// Measures how far stray poses lie off the path of the others.
 void measure_stray(const std::vector<FramePose>& frames, PoseFaults* faults) {
   const std::vector<FramePose> mended = without_stray_poses(frames, *faults);
   for (StrayPose& stray : faults->stray) {
@@ -111,7 +111,7 @@ PoseFaults find_pose_faults(const std::vector<FramePose>& frames) {
   }
   if (4 * faults.stray.size() > frames.size()) return {jumps, {}};
   measure_stray(frames, &faults);
-  // Good poses between two stray ones, or between one and an end, lie on the others' way.
+  // Good poses between two stray ones, or between one and an end, lie on the others' path.
   std::erase_if(faults.stray, [](const StrayPose& stray) {
     return stray.off_m <= kLeastShift_m && stray.off_rad <= kLeastTurn_rad;
   });

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Poses of a drive that their neighbours contradict: single ones that lie off the way, and places
-// from which on all poses are displaced, as after a new fix of the satellites.
+// Poses of a drive that their neighbours contradict: single ones that lie off the path, and places
+// from which on all poses are displaced, as after a new satellite fix.
 #pragma once
 
 #include <cstddef>
@@ -23,7 +23,7 @@ struct StrayPose {
 };
 
 struct PoseFaults {
-  std::vector<PoseJump> jumps;  ///< that no stray pose explains
+  std::vector<PoseJump> jumps;  ///< jumps that no stray pose explains
   std::vector<StrayPose> stray;
   bool empty() const { return jumps.empty() && stray.empty(); }
 };

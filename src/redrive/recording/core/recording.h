@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A recording, whatever its format: cameras with their calibration, the body's pose per frame,
-// image files, and findings about missing or unusual data. Only metadata is decoded here. A set of
+// A recording of any format: cameras with their calibration, the body's pose per frame, image
+// files, and findings about missing or unusual data. Only metadata is decoded here. A set of
 // photographs is a recording, too: its body is the camera.
 #pragma once
 
@@ -22,8 +22,9 @@ class RecordingReader;  // recording/formats/recording_reader.h
 /// under the middle of the rear axle (perception/ego_outline.h).
 struct FramePose {
   std::int64_t id = 0;
-  std::int64_t t_ns = 0;     ///< of any epoch; images follow it by a constant per camera
-  Rigid3d global_from_body;  ///< Recording::global_frame; of ECEF magnitude (6.4e6 m) in drives
+  std::int64_t t_ns = 0;  ///< since any epoch; images follow it by a constant per camera
+  /// in the frame of Recording::global_frame; of ECEF magnitude (6.4e6 m) in drives
+  Rigid3d global_from_body;
 };
 
 /// The reference frame of poses.
@@ -38,7 +39,7 @@ struct FrameFile {
   std::filesystem::path path;
 };
 
-/// A mask image of the size of the image.
+/// A mask image with the size of its image.
 struct MaskFile {
   std::filesystem::path path;   ///< empty: no mask
   bool black_is_masked = true;  ///< false: everything but black is masked
@@ -47,7 +48,7 @@ struct MaskFile {
 /// A camera's image of one frame.
 struct ImageFile : FrameFile {
   MaskFile mask;
-  bool held_out = false;  ///< by the recording's own split: not for training
+  bool held_out = false;  ///< held out by the recording's own split: not for training
 };
 
 /// Extent of a bounded scene: |x - center| <= half_side along each axis.
@@ -69,13 +70,13 @@ constexpr double kMostDamagedPercent = 5;
 struct DamagedRecord {
   std::string sensor;          ///< a camera, or "lidar", "boxes", "poses", ...
   std::int64_t frame_id = -1;  ///< -1: not known
-  std::string why;             ///< as InputError says it: file, field, value, rule
-  bool breaks = false;         ///< a pose that is not left out: the frames from it on are elsewhere
+  std::string why;             ///< reason as InputError states it: file, field, value, rule
+  bool breaks = false;         ///< a pose that is kept: the frames from it on are elsewhere
 };
 
 struct RecordedCamera {
   CameraCalibration calibration;
-  std::vector<ImageFile> images;  ///< by frame id; only frames that have a pose
+  std::vector<ImageFile> images;  ///< sorted by frame id; only frames that have a pose
 };
 
 /// Views that were never driven, with images as ground truth or to be rendered.
@@ -91,29 +92,29 @@ struct Recording {
   std::filesystem::path root;
   std::string format;  ///< "aimotive", "kitti", "transforms", ...: for messages
   std::shared_ptr<const RecordingReader> reader = basic_reader();  ///< never null
-  std::vector<RecordedCamera> cameras;                             ///< by name; only with images
-  std::vector<FramePose> frames;                                   ///< by id
+  std::vector<RecordedCamera> cameras;  ///< sorted by name; only cameras with images
+  std::vector<FramePose> frames;        ///< sorted by id
   std::vector<std::string> other_sensors;
-  std::optional<Rigid3d> body_from_lidar;      ///< its origin is that of LiDAR rays;
-                                               ///< without it lidar_files are not used
-  std::vector<NovelSet> novel;                 ///< by name
-  std::vector<FramePose> ground_truth_frames;  ///< exact poses by id, where a made recording ships
-                                               ///< them; `frames` may carry errors
-  std::vector<FrameFile> lidar_files;          ///< by frame id, with or without a pose; for reader
-  std::vector<FrameFile> box_files;            ///< by frame id, with or without a pose; for reader
-  std::filesystem::path points_file;           ///< static point cloud instead of lidar_files, for
-                                               ///< reader; empty: none
+  /// its origin is the origin of LiDAR rays; without it lidar_files are not used
+  std::optional<Rigid3d> body_from_lidar;
+  std::vector<NovelSet> novel;  ///< sorted by name
+  /// exact poses sorted by id, where a made recording ships them; `frames` may carry errors
+  std::vector<FramePose> ground_truth_frames;
+  std::vector<FrameFile> lidar_files;  ///< sorted by frame id, with or without a pose; for reader
+  std::vector<FrameFile> box_files;    ///< sorted by frame id, with or without a pose; for reader
+  std::filesystem::path points_file;   ///< static point cloud instead of lidar_files, for
+                                       ///< reader; empty: none
   GlobalFrame global_frame = GlobalFrame::kEcef;
   /// True: a drive, in metres and seconds. False: photographs in an arbitrary unit, which replaces
-  /// the metre everywhere; the body's axes are those of a camera that looks along body x, and t_ns
-  /// counts frames, 1 s each.
+  /// the metre everywhere; the body's axes are the axes of a camera that looks along body x, and
+  /// t_ns counts frames, 1 s each.
   bool metric = true;
   std::optional<BoundingCube> bounds;  ///< in the global frame; nothing: unbounded
   std::vector<Finding> findings;       ///< frames dropped without a pose, missing images, ...
-  std::vector<DamagedRecord> damaged;  ///< what is left out for it, by readers and later
-  double most_damaged_percent = kMostDamagedPercent;  ///< of a sensor's records
-  std::filesystem::path outside_file;  ///< a file that the recording's text names outside of its
-                                       ///< folder; empty: none
+  std::vector<DamagedRecord> damaged;  ///< records dropped from it, by readers and later
+  double most_damaged_percent = kMostDamagedPercent;  ///< share of a sensor's records, in percent
+  /// a file outside the recording's folder that its text names; empty: none
+  std::filesystem::path outside_file;
 
   const RecordedCamera* find_camera(const std::string& name) const;
 };
@@ -122,8 +123,8 @@ struct Recording {
 enum class PoseSource { kRecorded, kGroundTruth };
 
 /// Opens a recording of any known format (recording/registry.cc). InputError if the format is
-/// unknown, if it ships no ground truth and that is asked for, and without `outside_files` if its
-/// text names files outside of its folder: it may come from a stranger.
+/// unknown, if ground truth is requested and it ships none, and without `outside_files` if its text
+/// names files outside its folder: it may come from a stranger.
 Recording open_recording(const std::filesystem::path& root,
                          PoseSource source = PoseSource::kRecorded, bool outside_files = false);
 

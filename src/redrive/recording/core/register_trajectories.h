@@ -14,7 +14,7 @@ struct TrajectoryRegistration {
   Rigid3d run_from_ground_truth = Rigid3d::Identity();  ///< ECEF to ECEF: maps ground-truth poses
                                                         ///< to the run's frame of reference
   int frames = 0;                                       ///< number of frames in both trajectories
-  double translation_m = 0, rotation_deg = 0;  ///< of that motion, at the trajectory's middle
+  double translation_m = 0, rotation_deg = 0;  ///< size of that motion, at the trajectory's middle
   double residual_m = 0,
          residual_deg = 0;  ///< RMS of position and rotation that no rigid motion explains
 };

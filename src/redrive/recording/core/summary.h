@@ -17,7 +17,7 @@ struct DriveSummary {
   std::vector<Finding> findings;  ///< gaps in time, and poses that contradict their neighbours
 };
 
-/// `frames`: by id, with increasing times, as in Recording. All zero for fewer than two.
+/// `frames`: sorted by id, with increasing times, as in Recording. All zero for fewer than two.
 DriveSummary summarize_drive(const std::vector<FramePose>& frames);
 
 }  // namespace redrive

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The body's trajectory: its pose between the frames, for cameras and LiDAR points with times of
-// their own, and the check of a file's poses.
+// The body's trajectory: its pose between the frames, for cameras and LiDAR points with their own
+// times, and the check of a file's poses.
 #pragma once
 
 #include <cstdint>
@@ -13,10 +13,10 @@
 
 namespace redrive {
 
-/// global_from_body at time t_ns: between two frames the position is interpolated linearly and the
-/// rotation along the shortest arc; before the first and after the last frame the motion of the two
-/// frames there goes on. `frames`: at least one, times increasing; a single one stands still. At a
-/// frame's own time its own pose, bit for bit.
+/// Returns global_from_body at time t_ns: between two frames the position is interpolated linearly
+/// and the rotation along the shortest arc; before the first and after the last frame the motion
+/// between the two frames there continues. `frames`: at least one, times increasing; a single one
+/// stands still. At a frame's own time its own pose, bit for bit.
 Rigid3d pose_at(const std::vector<FramePose>& frames, std::int64_t t_ns);
 
 /// Mean velocity of the body's origin in the global frame over 0.2 s around t_ns, in m/s.
@@ -31,8 +31,8 @@ struct PoseFields {
 /// id, increase and none moves from the one before at more than 150 m/s. `frames`: in metres.
 void check_trajectory(const std::vector<FramePose>& frames, const std::filesystem::path& file,
                       const PoseFields& fields);
-/// As check_trajectory, but moves single frames that contradict those around them to `damaged`, and
-/// adds frames from which on the others are elsewhere, which stay.
+/// The same, but moves single frames that contradict their neighbours to `damaged`, and adds frames
+/// from which on the others are elsewhere, which stay.
 void leave_out_impossible(const std::filesystem::path& file, const PoseFields& fields,
                           const DamagedList* damaged, std::vector<FramePose>* frames);
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Intrinsics from JSON, whatever the format calls them. Each function reads one number; InputError
-// if no camera has it.
+// Intrinsics from JSON, under any format's names. Each function reads one number; InputError if no
+// camera can have it.
 #pragma once
 
 #include "redrive/base/json_field.h"

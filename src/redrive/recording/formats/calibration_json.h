@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Calibrations as JSON, by sensor: calibration.json of drives and "calibration" of POSES.json.
+// Calibrations as JSON, keyed by sensor: calibration.json of drives and "calibration" of
+// POSES.json.
 //   {"CAM": {"sensor_type": "camera", "model", "image_resolution_px": [w, h],
 //    "focal_length_px": [fx, fy], "principal_point_px": [cx, cy], "distortion_coeffs": [...],
 //    other parameters of the model by name ("xi"), "RT_body_from_sensor": 4x4,
@@ -25,10 +26,10 @@ struct OtherSensors {
                                            ///< RT_body_from_sensor
 };
 
-/// Cameras by name; other sensors go into `others`, which may be null. InputError: unknown model,
-/// wrong shapes, NaN, focal length <= 0, extrinsics that are no rotation or mirror (det < 0), and
-/// inverted extrinsics: they disagree with RT_sensor_from_body or pos_meter, or the camera's y axis
-/// does not point down while that of the inverse does.
+/// Returns cameras sorted by name; other sensors go into `others`, which may be null. InputError:
+/// unknown model, wrong shapes, NaN, focal length <= 0, extrinsics that are no rotation or mirror
+/// (det < 0), and inverted extrinsics: they disagree with RT_sensor_from_body or pos_meter, or the
+/// camera's y axis does not point down while the inverse's does.
 std::vector<CameraCalibration> cameras_from_json(const JsonField& sensors, OtherSensors* others);
 
 /// Cameras of a calibration.json, at least one. `file` is for messages.

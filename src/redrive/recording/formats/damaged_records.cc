@@ -44,7 +44,8 @@ void check_scan(const RecordingReader& reader, const FrameFile& file, bool whole
   if (whole || reader.lidar_point_count(file) == 0) reader.read_lidar(file);
 }
 
-/// Whether frames have files of boxes of their own. Others were read when the recording was opened.
+/// Whether frames have their own files of boxes. Other boxes were read when the recording was
+/// opened.
 bool has_box_files(const Recording& recording) {
   const std::vector<FrameFile>& files = recording.box_files;
   return files.size() == 1 || (files.size() > 1 && files[0].path != files[1].path);
@@ -98,7 +99,7 @@ class Records {
     if (has_box_files(recording_)) std::erase_if(recording_.box_files, is_damaged);
   }
 
-  /// Adds a finding for each sensor. Returns the sensors that are damaged too much.
+  /// Adds a finding for each sensor. Returns the sensors with too much damage.
   std::vector<Finding> judge_all(const std::vector<DamagedRecord>& all_damaged) {
     std::map<std::string, std::vector<DamagedRecord>> damaged;
     std::vector<Finding> too_many;
@@ -122,7 +123,7 @@ class Records {
   }
 
  private:
-  /// Frames on both sides of a break do not go together. Leaves out those that are not chosen.
+  /// Frames on both sides of a break do not belong together. Drops those that are not chosen.
   void judge_break(const DamagedRecord& record, std::vector<Finding>* too_many) {
     const auto side = [&](bool before) {
       return std::ranges::any_of(recording_.frames, [&](const FramePose& frame) {
@@ -155,7 +156,7 @@ class Records {
         files, [&](const FrameFile& file) { return is_chosen(file.frame_id); }));
   }
 
-  /// Number of a sensor's chosen records that are left; of frames for poses and times.
+  /// Returns the number of a sensor's chosen records that are left; for poses and times, of frames.
   std::size_t remaining(const std::string& group) const {
     std::size_t of_cameras = 0;
     for (const RecordedCamera& camera : recording_.cameras)
@@ -173,7 +174,7 @@ class Records {
       checks_.push_back({{sensor, file.frame_id, ""}, file.path, std::move(look_at)});
   }
 
-  /// Has the first, the last and some between of the checks from `first` on look at all.
+  /// Makes the first, the last and some between of the checks from `first` on read whole files.
   void mark_whole(std::size_t first, std::size_t count) {
     const std::size_t size = checks_.size() - first;
     if (check_.whole == 0 || size == 0) return;

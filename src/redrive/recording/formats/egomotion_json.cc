@@ -29,7 +29,7 @@ std::int64_t frame_id_from_key(const JsonField& entry, const std::string& key) {
   return id;
 }
 
-/// Returns the name of the time field. It is the same in all entries: the two may be of different
+/// Returns the name of the time field. It is the same in all entries: the two may have different
 /// clocks.
 const char* time_field(const JsonField& first_entry) {
   for (const char* name : {"time_host", "time"})

@@ -14,8 +14,9 @@
 
 namespace redrive {
 
-/// Poses by id. InputError: ids with leading zeros, no pose at all. Poses and times that cannot be,
-/// times that do not increase and more than 150 m/s go to `damaged`; without it they are errors.
+/// Returns poses sorted by id. InputError: ids with leading zeros, no pose at all. Impossible poses
+/// and times, times that do not increase and more than 150 m/s go to `damaged`; without it they are
+/// errors.
 std::vector<FramePose> parse_egomotion(std::string_view text, const std::filesystem::path& file,
                                        const DamagedList* damaged = nullptr);
 

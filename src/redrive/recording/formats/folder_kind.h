@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a folder is, for messages about a recording that is given as a run, the other way round, or
-// one folder too high or too deep.
+// Describes a folder, for messages about a recording that is given as a run, the other way round,
+// or one folder too high or too deep.
 #pragma once
 
 #include <filesystem>
@@ -8,7 +8,8 @@
 
 namespace redrive {
 
-/// The format of the recording that the folder looks like (recording/registry.cc); empty: none.
+/// Returns the format of the recording that the folder looks like (recording/registry.cc); empty:
+/// none.
 std::string recording_format(const std::filesystem::path& folder);
 
 enum class FolderKind {
@@ -19,11 +20,11 @@ enum class FolderKind {
 };
 FolderKind kind_of_folder(const std::filesystem::path& folder);
 
-/// Says what a folder is, without its name: "a recording (kitti)". Empty for an unknown one.
+/// Describes a folder without its name: "a recording (kitti)". Empty for an unknown one.
 std::string describe_folder(const std::filesystem::path& folder);
 
-/// "did you mean A (a recording (kitti)), ...?" with folders above the path, or else below it or
-/// beside one that is not there, each up to two levels away. Empty if there is none.
+/// Returns "did you mean A (a recording (kitti)), ...?" with folders above the path, or else below
+/// it or beside a missing one, each up to two levels away. Empty if there is none.
 std::string did_you_mean(const std::filesystem::path& path);
 
 }  // namespace redrive

@@ -13,7 +13,7 @@
 
 namespace redrive {
 
-/// Return false where there is nothing, and where a folder above cannot be read.
+/// Returns false where nothing exists, and where a folder above cannot be read.
 bool is_there(const std::filesystem::path& path);
 bool is_folder(const std::filesystem::path& path);
 
@@ -42,7 +42,7 @@ bool lies_outside(const std::filesystem::path& file, const std::filesystem::path
 /// InputError, with the findings, if no camera has an image that can be used.
 void require_cameras(const Recording& recording);
 
-/// InputError if exact poses are asked for, of a format that ships none.
+/// InputError if exact poses are requested from a format that ships none.
 void refuse_ground_truth(const std::filesystem::path& root, PoseSource source);
 
 }  // namespace redrive

@@ -20,7 +20,8 @@ struct ImageSize {
 /// damaged there, and for more than 65536 pixels a side.
 std::optional<ImageSize> image_size(const std::filesystem::path& path);
 
-/// The size that most of a few of the images have, spread over them; nothing where none is known.
+/// Returns the most frequent size of a few of the images, spread over them; nothing where none is
+/// known.
 std::optional<ImageSize> usual_image_size(const std::vector<ImageFile>& images);
 
 }  // namespace redrive

@@ -16,12 +16,12 @@ class MaskFolder {
  public:
   explicit MaskFolder(const std::filesystem::path& root);
 
-  /// The mask of an image by its name, relative to the folder of the images: of a/1.jpg the first
-  /// of a/1.jpg.png, as COLMAP asks for, then a/1.png, a/1.jpg, a/1_mask.png and a/1.mask.png, in
-  /// any case.
+  /// Returns the mask of an image by its name, relative to the folder of the images: for a/1.jpg
+  /// the first of a/1.jpg.png, as COLMAP asks for, then a/1.png, a/1.jpg, a/1_mask.png and
+  /// a/1.mask.png, in any case.
   MaskFile find(const std::string& image);
 
-  /// Says that a file is the mask of an image by other means.
+  /// Notes that a file is used as the mask of an image found by other means.
   void use(const std::filesystem::path& file);
 
   /// A finding counts the files that no image has.
@@ -29,7 +29,7 @@ class MaskFolder {
 
  private:
   std::filesystem::path folder_;
-  std::map<std::string, std::filesystem::path> files_;  ///< by name, relative and in lower case
+  std::map<std::string, std::filesystem::path> files_;  ///< key: name, relative and in lower case
   std::set<std::filesystem::path> used_;
 };
 

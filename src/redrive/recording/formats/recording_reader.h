@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Interface of a recording format beyond the metadata in Recording: reads LiDAR and boxes, and
-// writes poses and calibration. The function that opens a recording sets Recording::reader; nothing
-// else knows the folders of a data set.
+// writes poses and calibration. The function that opens a recording sets Recording::reader; no
+// other code knows the folders of a data set.
 #pragma once
 
 #include <cstdint>
@@ -17,20 +17,20 @@
 
 namespace redrive {
 
-/// Poses and calibration as files: text by name, relative to their folder.
+/// Poses and calibration as files: text keyed by name, relative to their folder.
 using PoseFiles = std::map<std::filesystem::path, std::string>;
 
 /// Poses and calibration of a recording, and the files they come from, for messages.
 struct CalibratedPoses {
-  std::vector<FramePose> frames;           ///< by id
-  std::vector<CameraCalibration> cameras;  ///< by name
+  std::vector<FramePose> frames;           ///< sorted by id
+  std::vector<CameraCalibration> cameras;  ///< sorted by name
   std::filesystem::path frames_file, cameras_file;
 };
 
 /// A point of the static world.
 struct StaticPoint {
   Eigen::Vector3d in_global;         ///< the recording's global frame
-  std::vector<std::int64_t> frames;  ///< of the recording, whose images show the point
+  std::vector<std::int64_t> frames;  ///< frames of the recording whose images show the point
   bool has_track = false;            ///< whether its file says which images show it
 };
 
@@ -42,7 +42,7 @@ class RecordingReader {
  public:
   virtual ~RecordingReader() = default;
 
-  /// Points of one of Recording::lidar_files. Adds those that cannot be used to `left_out`, if that
+  /// Returns the points of one of Recording::lidar_files. Adds unusable ones to `left_out`, if that
   /// is given. InputError for a damaged file.
   virtual std::vector<LidarPoint> read_lidar(const FrameFile& file,
                                              std::size_t* left_out = nullptr) const;

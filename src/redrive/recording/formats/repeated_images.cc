@@ -17,9 +17,10 @@ namespace {
 constexpr double kMoved_m = 0.05, kMoved_rad = 0.5 * std::numbers::pi / 180;
 constexpr std::uintmax_t kMetadataBytes = 256;  // times, comments
 constexpr std::uintmax_t kLeastBytes = 4096;    // smaller files have to be equal in all bytes
-constexpr double kEqualShare = 0.95;            // of the bytes, from both ends of the files
+constexpr double kEqualShare = 0.95;            // share of the bytes, from both ends of the files
 
-/// Number of equal bytes at the beginning of two files, or, with `from_end`, at their end.
+/// Returns the number of equal bytes at the beginning of two files, or, with `from_end`, at their
+/// end.
 std::uintmax_t equal_bytes(std::ifstream& a, std::ifstream& b, std::uintmax_t a_size,
                            std::uintmax_t b_size, bool from_end) {
   constexpr std::uintmax_t kBlock = 1 << 14;
@@ -42,7 +43,7 @@ std::uintmax_t equal_bytes(std::ifstream& a, std::ifstream& b, std::uintmax_t a_
   return size;
 }
 
-/// Whether two files hold the same image: compressed pixels of different ones differ all over.
+/// Whether two files hold the same image: compressed pixels of different images differ all over.
 bool holds_same(const std::filesystem::path& a, const std::filesystem::path& b) {
   std::error_code failed;
   const std::uintmax_t a_size = std::filesystem::file_size(a, failed);
@@ -87,7 +88,7 @@ void leave_out_repeated_images(Recording* recording) {
   for (RecordedCamera& camera : recording->cameras) {
     std::vector<ImageFile> kept;
     std::vector<std::int64_t> repeated;
-    const Rigid3d* first = nullptr;  // where the present pixels came first
+    const Rigid3d* first = nullptr;  // where the present pixels appeared first
     for (std::size_t i = 0; i < camera.images.size(); ++i) {
       const ImageFile& image = camera.images[i];
       const Rigid3d* const pose = pose_of(image);

@@ -56,7 +56,7 @@ class SymbolModel {
 };
 
 /// Decodes symbols from `bytes` (which must outlive it). Any bytes can be decoded without harm;
-/// broken() returns whether they were a code.
+/// broken() tells whether they were a valid code.
 class ArithmeticDecoder {
  public:
   explicit ArithmeticDecoder(std::string_view bytes);
@@ -65,7 +65,7 @@ class ArithmeticDecoder {
   std::uint32_t symbol(SymbolModel& model);
   std::uint32_t bits(int n);  ///< n equally likely bits, 1..32
 
-  /// Whether the bytes ended too early, or hold what no encoder writes. The symbols since then are
+  /// Whether the bytes ended too early, or contain what no encoder writes. Later symbols are
   /// meaningless.
   bool broken() const { return broken_; }
   void refuse() { broken_ = true; }  ///< sets broken: no encoder writes these symbols

@@ -19,7 +19,8 @@
 namespace redrive {
 namespace {
 
-/// A point data format: the least bytes of a record, and where its gps_time stands, 0: it has none.
+/// A point data format: the least bytes of a record, and the offset of its gps_time, 0: it has
+/// none.
 struct PointFormat {
   std::uint16_t bytes, gps_time;
 };
@@ -27,7 +28,7 @@ constexpr PointFormat kPointFormats[] = {{20, 0},  {28, 20}, {26, 0},  {34, 20},
                                          {30, 22}, {36, 22}, {38, 22}, {59, 22}, {67, 22}};
 constexpr int kMostCompressed = 3;           // the last point format that is read where compressed
 constexpr int kMostExtraBytes = 64;          // each takes 3 kB of models
-constexpr std::size_t kCountOffset14 = 247;  // of the 64-bit number of points of LAS 1.4
+constexpr std::size_t kCountOffset14 = 247;  // offset of the 64-bit number of points in LAS 1.4
 constexpr std::size_t kHeaderBytes14 = 375;
 constexpr std::size_t kHeaderBytes = 227, kVariableHeaderBytes = 54, kPointCountOffset = 107;
 constexpr std::uint32_t kMaxLasPoints =
@@ -311,7 +312,7 @@ std::string make_las(std::span<const LidarRecord> points, double step_m) {
 }
 
 std::uint64_t las_point_count(const std::filesystem::path& file) {
-  constexpr std::uint64_t kMostBefore = 1 << 20;  // bytes of the header and its records
+  constexpr std::uint64_t kMostBefore = 1 << 20;  // maximum bytes of the header and its records
   std::string bytes = read_head(file, kCountOffset14 + 8);
   if (!bytes.starts_with("LASF") || bytes.size() < kPointCountOffset + 4) return 0;
   std::uint64_t count = little_endian<std::uint32_t>(bytes, kPointCountOffset);

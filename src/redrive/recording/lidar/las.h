@@ -16,10 +16,10 @@
 
 namespace redrive {
 
-/// Returns the points in the order of the file. gps_time is taken for nanoseconds; points of a
+/// Returns the points in the order of the file. gps_time is taken as nanoseconds; points of a
 /// format without it have `frame_time_ns`. Points with a coordinate above 1e4 m or without a
-/// possible time are left out and added to `left_out`. InputError for more than a twentieth of
-/// them, other versions and formats, counts, offsets and sizes that contradict the file, damaged
+/// possible time are dropped and added to `left_out`. InputError for more than a twentieth of them,
+/// other versions and formats, counts, offsets and sizes that contradict the file, damaged
 /// compressed data, scales <= 0, and header fields that are not finite.
 std::vector<LidarPoint> parse_las(std::string_view bytes, const std::filesystem::path& file,
                                   std::int64_t frame_time_ns = 0, std::size_t* left_out = nullptr);
@@ -34,7 +34,7 @@ constexpr double max_las_position_m(double step_m) { return 2e9 * step_m; }
 /// Debian 12 has no LAS library.
 std::string make_las(std::span<const LidarRecord> points, double step_m = 1e-4);
 
-/// Returns the number of points by the header, or 0 if that is damaged or the file is cut.
+/// Returns the number of points in the header, or 0 if that is damaged or the file is cut.
 std::uint64_t las_point_count(const std::filesystem::path& file);
 
 }  // namespace redrive

@@ -7,7 +7,7 @@
 namespace redrive {
 namespace {
 
-constexpr int kUpperBits = 8;  // of an error: these are modelled, lower bits are nearly random
+constexpr int kUpperBits = 8;  // bits of an error that are modelled; lower bits are nearly random
 
 int number_of_return(std::uint8_t returns) { return returns & 7; }
 int returns_of_pulse(std::uint8_t returns) { return returns >> 3 & 7; }

@@ -22,7 +22,7 @@ struct LasRecord {
       0;  ///< bits 0-2 number of this return, 3-5 returns of the pulse, 6 scan direction, 7 edge
   std::uint8_t classification = 0, scan_angle = 0, user_data = 0;
   std::uint16_t source_id = 0;
-  std::uint64_t gps_time_bits = 0;  ///< of the double
+  std::uint64_t gps_time_bits = 0;  ///< bits of the double
 
   bool operator==(const LasRecord&) const = default;
 };
@@ -33,7 +33,8 @@ class IntegerDecoder {
  public:
   IntegerDecoder(int bits, int contexts);  ///< bits 16 (results in 0..2^16 - 1) or 32 (signed)
   std::int32_t decode(ArithmeticDecoder& decoder, std::uint32_t predicted, int context);
-  int error_bits() const { return error_bits_; }  ///< of the last error: |error| <= 2^error_bits
+  /// bits of the last error: |error| <= 2^error_bits
+  int error_bits() const { return error_bits_; }
 
  private:
   std::uint32_t mask_;
@@ -67,10 +68,10 @@ class StreamingMedian {
   bool drop_largest_ = true;
 };
 
-/// Returns the context, 0..15, of a return: by returns of the pulse and number of the return.
+/// Returns the context, 0..15, of a return: from returns of the pulse and number of the return.
 int return_context(std::uint8_t returns);
 
-/// Decodes all fields of a point but its time.
+/// Decodes all fields of a point except its time.
 class Point10Decoder {
  public:
   explicit Point10Decoder(const LasRecord& first) : last_(first) {}
@@ -80,13 +81,13 @@ class Point10Decoder {
   void decode_changed_fields(ArithmeticDecoder& decoder);
 
   LasRecord last_;
-  std::array<StreamingMedian, 16> dx_, dy_;         ///< by return_context
-  std::array<std::uint16_t, 16> last_intensity_{};  ///< by return_context
-  std::array<std::int32_t, 8> last_z_{};  ///< by |returns of the pulse - number of the return|
+  std::array<StreamingMedian, 16> dx_, dy_;         ///< one per return_context
+  std::array<std::uint16_t, 16> last_intensity_{};  ///< one per return_context
+  std::array<std::int32_t, 8> last_z_{};  ///< one per |returns of the pulse - number of the return|
   SymbolModel changed_{64};
   ByteModels returns_, classification_, user_data_;
   std::array<SymbolModel, 2> scan_angle_{SymbolModel(256),
-                                         SymbolModel(256)};  ///< by scan direction
+                                         SymbolModel(256)};  ///< one per scan direction
   IntegerDecoder intensity_coder_{16, 4}, source_id_coder_{16, 1}, dx_coder_{32, 2},
       dy_coder_{32, 22}, z_coder_{32, 20};
 };

@@ -19,8 +19,8 @@
 namespace redrive {
 
 /// Returns the points, |coordinate| <= 1e7 in the file's unit. Others, such as the NaN of organised
-/// clouds, are left out and counted in `left_out`. InputError for other versions and formats,
-/// truncated files, more than 1e8 points, and files none of whose points can be used.
+/// clouds, are dropped and counted in `left_out`. InputError for other versions and formats,
+/// truncated files, more than 1e8 points, and files without a usable point.
 std::vector<Eigen::Vector3d> parse_ply(std::string_view bytes, const std::filesystem::path& file,
                                        std::size_t* left_out = nullptr);
 std::vector<Eigen::Vector3d> read_ply(const std::filesystem::path& file,

@@ -21,7 +21,7 @@ class PlyVertices {
 
   std::size_t size() const { return count_; }
   bool has(std::string_view property) const;
-  /// Lines of comments, without the keyword and the blanks behind it.
+  /// Lines of comments, without the keyword and the blanks after it.
   const std::vector<std::string>& comments() const { return comments_; }
 
   /// Calls take(index, values) for each vertex: the named properties, as many as names. InputError
@@ -41,7 +41,8 @@ class PlyVertices {
   /// An element before the vertices: the records to be skipped.
   struct Element {
     struct Property {
-      std::size_t count_bytes = 0, bytes = 0;  ///< of a list's length, 0: no list; of one value
+      /// bytes of a list's length, 0: no list; bytes of one value
+      std::size_t count_bytes = 0, bytes = 0;
     };
     std::size_t count = 0;
     std::vector<Property> properties;

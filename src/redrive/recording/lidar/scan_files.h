@@ -20,12 +20,13 @@ std::string make_pcd(std::span<const LidarRecord> points);
 /// Returns a scan of KITTI: x, y, z and a reflectance of 0 as float.
 std::string make_kitti_scan(std::span<const LidarRecord> points);
 
-/// Most lines of a file of times, one for each number of a frame, that is written.
+/// Maximum number of lines in a timestamps file.
 constexpr std::int64_t kMaxKittiTimes = 1'000'000;
-/// Returns a time as KITTI's timestamps.txt has it: "2011-09-26 13:10:51.175862102", UTC.
+/// Returns a time in the form of KITTI's timestamps.txt: "2011-09-26 13:10:51.175862102", UTC.
 std::string kitti_timestamp(std::int64_t t_ns);
-/// Returns a file of times: line n is of frame n - 1, empty where there is no time, up to the last
-/// frame. `times`: frame and nanoseconds since 1970, by frame from 0 on, each frame once.
+/// Returns a timestamps file: line n belongs to frame n - 1, empty where there is no time, up to
+/// the last frame. `times`: frame and nanoseconds since 1970, sorted by frame from 0 on, each frame
+/// once.
 std::string kitti_timestamps(const std::vector<std::pair<std::int64_t, std::int64_t>>& times);
 /// Returns the name of a frame's file: "0000000012.bin". `extension`: with its dot.
 std::string kitti_file_name(std::int64_t frame_id, const char* extension);

@@ -15,7 +15,7 @@
 
 namespace redrive {
 
-/// Most values of a scan that may be impossible, as one of so many: more are of another unit.
+/// One in this many values of a scan may be impossible, at most; more mean another unit.
 constexpr std::size_t kOneImpossibleOf = 20;
 
 /// Whether x, y, z and intensity or reflectance stand for a direction without a return.

@@ -16,7 +16,7 @@ inline double number_within(const JsonField& field, double least, double most, c
   return value;
 }
 
-/// Likewise of an array of n numbers.
+/// The same for an array of n numbers.
 template <std::size_t n>
 std::array<double, n> numbers_within(const JsonField& field, double least, double most,
                                      const char* rule) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Numbers out of bytes and into them.
+// Reads and writes numbers in little-endian bytes.
 #pragma once
 
 #include <bit>
@@ -12,7 +12,7 @@ namespace redrive {
 
 static_assert(std::endian::native == std::endian::little, "so is all that redrive runs on");
 
-/// The T that stands at `offset`, which must be at most bytes.size() - sizeof(T).
+/// Reads a T at byte `offset`, which must be at most bytes.size() - sizeof(T).
 template <class T>
 T little_endian(std::string_view bytes, std::size_t offset) {
   T value;

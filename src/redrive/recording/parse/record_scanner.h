@@ -40,7 +40,7 @@ class RecordScanner {
   bool in_string_ = false, escaped_ = false;
   int depth_ = 0;
   std::size_t records_ = 0;
-  std::string begun_;  ///< of a record that earlier bytes began
+  std::string begun_;  ///< beginning of a record from earlier bytes
 };
 
 /// Reads a file into the scanner. InputError as RecordScanner, and if it is missing or unreadable.

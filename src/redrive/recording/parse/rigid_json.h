@@ -7,8 +7,8 @@
 
 namespace redrive {
 
-/// InputError if the matrix is no rigid transform (rigid_obstacle); its rotation becomes the
-/// nearest one that is orthonormal.
+/// InputError if the matrix is no rigid transform (rigid_obstacle); its rotation is replaced by the
+/// nearest orthonormal one.
 Rigid3d rigid_from_json(const JsonField& field);
 
 nlohmann::json rigid_to_json(const Rigid3d& transform);

@@ -19,7 +19,7 @@ class TextLine {
 
   std::size_t size() const { return words_.size(); }
   std::string_view word(std::size_t i) const { return words_.at(i); }
-  /// Word i and all behind it, with the blanks between them.
+  /// Word i and everything after it, with the blanks between.
   std::string_view rest(std::size_t i) const {
     return {word(i).data(), words_.back().data() + words_.back().size()};
   }
@@ -44,7 +44,7 @@ class TextLine {
   std::vector<std::string_view> words_;
 };
 
-/// The lines of a text without empty ones at its end; those between have no word.
+/// Returns the lines of a text without empty ones at its end; empty lines in between have no word.
 std::vector<TextLine> text_lines(std::string_view text, const std::filesystem::path& file);
 
 }  // namespace redrive

@@ -59,7 +59,7 @@ class Reader : public RecordingReader {
   }
 
  private:
-  std::vector<FramePose> frames_;  ///< by id; their times are those of returns without one
+  std::vector<FramePose> frames_;  ///< sorted by id; returns without a time have their frame's
 };
 
 fs::path egomotion_file(const fs::path& root) {

@@ -17,7 +17,7 @@ namespace redrive::aimotive {
 
 bool looks_like(const std::filesystem::path& root);
 Recording open(const std::filesystem::path& root, PoseSource source);
-/// `frames`: by id; their times are those of LiDAR returns whose file has none.
+/// `frames`: sorted by id; LiDAR returns whose file has no times have their frame's.
 std::shared_ptr<const RecordingReader> make_reader(std::vector<FramePose> frames = {});
 
 }  // namespace redrive::aimotive

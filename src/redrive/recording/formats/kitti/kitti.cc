@@ -25,13 +25,13 @@ namespace fs = std::filesystem;
 constexpr const char* kImageFolders[] = {"image_00", "image_01", "image_02", "image_03"};
 constexpr std::int64_t kMaxRevolution_ns = 500'000'000;  // 2 Hz; the scanner turns at 10 Hz
 
-/// The folder that holds the drive, also for "." and for names that end in a slash.
+/// Returns the folder that holds the drive, also for "." and for names that end in a slash.
 fs::path day_of_drive(const fs::path& root) {
   const fs::path absolute = fs::absolute(root).lexically_normal();
   return (absolute.has_filename() ? absolute : absolute.parent_path()).parent_path();
 }
 
-/// The file of the calibration, also where an excerpt has it in the drive's own folder.
+/// Returns the calibration file, also where an excerpt has it in the drive's own folder.
 fs::path calibration_file(const fs::path& root, const char* name) {
   const fs::path day = day_of_drive(root);
   for (const fs::path& folder : {day, root, root / "calibration", root / "calib"})
@@ -46,7 +46,8 @@ auto parse_file(const fs::path& file, Parse parse) {
   return parse(read_file(file), file);
 }
 
-/// Poses of the body at the times of the GPS and IMU. `is_shown`: of frames that have an image.
+/// Returns poses of the body at the times of the GPS and IMU. `is_shown`: whether a frame has an
+/// image.
 std::vector<FramePose> read_oxts_poses(const fs::path& root,
                                        const std::function<bool(std::int64_t)>& is_shown,
                                        const DamagedList& damaged, std::vector<Finding>* findings) {
@@ -83,7 +84,7 @@ struct CameraFolder {
   Timestamps times;
 };
 
-/// What becomes of damaged times of a sensor.
+/// Returns where damaged times of a sensor go.
 DamagedList damaged_times(const std::string& sensor, Recording* recording) {
   return {"times of " + sensor, &recording->damaged};
 }
@@ -106,7 +107,7 @@ std::vector<CameraFolder> list_cameras(const fs::path& root, Recording* recordin
   return folders;
 }
 
-/// Frames of the first camera's times, at which poses are interpolated.
+/// Returns frames at the first camera's times, at which poses are interpolated.
 std::vector<FramePose> frames_at_images(const std::vector<FramePose>& poses,
                                         const CameraFolder& camera, const fs::path& oxts,
                                         const DamagedList& damaged,

@@ -21,14 +21,14 @@ Recording open(const std::filesystem::path& root, PoseSource source);
 bool looks_like_odometry(const std::filesystem::path& root);
 Recording open_odometry(const std::filesystem::path& root, PoseSource source);
 
-/// The folder `training`, of one sequence or with the sequence behind it as if that were a folder
-/// in it, or a sequence's folder of images.
+/// The folder `training`, with one sequence or with the sequence appended as if it were a
+/// subfolder, or a sequence's folder of images.
 bool looks_like_tracking(const std::filesystem::path& root);
 Recording open_tracking(const std::filesystem::path& root, PoseSource source);
 
 /// Mounting by Fig. 3 of the paper, and by calib_imu_to_velo.txt, whose Velodyne is in the middle
 /// of the car: the body's origin, on the ground under the middle of the rear axle, in the axes of
-/// the IMU; and the body in those of the rectified camera 0, 1.65 m above the ground and 1.03 m
+/// the IMU; and the body in the axes of the rectified camera 0, 1.65 m above the ground and 1.03 m
 /// ahead of the rear axle, which is mounted level.
 Rigid3d imu_from_body();
 Rigid3d rectified_from_body();

@@ -28,7 +28,7 @@ constexpr const char* kTypeRule =
     "unknown; known are Car, Van, Truck, Pedestrian, Person_sitting, Person, Cyclist, Tram, Misc "
     "and DontCare";
 
-/// People move parts of themselves, also where they stand.
+/// Pedestrians articulate even when standing still.
 bool deforms(std::string_view type) {
   return type == "Pedestrian" || type == "Cyclist" || type.starts_with("Person");
 }

@@ -15,9 +15,9 @@
 
 namespace redrive::kitti {
 
-/// Lines of 17 values, or 18 with a score: frame, track, type, truncated, occluded, alpha, left,
-/// top, right, bottom, height, width, length, x, y, z, rotation_y. DontCare lines, which have no
-/// box, are left out. InputError: other numbers of values, values that are not finite, unknown
+/// Parses lines of 17 values, or 18 with a score: frame, track, type, truncated, occluded, alpha,
+/// left, top, right, bottom, height, width, length, x, y, z, rotation_y. Skips DontCare lines,
+/// which have no box. InputError: other numbers of values, values that are not finite, unknown
 /// types, sizes outside 0.01..100 m, positions further than 1000 m, an object twice in a frame.
 std::vector<Label> parse_labels(std::string_view text, const std::filesystem::path& file);
 
@@ -25,8 +25,8 @@ std::vector<Label> parse_labels(std::string_view text, const std::filesystem::pa
 /// missing elements.
 std::vector<Label> parse_tracklets(std::string_view text, const std::filesystem::path& file);
 
-/// Returns the time at which the laser points at a label's centre in the revolution of its frame,
-/// the frame's own time without one. `scans`: by frame.
+/// Returns the time at which the laser points at a label's centre in the scan of its frame, the
+/// frame's own time without one. `scans`: keyed by frame.
 TimeOfLabel time_in_scans(const Rigid3d& velodyne_from_sensor,
                           std::map<std::int64_t, ScanTime> scans);
 

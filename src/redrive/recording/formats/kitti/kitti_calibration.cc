@@ -39,7 +39,7 @@ nlohmann::json value_of(std::string_view word) {
   const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), value);
   if (error == std::errc() && end == word.data() + word.size() && std::isfinite(value))
     return value;
-  return std::string(word);  // of calib_time, or a fault that the field's reader names
+  return std::string(word);  // calib_time, or a fault that the field's reader names
 }
 
 nlohmann::json key_values(std::string_view text, const std::filesystem::path& file,

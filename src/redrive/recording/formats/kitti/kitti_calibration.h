@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // Calibration files of KITTI: lines "KEY: numbers". Raw drives have calib_cam_to_cam.txt,
 // calib_velo_to_cam.txt and calib_imu_to_velo.txt beside the drives of a day; sequences of the
-// odometry benchmark have calib.txt with P0..P3 and Tr, those of the tracking benchmark
+// odometry benchmark have calib.txt with P0..P3 and Tr, sequences of the tracking benchmark
 // calib/<sequence>.txt with P0..P3, R_rect, Tr_velo_cam and Tr_imu_velo.
 //
-// Images are rectified. A point x in the axes of the rectified camera 0 projects to
-// P (x, 1) = K (x + t): a pinhole of K whose axes are those of camera 0, t away from it.
+// Images are rectified. A point x in the axes of the rectified camera 0 projects to P (x, 1) = K (x
+// + t): a pinhole of K with the axes of camera 0, t away from it.
 #pragma once
 
 #include <filesystem>
@@ -27,23 +27,23 @@ struct RectifiedCamera {
   Rigid3d camera_from_rectified = Rigid3d::Identity();
   std::optional<ImageSize> size;  ///< S_rect; calib.txt has none
 };
-using RectifiedCameras = std::map<int, RectifiedCamera>;  ///< by number, 0 to 3
+using RectifiedCameras = std::map<int, RectifiedCamera>;  ///< key: number, 0 to 3
 
 struct CamToCam {
   Rigid3d rectified_from_camera;  ///< R_rect_00
-  RectifiedCameras cameras;       ///< those with a P_rect_0X
+  RectifiedCameras cameras;       ///< cameras with a P_rect_0X
 };
 
 /// Calibration of a sequence of the tracking benchmark.
 struct TrackingCalibration {
-  RectifiedCameras cameras;       ///< those with a PX
+  RectifiedCameras cameras;       ///< cameras with a PX
   Rigid3d rectified_from_camera;  ///< R_rect
   Rigid3d camera_from_velodyne;   ///< Tr_velo_cam
   Rigid3d velodyne_from_imu;      ///< Tr_imu_velo
 };
 
 struct OdometryCalibration {
-  RectifiedCameras cameras;                        ///< those with a PX
+  RectifiedCameras cameras;                        ///< cameras with a PX
   std::optional<Rigid3d> rectified_from_velodyne;  ///< Tr
 };
 
@@ -65,10 +65,11 @@ Rigid3d parse_rigid(std::string_view text, const std::filesystem::path& file);
 
 /// A finite number, else the word as a text, which a field's reader names.
 nlohmann::json value_of(std::string_view word);
-/// {"KEY": [values]}, so that fields are read and named as those of other calibrations.
+/// Returns {"KEY": [values]}, so that fields are read and named as in other calibrations.
 nlohmann::json key_values(std::string_view text, const std::filesystem::path& file,
                           bool needs_colon = true);
-/// From 9 numbers of the rotation and 3 of the translation, row by row. `name`: for messages.
+/// Makes a transform from 9 numbers of the rotation and 3 of the translation, row by row. `name`:
+/// for messages.
 Rigid3d rigid_from_numbers(const std::vector<double>& rotation,
                            const std::vector<double>& translation, const std::string& name,
                            const std::filesystem::path& file);

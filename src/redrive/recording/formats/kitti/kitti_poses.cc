@@ -81,7 +81,7 @@ std::vector<TextLine> lines_of_file(std::string_view text, const std::filesystem
   return lines;
 }
 
-/// ECEF from IMU by a packet.
+/// Returns ECEF from IMU for a packet.
 Rigid3d pose_of_packet(const TextLine& line) {
   line.expect_size(30, "latitude, longitude, altitude, roll, pitch, yaw, ...");
   constexpr double kTurn_rad = 2 * std::numbers::pi + 1e-6;
@@ -112,7 +112,7 @@ Rigid3d pose_of_packet(const TextLine& line) {
   return ecef_from_imu;
 }
 
-/// The value of each line by `parse`; nothing for lines that go to `damaged`.
+/// Returns each line parsed by `parse`; nothing for lines that go to `damaged`.
 template <class Parse>
 auto by_line(std::string_view text, const std::filesystem::path& file, const DamagedList* damaged,
              const Parse& parse) {
@@ -125,7 +125,7 @@ auto by_line(std::string_view text, const std::filesystem::path& file, const Dam
   return values;
 }
 
-/// Takes times out that are not between those around them.
+/// Drops times that are not between their neighbours.
 void require_increasing(const std::filesystem::path& file, const DamagedList* damaged,
                         std::vector<std::optional<std::int64_t>>* times) {
   std::vector<std::size_t> there;

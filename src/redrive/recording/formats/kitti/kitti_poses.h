@@ -15,35 +15,35 @@
 
 namespace redrive::kitti {
 
-/// Nanoseconds by line, of "2011-09-26 13:10:51.175862102": since 1970 as if in UTC, since the
-/// files name no zone. Nothing for an empty line: the sensor missed that frame. InputError: no
-/// line. No such date or time, and times that do not increase: nothing, and a record of `damaged`;
-/// without it they are errors.
+/// Returns nanoseconds for each line, from "2011-09-26 13:10:51.175862102": since 1970 as if in
+/// UTC, since the files name no zone. Nothing for an empty line: the sensor missed that frame.
+/// InputError: no line. No such date or time, and times that do not increase: nothing, and a record
+/// of `damaged`; without it they are errors.
 std::vector<std::optional<std::int64_t>> parse_timestamps(std::string_view text,
                                                           const std::filesystem::path& file,
                                                           const DamagedList* damaged = nullptr);
 
-/// ECEF from IMU (x forward, y left, z up) by the first six of the 30 numbers: latitude and
-/// longitude in degrees, altitude, and roll, pitch, yaw in radians. Yaw is 0 to the east and counts
-/// counterclockwise; ENU from IMU is Rz(yaw) Ry(pitch) Rx(roll). InputError: another number of
-/// values, values that are not finite or out of range.
+/// Returns ECEF from IMU (x forward, y left, z up) from the first six of the 30 numbers: latitude
+/// and longitude in degrees, altitude, and roll, pitch, yaw in radians. Yaw is 0 to the east and
+/// counts counterclockwise; ENU from IMU is Rz(yaw) Ry(pitch) Rx(roll). InputError: another number
+/// of values, values that are not finite or out of range.
 Rigid3d parse_oxts(std::string_view text, const std::filesystem::path& file);
 
-// As above, of files with a line for each frame: nothing for a line that goes to `damaged`.
+// The same for files with a line for each frame: nothing for a line that goes to `damaged`.
 
-/// As parse_oxts by line, of the tracking benchmark's file of a sequence.
+/// parse_oxts for each line of a sequence's file in the tracking benchmark.
 std::vector<std::optional<Rigid3d>> parse_oxts_lines(std::string_view text,
                                                      const std::filesystem::path& file,
                                                      const DamagedList* damaged = nullptr);
 
-/// Nanoseconds by line, of seconds. InputError: no line, times that are no numbers or do not
-/// increase.
+/// Returns nanoseconds for each line, from seconds. InputError: no line, times that are no numbers
+/// or do not increase.
 std::vector<std::optional<std::int64_t>> parse_times(std::string_view text,
                                                      const std::filesystem::path& file,
                                                      const DamagedList* damaged = nullptr);
 
-/// By line, first rectified camera 0 from that of the frame: 12 numbers, the rows of a 3 x 4
-/// matrix. InputError: no line, other numbers of values, no rigid transform, further than 1e7 m.
+/// Returns, for each line, first rectified camera 0 from the frame's: 12 numbers, the rows of a 3 x
+/// 4 matrix. InputError: no line, other numbers of values, no rigid transform, further than 1e7 m.
 std::vector<std::optional<Rigid3d>> parse_poses(std::string_view text,
                                                 const std::filesystem::path& file,
                                                 const DamagedList* damaged = nullptr);

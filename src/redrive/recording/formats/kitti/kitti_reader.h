@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What raw drives and sequences of the odometry benchmark of KITTI have in common.
+// Shared by the KITTI raw and odometry readers.
 #pragma once
 
 #include <filesystem>
@@ -24,11 +24,11 @@ class Reader : public RecordingReader {
   std::vector<Box> read_boxes(const FrameFile& file) const override;
 
   Rigid3d body_from_velodyne = Rigid3d::Identity();
-  std::map<std::int64_t, ScanTime> scans;          ///< by frame: those of Recording::lidar_files
-  std::map<std::int64_t, std::vector<Box>> boxes;  ///< by frame: those of Recording::box_files
+  std::map<std::int64_t, ScanTime> scans;          ///< key: frame; for Recording::lidar_files
+  std::map<std::int64_t, std::vector<Box>> boxes;  ///< key: frame; for Recording::box_files
 };
 
-/// Times of a sensor by frame: line n of the file is of frame n - 1.
+/// Times of a sensor: line n of the file belongs to frame n - 1.
 struct Timestamps {
   std::filesystem::path file;
   std::vector<std::optional<std::int64_t>> by_line;
@@ -40,25 +40,25 @@ struct Timestamps {
   /// InputError.
   std::optional<std::int64_t> of(std::int64_t frame_id, bool needed,
                                  const DamagedList* damaged) const;
-  /// Whether a time is at most 0.2 s off that of the frame by another sensor, of which `other` is
-  /// the name. Else a record of `damaged`; without it InputError.
+  /// Whether a time is at most 0.2 s off the time of the frame by another sensor, `other`. If not,
+  /// adds a record to `damaged`; without it InputError.
   bool is_same(std::int64_t frame_id, std::int64_t t_ns, std::int64_t other_ns,
                const std::string& other, const DamagedList* damaged) const;
   [[noreturn]] void fail(std::int64_t frame_id, double off_s, const std::string& rule) const;
 };
 
-/// Median of a camera's times minus those of the frames. A finding about `camera` counts images
-/// that are more than 5 ms off it.
+/// Returns the median of a camera's times minus the frames' times. A finding about `camera` counts
+/// images that are more than 5 ms off it.
 std::int64_t time_offset_ns(const Timestamps& times, const std::string& camera,
                             const std::vector<ImageFile>& images,
                             const std::vector<FramePose>& frames, std::vector<Finding>* findings,
                             const DamagedList* damaged);
 
-/// Drops the scans of a sequence of frames without a pose. A finding names them.
+/// Drops the scans of frames without a pose. A finding names them.
 void drop_scans_behind(const std::vector<FramePose>& frames, std::vector<FrameFile>* scans,
                        std::vector<Finding>* findings);
 
-/// The calibration of a rectified camera. `size`: of its images.
+/// Returns the calibration of a rectified camera. `size`: size of its images.
 CameraCalibration calibration_of(const RectifiedCamera& camera, ImageSize size,
                                  const std::string& name, const Rigid3d& rectified_from_body);
 

@@ -28,7 +28,7 @@ bool is_number(const std::string& name) {
          std::ranges::all_of(name, [](unsigned char c) { return std::isdigit(c) != 0; });
 }
 
-/// Numbers of the sequences that have a file in `folder`, or a folder.
+/// Returns the numbers of the sequences that have a file in `folder`, or a folder.
 std::set<std::string> sequences_in(const fs::path& folder, bool folders) {
   std::set<std::string> names;
   for (const fs::path& entry : list_folder(folder))
@@ -64,7 +64,7 @@ Sequence find_sequence(const fs::path& root) {
   return {};
 }
 
-/// Poses of the body by line, which counts frames.
+/// Returns poses of the body, one per line; lines count frames.
 std::vector<FramePose> read_packets(const fs::path& file, const DamagedList& damaged) {
   if (!is_there(file)) throw InputError(file, "", "", "missing: it has the poses of this sequence");
   std::vector<FramePose> frames;

@@ -25,7 +25,7 @@ namespace fs = std::filesystem;
 constexpr const char* kFolders[] = {"data_2d_raw", "data_3d_raw", "data_poses"};
 constexpr const char* kCameras[] = {"image_00", "image_01", "image_02", "image_03"};
 constexpr double kSamePlace_m = 0.01;
-constexpr double kFarBox_m = 100;  // of objects that stand
+constexpr double kFarBox_m = 100;  // up to which standing objects count
 
 bool is_perspective(const std::string& camera) { return camera < "image_02"; }
 const char* images_folder(const std::string& camera) {
@@ -68,8 +68,8 @@ Layout layout_of(const fs::path& root) {
   return {root, drives[0]};
 }
 
-/// Where files of a drive were found: as they are unpacked, or in the drive's own folder, where
-/// excerpts have them. A path that is nowhere is given as in the data set.
+/// Where files of a drive were found: as unpacked, or in the drive's own folder, as in excerpts. A
+/// missing path is given as in the data set.
 struct Drive {
   Layout layout;
   fs::path cameras, velodyne, poses, calibration;
@@ -89,7 +89,7 @@ struct Drive {
   fs::path images(const std::string& name) const { return cameras / name / images_folder(name); }
 
  private:
-  /// The first of the folders that has one of the entries, else the first one.
+  /// Returns the first of the folders that has one of the entries, else the first one.
   static fs::path first_with(const std::vector<fs::path>& folders,
                              const std::vector<const char*>& entries) {
     for (const fs::path& folder : folders)
@@ -104,7 +104,7 @@ auto parse_file(const fs::path& file, Parse parse) {
   return parse(read_file(file), file);
 }
 
-/// Boxes that stand are made when they are read: there are many, in many frames.
+/// Standing boxes are made when they are read: there are many, in many frames.
 class Reader : public kitti::Reader {
  public:
   std::vector<Box> read_boxes(const FrameFile& file) const override {
@@ -131,11 +131,11 @@ class Reader : public kitti::Reader {
     return found;
   }
 
-  std::vector<FramePose> frames;  ///< as recorded: boxes were annotated in this world
+  std::vector<FramePose> frames;  ///< as recorded: the boxes were annotated in this world
   std::vector<Object> standing;
 };
 
-/// Poses of the IMU by frame, without times, and the file that has them.
+/// Poses of the IMU keyed by frame, without times, and their file.
 struct ImuPoses {
   std::vector<FramePose> by_frame;
   fs::path file;
@@ -177,7 +177,7 @@ struct CameraImages {
   kitti::Timestamps times;
 };
 
-/// Frames with a pose and a time.
+/// Returns frames with a pose and a time.
 std::vector<FramePose> timed_frames(const ImuPoses& imu_poses, const CameraImages& camera,
                                     const DamagedList& damaged, const DamagedList& damaged_times,
                                     std::vector<Finding>* findings) {
@@ -199,7 +199,7 @@ std::vector<FramePose> timed_frames(const ImuPoses& imu_poses, const CameraImage
   return frames;
 }
 
-/// What becomes of damaged times of a sensor.
+/// Returns where damaged times of a sensor go.
 DamagedList damaged_times_of(const std::string& sensor, Recording* recording) {
   return {"times of " + sensor, &recording->damaged};
 }
@@ -241,7 +241,7 @@ class Calibration {
     return found->second;
   }
 
-  /// Of the first camera.
+  /// The first camera's.
   Rigid3d imu_from_rectified() const {
     const auto found = perspective_.find(0);
     const Rigid3d turned =
@@ -310,7 +310,7 @@ std::vector<FrameFile> list_scans(const fs::path& folder, const std::vector<Fram
   return files;
 }
 
-/// Reads the boxes, of which `reader` keeps those that stand.
+/// Reads the boxes; `reader` keeps the standing ones.
 std::vector<FrameFile> read_objects(const fs::path& file, const kitti::Timestamps& times,
                                     Reader* reader, std::vector<Finding>* findings) {
   std::vector<Label> labels;

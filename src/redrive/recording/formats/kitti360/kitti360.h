@@ -18,7 +18,7 @@ bool looks_like(const std::filesystem::path& root);
 /// InputError if the root holds several drives.
 Recording open(const std::filesystem::path& root, PoseSource source);
 
-/// Poses are those of the GPS and IMU, which are mounted as in KITTI (Fig. 3 of Geiger et al., IJRR
+/// Poses belong to the GPS and IMU, which are mounted as in KITTI (Fig. 3 of Geiger et al., IJRR
 /// 2013): 0.05 m behind the rear axle and 0.32 m to the left of the middle, here with axes x
 /// forward, y right, z down and 0.9 m above the road. calib_cam_to_velo.txt places the Velodyne
 /// 0.84 m above the IMU, 1.73 m above the road.
@@ -30,7 +30,7 @@ kitti::ScanTime scan_at(std::int64_t t_ns, std::int64_t revolution_ns);
 /// to 0.5 s.
 std::int64_t revolution_ns(const kitti::Timestamps& times);
 
-/// Where the files of a drive are, from the data set's root.
+/// The locations of a drive's files, from the data set's root.
 struct Layout {
   std::filesystem::path root;
   std::string drive;

@@ -15,12 +15,12 @@ namespace {
 
 constexpr double kMinSize_m = 0.01, kMaxSize_m = 100;
 constexpr double kMaxRadius_m = 1e7;
-constexpr double kSkew = 0.05;  // of annotators' axes: sine of the angle off a right one
+constexpr double kSkew = 0.05;  // skew of annotators' axes: sine of the angle off a right one
 constexpr std::int64_t kMaxId = 1'000'000'000;
 constexpr std::size_t kMaxVertices = 10'000, kMaxObjects = 1'000'000;
 // Ids of objects without instances.
 constexpr std::int64_t kStaticIds = 1'000'000, kDynamicIds = 2'000'000;
-constexpr std::int64_t kInstances = 1000;  // of a label
+constexpr std::int64_t kInstances = 1000;  // instances of a label
 
 // helpers/labels.py of the data set's scripts.
 constexpr std::array kClasses = {
@@ -54,7 +54,7 @@ struct Identity {
   bool deforms = false;
 };
 
-/// Nothing for an object that stands and is neither a vehicle nor a person.
+/// Returns nothing for a standing object that is neither a vehicle nor a person.
 std::optional<Identity> identity_of(const XmlElement& object, bool moves,
                                     std::int64_t number_in_file) {
   if (object.has("semanticId")) {
@@ -131,7 +131,8 @@ const ObjectClass* find_class(int semantic_id) {
 const ObjectClass& class_named(std::string_view name, bool deforms) {
   std::string lower(name);
   std::ranges::transform(lower, lower.begin(), [](unsigned char c) { return std::tolower(c); });
-  constexpr std::string_view kVehicle = "vehicle.";  // of nuScenes, as "vehicle.bus.rigid"
+  // prefix of nuScenes' names, as in "vehicle.bus.rigid"
+  constexpr std::string_view kVehicle = "vehicle.";
   if (lower.starts_with(kVehicle)) {
     lower.erase(0, kVehicle.size());
     lower.resize(std::min(lower.find('.'), lower.size()));
@@ -147,7 +148,7 @@ const ObjectClass& class_named(std::string_view name, bool deforms) {
 std::vector<Object> parse_objects(std::string_view text, const std::filesystem::path& file) {
   const XmlDocument document(text, file);
   const XmlElement root = document.root("opencv_storage");
-  std::map<std::pair<std::int64_t, std::int64_t>, Object> objects;  // by id and frame
+  std::map<std::pair<std::int64_t, std::int64_t>, Object> objects;  // key: id and frame
   std::int64_t number = 0;
   for (const XmlElement& element : root.children()) {
     if (!element.has("transform")) continue;

@@ -17,7 +17,7 @@ Rigid3d rigid_from_rows(const std::vector<double>& m, const std::string& name,
                                    {m[3], m[7], m[11]}, name, file);
 }
 
-/// {"key": value, "section": {"key": value}} of numbers, else of texts.
+/// Returns {"key": value, "section": {"key": value}} of numbers, or of texts where they are none.
 nlohmann::json sections_of_yaml(std::string_view text, const std::filesystem::path& file) {
   nlohmann::json document = nlohmann::json::object();
   std::string section;

@@ -20,7 +20,7 @@ struct PerspectiveCamera {
   Rigid3d rectified_from_camera;      ///< R_rect
 };
 
-/// Cameras 0 and 1, those with a P_rect_0X. InputError as kitti::parse_cam_to_cam.
+/// Returns cameras 0 and 1, if they have a P_rect_0X. InputError as kitti::parse_cam_to_cam.
 std::map<int, PerspectiveCamera> parse_perspective(std::string_view text,
                                                    const std::filesystem::path& file);
 
@@ -30,7 +30,7 @@ std::map<int, PerspectiveCamera> parse_perspective(std::string_view text,
 /// values that are no finite numbers or out of the model's range.
 CameraCalibration parse_fisheye(std::string_view text, const std::filesystem::path& file);
 
-/// IMU from camera by the names of the cameras' folders. InputError as kitti::parse_rigid.
+/// Returns IMU from camera, keyed by the cameras' folder names. InputError as kitti::parse_rigid.
 std::map<std::string, Rigid3d> parse_cam_to_pose(std::string_view text,
                                                  const std::filesystem::path& file);
 

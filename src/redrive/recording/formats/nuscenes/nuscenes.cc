@@ -83,16 +83,16 @@ class Reader : public RecordingReader {
   Rigid3d body_from_lidar = Rigid3d::Identity();
   std::vector<FramePose> poses;
   std::map<fs::path, std::int64_t> revolution_ends_ns;
-  std::map<std::int64_t, std::vector<Box>> boxes;  ///< by frame: those of Recording::box_files
+  std::map<std::int64_t, std::vector<Box>> boxes;  ///< key: frame; for Recording::box_files
 };
 
-/// Time offsets of cameras to the first one: medians at the key frames. By sensor; 0 for others.
-/// Files of a key frame more than 0.2 s from it are damaged. InputError: a camera without a key
-/// frame.
+/// Returns time offsets of cameras to the first one: medians at the key frames. One per sensor; 0
+/// for others. Files of a key frame more than 0.2 s from it are damaged. InputError: a camera
+/// without a key frame.
 std::vector<std::int64_t> time_offsets_ns(const fs::path& sample_data, std::size_t first,
                                           SceneTables* tables) {
   SceneTables& scene = *tables;
-  std::map<std::size_t, std::int64_t> first_times;  // by sample
+  std::map<std::size_t, std::int64_t> first_times;  // one per sample
   for (const SensorFile& file : scene.files)
     if (file.sensor == first && file.key_frame) first_times[file.sample] = file.t_ns;
   std::vector<std::vector<std::int64_t>> offsets(scene.sensors.size());
@@ -125,7 +125,7 @@ std::vector<std::int64_t> time_offsets_ns(const fs::path& sample_data, std::size
   return medians;
 }
 
-/// Leaves out single poses that are far from those around them, which are milliseconds away.
+/// Drops single poses that are far from their neighbours, which are milliseconds away.
 void leave_out_strays(const fs::path& file, SceneTables* scene) {
   constexpr double kMost_m = 1, kMost_m_per_s = 150;
   std::vector<FramePose>& poses = scene->poses;
@@ -146,7 +146,7 @@ void leave_out_strays(const fs::path& file, SceneTables* scene) {
 
 struct Frames {
   std::vector<FramePose> poses;
-  std::vector<std::vector<FrameFile>> images;  ///< by sensor
+  std::vector<std::vector<FrameFile>> images;  ///< one list per sensor
 };
 
 /// Images whose times agree up to the cameras' offsets are a frame. It has the pose at the time of
@@ -180,7 +180,7 @@ Frames make_frames(const SceneTables& scene, const std::vector<std::int64_t>& of
   return frames;
 }
 
-/// Leaves out files that are not there.
+/// Drops missing files.
 template <class File>
 void drop_missing(std::vector<File>* files, const std::string& subject,
                   std::vector<Finding>* findings) {
@@ -195,7 +195,7 @@ void drop_missing(std::vector<File>* files, const std::string& subject,
                                       " of the tables missing: " + first_few(missing)});
 }
 
-/// Revolutions by the frame that is nearest to their middle; several may have the same.
+/// Returns scans with the frame that is nearest to their middle; several may have the same.
 std::vector<FrameFile> list_revolutions(const SceneTables& scene,
                                         const std::vector<FramePose>& frames, Reader* reader) {
   std::vector<FrameFile> revolutions;

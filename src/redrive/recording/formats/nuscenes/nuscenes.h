@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // nuScenes (Caesar et al.: "nuScenes: A multimodal dataset for autonomous driving", CVPR 2020) as
-// it is unpacked: tables in v1.0-mini, v1.0-trainval or v1.0-test; key frames in samples, the files
+// unpacked: tables in v1.0-mini, v1.0-trainval or v1.0-test; key frames in samples, the files
 // between them in sweeps. A recording is one scene: v1.0-mini/scene-0061, a path that names no
 // folder.
 #pragma once

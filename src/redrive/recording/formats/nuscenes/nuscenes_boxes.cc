@@ -15,7 +15,7 @@ constexpr std::int64_t kRevolution_ns = 50'000'000;
 constexpr std::int64_t kMaxGap_ns = 1'100'000'000;  // a key frame where the object was hidden
 constexpr std::int64_t kBeyond_ns = 100'000'000;    // as scene/moving_objects.cc
 
-/// People and animals move parts of themselves, also where they stand.
+/// People and animals articulate even when standing still.
 bool deforms(const std::string& category) {
   return category.starts_with("human.") || category.starts_with("animal");
 }
@@ -26,8 +26,9 @@ struct Track {
   std::vector<Eigen::Vector3d> sizes_m;
 };
 
-/// Time at which the laser of a revolution that ends at `end_ns` points at a position. It starts at
-/// -x of the sensor, to the left of the car, and turns clockwise, as KITTI's does from behind it.
+/// Returns the time at which the laser of a scan that ends at `end_ns` points at a position. It
+/// starts at -x of the sensor, to the left of the car, and turns clockwise, as KITTI's does from
+/// behind it.
 std::int64_t seen_at(const Eigen::Vector3d& in_lidar, std::int64_t end_ns) {
   return kitti::time_of_direction({end_ns - kRevolution_ns, end_ns}, in_lidar);
 }

@@ -14,8 +14,9 @@
 namespace redrive::nuscenes {
 namespace {
 
-constexpr std::int64_t kFiring_ns = 46'080;  // of all lasers: HDL-32E User's Manual, appendix E
-constexpr std::size_t kMaxColumns = 1302;    // 60 ms; a revolution at 20 Hz has 1085
+// interval between firings of all lasers: HDL-32E User's Manual, appendix E
+constexpr std::int64_t kFiring_ns = 46'080;
+constexpr std::size_t kMaxColumns = 1302;  // 60 ms; a revolution at 20 Hz has 1085
 constexpr float kMaxScanCoordinate_m = 1000;
 constexpr int kRings = 32;
 constexpr const char* kFieldNames[] = {"x", "y", "z", "intensity", "ring"};
@@ -27,7 +28,7 @@ struct Record {
   int ring() const { return static_cast<int>(values[4]); }
 };
 
-/// Reads a record; nothing, and a count, where a value is impossible.
+/// Reads a record; returns nothing, and counts it, where a value is impossible.
 std::optional<Record> read_record(std::string_view bytes, std::size_t i,
                                   const std::filesystem::path& file, UnusableReturns* unusable) {
   Record record;

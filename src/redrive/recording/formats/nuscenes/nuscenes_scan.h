@@ -17,18 +17,18 @@ namespace redrive::nuscenes {
 
 constexpr std::size_t kScanRecordBytes = 20;
 
-/// Extrinsics and time of a revolution, which its file does not have.
+/// Extrinsics and time of a scan, which its file does not have.
 struct Revolution {
   Rigid3d body_from_lidar;
   std::int64_t end_ns = 0;
 };
 
-/// Returns the points by time, each in the body frame at its own time: nuScenes compensates the
-/// motion to the end of the revolution, which is undone by `poses` of the body. Those with a number
-/// that is not finite, at the sensor, beyond 1000 m or of another ring than 0..31 are left out and
-/// added to `left_out`. InputError: a size that is no multiple of 20 bytes, columns of more than 60
-/// ms, more than a twentieth of the points too far away or of other rings. Intensities are clamped
-/// to 0..255.
+/// Returns the points in order of time, each in the body frame at its own time: nuScenes
+/// compensates the motion to the end of the scan, which is undone by `poses` of the body. Points
+/// with a number that is not finite, at the sensor, beyond 1000 m or of another ring than 0..31 are
+/// dropped and added to `left_out`. InputError: a size that is no multiple of 20 bytes, columns of
+/// more than 60 ms, more than a twentieth of the points too far away or of other rings. Intensities
+/// are clamped to 0..255.
 std::vector<LidarPoint> parse_scan(std::string_view bytes, const std::filesystem::path& file,
                                    const Revolution& revolution,
                                    const std::vector<FramePose>& poses,

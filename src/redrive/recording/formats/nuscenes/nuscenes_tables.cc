@@ -23,7 +23,7 @@ constexpr double kMaxSensorDistance_m = 50;
 constexpr double kMinSize_m = 0.01, kMaxSize_m = 100;
 constexpr std::int64_t kMaxTime_us = 9'000'000'000'000'000;  // int64 nanoseconds end at 9.22e15 us
 constexpr std::int64_t kMinSampleInterval_ns = 100'000'000;  // 2 Hz in the data set
-constexpr double kSamePose_m = 0.1;  // of two sensors at the same microsecond
+constexpr double kSamePose_m = 0.1;  // difference of two sensors' poses at the same microsecond
 
 Eigen::Vector3d position_from_json(const JsonField& field, double most_m) {
   const std::vector<double> numbers = field.numbers(3);
@@ -76,7 +76,7 @@ std::string channel_from_json(const JsonField& field) {
   return channel;
 }
 
-/// The token of the scene that is asked for. Sets its name.
+/// Returns the token of the requested scene. Sets its name.
 std::string find_scene(const TokenTables& tables, const std::string& wanted, std::string* name) {
   std::vector<std::string> names;
   std::string token;
@@ -122,7 +122,7 @@ void intrinsics_from_json(const JsonField& field, CameraCalibration* camera) {
                         0};
 }
 
-/// Sensors by the tokens of their calibrations, which are parsed when a file refers to them.
+/// Sensors keyed by the tokens of their calibrations, which are parsed when a file refers to them.
 class Sensors {
  public:
   explicit Sensors(const TokenTables& tables) : tables_(tables) {
@@ -135,8 +135,8 @@ class Sensors {
     });
   }
 
-  /// Returns the index in `sensors` of the sensor that a record of sample_data belongs to, and adds
-  /// it where it is new. InputError if its images have several sizes.
+  /// Returns the index in `sensors` of the sensor to which a record of sample_data belongs, and
+  /// adds it where it is new. InputError if its images have several sizes.
   std::size_t index_of(const JsonField& file, std::vector<Sensor>* sensors) {
     const JsonField token = file.at("calibrated_sensor_token");
     const auto known = known_.find(token.string());

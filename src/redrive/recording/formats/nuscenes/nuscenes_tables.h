@@ -16,7 +16,7 @@
 namespace redrive::nuscenes {
 
 /// A sensor as calibrated on the car of the scene; its name is its channel, "CAM_FRONT".
-/// body_from_sensor of any sensor, the rest of cameras alone: pinholes, since images are
+/// body_from_sensor is set for any sensor, the rest only for cameras: pinholes, since images are
 /// undistorted.
 struct Sensor {
   std::string modality;  ///< "camera", "lidar" or "radar"
@@ -29,7 +29,7 @@ struct SensorFile {
   std::size_t sample = 0;  ///< index into SceneTables::sample_times_ns
   std::filesystem::path path;
   std::int64_t t_ns = 0;
-  bool key_frame = false;  ///< of its sample, not between two samples
+  bool key_frame = false;  ///< belongs to its sample, not between two samples
 };
 
 /// The box of an object at a sample.
@@ -42,21 +42,22 @@ struct Annotation {
 struct SceneTables {
   std::string name;  ///< "scene-0061"
   std::vector<std::int64_t> sample_times_ns;
-  std::vector<Sensor> sensors;    ///< by channel; those with files
-  std::vector<SensorFile> files;  ///< of cameras and LIDAR_TOP, by time
-  std::vector<FramePose> poses;   ///< the body's at the times of `files`, by time; ids count them
+  std::vector<Sensor> sensors;    ///< sorted by channel; sensors with files
+  std::vector<SensorFile> files;  ///< files of cameras and LIDAR_TOP, in order of time
+  /// the body's at the times of `files`, in order of time; ids count them
+  std::vector<FramePose> poses;
   std::vector<Annotation> annotations;
-  std::vector<std::string> categories;  ///< of objects: "vehicle.car"
-  std::vector<DamagedRecord> damaged;   ///< poses, and times of files, that cannot be
+  std::vector<std::string> categories;  ///< categories of objects: "vehicle.car"
+  std::vector<DamagedRecord> damaged;   ///< impossible poses, and times of files
 };
 
 /// Reads the scene of that name or token, or the only one if `scene` is empty, from the tables in
 /// `folder`, whose parent holds the files. InputError: a table that is missing or no array of
-/// records; no such scene (the message names those that there are); tokens that no record has;
-/// fields that are missing or of another type; numbers that are not finite; rotations of no length;
+/// records; no such scene (the message names the existing ones); tokens that no record has; fields
+/// that are missing or of another type; numbers that are not finite; rotations of no length;
 /// positions further than 1e7 m; sizes outside 0.01..100 m; file names that leave the parent
-/// folder; a sensor with two calibrations. A pose of the body or a file's time that cannot be costs
-/// itself. Without `boxes`, sample_annotation, instance and category are not read.
+/// folder; a sensor with two calibrations. An impossible pose of the body or time of a file costs
+/// only itself. Without `boxes`, sample_annotation, instance and category are not read.
 SceneTables read_scene(const std::filesystem::path& folder, const std::string& scene,
                        const ReadTable& read = scan_file, bool boxes = true);
 

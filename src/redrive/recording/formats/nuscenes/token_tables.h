@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A folder of tables in JSON whose records refer to each other by tokens, as nuScenes has them.
+// A folder of JSON tables whose records refer to each other by tokens, as in nuScenes.
 #pragma once
 
 #include <filesystem>
@@ -20,7 +20,7 @@ struct TextHash {
     return std::hash<std::string_view>()(text);
   }
 };
-/// Tokens with numbers, which count them.
+/// Maps tokens to consecutive numbers.
 using Tokens = std::unordered_map<std::string, std::size_t, TextHash, std::equal_to<>>;
 
 /// Feeds a table into its scanner: scan_file, but for tests and fuzzing.
@@ -70,7 +70,7 @@ class References {
   std::filesystem::path file_;
   std::string key_;
   Tokens tokens_;
-  std::vector<std::size_t> records_;  ///< the first that has the token, by number
+  std::vector<std::size_t> records_;  ///< the first record that has the token, one per number
 };
 
 }  // namespace redrive

@@ -30,8 +30,8 @@ bool has_model(const fs::path& folder) {
   return false;
 }
 
-/// The folders of models: of `sparse` by number or name, `sparse` and the folder itself. Without a
-/// whole one that in `sparse` which lacks some files; empty if there is none.
+/// Returns the folders of models: in `sparse` by number or name, `sparse` and the folder itself.
+/// Without a complete one, the one in `sparse` that lacks some files; empty if there is none.
 std::vector<fs::path> find_models(const fs::path& root) {
   std::vector<fs::path> folders = list_folder(root / "sparse");
   std::ranges::sort(folders, [](const fs::path& a, const fs::path& b) {
@@ -47,7 +47,8 @@ std::vector<fs::path> find_models(const fs::path& root) {
   return models;
 }
 
-/// The folder with `images` that a model's folder belongs to: itself or one of the two above.
+/// Returns the folder with `images` to which a model's folder belongs: itself or one of the two
+/// above.
 fs::path project_of(const fs::path& root) {
   const fs::path path = fs::absolute(root / "").lexically_normal().parent_path();
   for (const fs::path& folder : {path.parent_path(), path.parent_path().parent_path()})
@@ -56,7 +57,7 @@ fs::path project_of(const fs::path& root) {
   return root;
 }
 
-/// The file of that name, binary or text; empty if there is none.
+/// Returns the file of that name, binary or text; empty if there is none.
 fs::path find_file(const fs::path& model, const std::string& name) {
   // cameras and images have to be of one kind.
   const bool binary = is_there(model / "cameras.bin") && is_there(model / "images.bin");
@@ -80,7 +81,7 @@ std::vector<Record> read(const fs::path& file,
   return (file.extension() == ".bin" ? binary : text)(read_file(file, kMaxDataBytes), file);
 }
 
-/// A model's folder and how many of its images are in the folder of images; -1: cannot be read.
+/// A model's folder and the number of its images in the folder of images; -1: cannot be read.
 struct ModelSize {
   fs::path folder;
   std::ptrdiff_t images;
@@ -91,8 +92,8 @@ struct ModelSize {
   }
 };
 
-/// The model with the most images that are in `folder`, the first of equal ones. A finding names
-/// the others.
+/// Returns the model with the most images in `folder`, the first of equal ones. A finding names the
+/// others.
 fs::path choose_model(const std::vector<fs::path>& models, const fs::path& folder,
                       std::vector<Finding>* findings) {
   if (models.size() == 1) return models[0];
@@ -167,7 +168,7 @@ void report_unknown_images(const std::vector<PointRecord>& points, const fs::pat
                              std::to_string(first) + "; these are not used"});
 }
 
-/// Images below `folder`, relative to it, that the model does not have.
+/// Returns images below `folder`, relative to it, that the model does not have.
 std::vector<std::string> images_without_pose(const fs::path& folder,
                                              const std::set<std::string>& known) {
   std::vector<std::string> names = images_below(folder);
@@ -175,7 +176,7 @@ std::vector<std::string> images_without_pose(const fs::path& folder,
   return names;
 }
 
-/// Takes the poses of the model's rigs, where it has any. What cannot be read costs itself.
+/// Takes the poses of the model's rigs, where it has any. A damaged file of rigs only loses these.
 void apply_rigs(const fs::path& model, std::vector<ImageRecord>* images,
                 std::vector<Finding>* findings) {
   const fs::path rigs = find_file(model, "rigs"), frames = find_file(model, "frames");

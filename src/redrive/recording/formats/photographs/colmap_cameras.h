@@ -37,9 +37,9 @@ const CameraModel* find_camera_model(int id);
 /// "SIMPLE_PINHOLE, PINHOLE, ...", for messages.
 std::string camera_model_names();
 
-/// Returns the calibration of a record whose model is known and whose number of parameters is that
-/// of the model, without name and extrinsics. InputError names camera, parameter and value: sizes,
-/// focal lengths and parameters out of range.
+/// Returns the calibration, without name and extrinsics, of a record whose model is known and which
+/// has as many parameters as the model. InputError names camera, parameter and value: sizes, focal
+/// lengths and parameters out of range.
 CameraCalibration to_calibration(const CameraRecord& record, const std::filesystem::path& file);
 
 /// Returns the record of the model with the fewest parameters that is exactly this camera, or

@@ -104,7 +104,7 @@ class Track {
 }
 
 /// Calls `use` with each line that is neither empty nor a comment, and with a function that returns
-/// the line behind it as it is.
+/// the next line unchanged.
 template <class Use>
 void for_each_record(std::string_view text, const fs::path& file, const Use& use) {
   std::size_t begin = 0, number = 0;
@@ -139,7 +139,8 @@ class ByteReader {
       throw InputError(file_, field, std::to_string(value), "must be a finite number");
     return value;
   }
-  /// A number of records of at least `least_bytes` each, which must fit into the rest of the file.
+  /// Returns a number of records of at least `least_bytes` each, which must fit into the rest of
+  /// the file.
   std::uint64_t take_count(const std::string& field, std::size_t least_bytes) {
     const auto count = take<std::uint64_t>(field);
     if (count > (bytes_.size() - at_) / least_bytes)
@@ -157,7 +158,7 @@ class ByteReader {
     return text;
   }
   void skip(std::uint64_t bytes) { at_ += bytes; }
-  /// Skips bytes that have to be there.
+  /// Skips bytes, which must exist.
   void take_bytes(std::size_t bytes, const std::string& field) {
     need(bytes, field);
     at_ += bytes;

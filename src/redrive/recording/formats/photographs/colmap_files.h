@@ -25,7 +25,7 @@ struct ImageRecord {
   std::int64_t camera_id = 0;
   std::string name;              ///< relative to the folder of the images, normal
   double quaternion_length = 1;  ///< in the file; camera_from_world is normalised
-  std::string damage;            ///< why the pose cannot be; empty: it can
+  std::string damage;            ///< why the pose is impossible; empty: it is possible
 };
 
 /// An entry of points3D.txt or points3D.bin.

@@ -11,8 +11,9 @@
 namespace redrive {
 namespace {
 
-constexpr double kFarFromMiddle = 20, kFarFromNext = 5;    // of the median distance from the middle
-constexpr std::size_t kLeastOthers = 10, kMostShare = 20;  // one of so many
+constexpr double kFarFromMiddle = 20, kFarFromNext = 5;  // in median distances from the middle
+// others needed; at most one of this many may be far
+constexpr std::size_t kLeastOthers = 10, kMostShare = 20;
 
 }  // namespace
 

@@ -20,7 +20,7 @@ namespace fs = std::filesystem;
 /// Returns the camera with images of another size of the same field of view.
 CameraCalibration scaled_to(CameraCalibration camera, ImageSize size) {
   const double x = double(size.width) / camera.width, y = double(size.height) / camera.height;
-  std::vector<double>& p = camera.parameters;  // fx, fy, cx, cy, then those of the distortion
+  std::vector<double>& p = camera.parameters;  // fx, fy, cx, cy, then the distortion's
   p[0] *= x;
   p[1] *= y;
   p[2] = (p[2] + 0.5) * x - 0.5;
@@ -30,8 +30,8 @@ CameraCalibration scaled_to(CameraCalibration camera, ImageSize size) {
   return camera;
 }
 
-/// The size that a camera's images have, but for as many as may be damaged; nothing where they
-/// differ.
+/// Returns the size that a camera's images have, except as many as may be damaged; nothing where
+/// they differ.
 std::optional<ImageSize> common_size(const std::vector<ImageFile>& images) {
   const std::optional<ImageSize> usual = usual_image_size(images);
   std::size_t others = 0;

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What recordings of posed photographs have in common, whatever their format: no clock, no metre,
-// and a body that is the camera.
+// Shared by all formats of posed photographs: no clock, no metre, and a body that is the camera.
 #pragma once
 
 #include <filesystem>
@@ -11,7 +10,7 @@
 namespace redrive::photographs {
 
 constexpr std::int64_t kFrameTime_ns = 1'000'000'000;  ///< Recording::metric
-/// Most a camera or a point may be away from the origin, in any unit; as for ECEF in metres.
+/// Maximum distance of a camera or a point from the origin, in any unit; as for ECEF in metres.
 constexpr double kMaxDistance = 1e7;
 
 /// Columns: the camera's x (right), y (down) and z (forward) in body axes x forward, y left, z up.
@@ -40,7 +39,7 @@ std::filesystem::path find_image(const std::filesystem::path& folder, const std:
 /// Adds a finding that names images which find_image found elsewhere, if there are any.
 void note_found_elsewhere(const std::vector<std::string>& images, std::vector<Finding>* findings);
 
-/// InputError for a recording none of whose images is there; `first` is the name of one.
+/// Throws InputError for a recording without any of its images; `first` is the name of one.
 [[noreturn]] void refuse_without_images(const std::filesystem::path& folder,
                                         const std::string& first);
 /// A finding lists the clouds of points in the folders that are not `read`.

@@ -31,7 +31,7 @@ bool is_there(const fs::path& path) {
 
 using photographs::find_image;
 
-/// The name of an image below the folder of images, which may have any name.
+/// Returns the name of an image below the folder of images, which may have any name.
 std::string name_in_images(const fs::path& file, const fs::path& image) {
   const fs::path relative =
       image.lexically_normal().lexically_relative(file.parent_path().lexically_normal());
@@ -39,7 +39,7 @@ std::string name_in_images(const fs::path& file, const fs::path& image) {
   return (has_folder ? relative.lexically_relative(*relative.begin()) : relative).string();
 }
 
-/// Returns nerfstudio's mask of the entry, instant-ngp's beside the image, or that of the folder
+/// Returns nerfstudio's mask of the entry, instant-ngp's beside the image, or the one in the folder
 /// `masks`. The colours of the first two have opposite meanings.
 MaskFile find_mask(const fs::path& file, const FrameEntry& entry, const fs::path& image,
                    MaskFolder* masks) {
@@ -78,7 +78,7 @@ TransformsFile read(const fs::path& file, std::vector<DamagedRecord>* damaged) {
   return parse(read_file(file), file, size_of, &poses);
 }
 
-/// Collects frames and images. Images with equal intrinsics are of one camera.
+/// Collects frames and images. Images with equal intrinsics belong to one camera.
 class Collector {
  public:
   explicit Collector(const fs::path& root)
@@ -125,7 +125,7 @@ class Collector {
     }
     note_outside(file);
     std::size_t left_out = 0;
-    read_ply(file, &left_out);  // what training would refuse is refused here
+    read_ply(file, &left_out);  // reports here what training would refuse
     if (const auto finding = points_left_out(file, left_out))
       recording_.findings.push_back(*finding);
     recording_.points_file = file;

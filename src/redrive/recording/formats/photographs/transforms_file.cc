@@ -21,7 +21,7 @@ namespace {
 
 constexpr double kMaxScale = 1e6;
 
-/// Fields of a frame, which take precedence over those of the file.
+/// Fields of a frame, which take precedence over the file's.
 struct Intrinsics {
   JsonField frame, all;
 
