@@ -50,10 +50,10 @@ struct PathCamera {
 struct CameraPathFile {
   std::filesystem::path path;
   double fps = 24;
-  double seconds = 0;                   ///< duration
-  bool fisheye = false;                 ///< lens of `cameras`; else a pinhole
-  int width = 0, height = 0;            ///< of `cameras`, pixels; 0 where there are keyframes
-  std::vector<PathCamera> cameras;      ///< evenly spaced in time; empty where there are keyframes
+  double seconds = 0;               ///< duration
+  bool fisheye = false;             ///< lens of `cameras`; else a pinhole
+  int width = 0, height = 0;        ///< size of `cameras` in pixels; 0 where there are keyframes
+  std::vector<PathCamera> cameras;  ///< evenly spaced in time; empty where there are keyframes
   std::vector<PathKeyframe> keyframes;  ///< times increase
 };
 

@@ -155,7 +155,7 @@ TEST_F(PlotFolder, MarksEachEpochWhereItBegins) {
   EXPECT_NE(script.find("set arrow from 1250, graph 0"), std::string::npos);
   EXPECT_NE(script.find("set label 'epoch 4' at 3750"), std::string::npos);
   EXPECT_EQ(script.find("epoch 5"), std::string::npos);
-  rows[1].epoch = 1;  // an epoch of one row: its label would lie on that of the first
+  rows[1].epoch = 1;  // an epoch of one row, whose label would cover the first one's
   for (std::size_t i = 2; i < rows.size(); ++i) rows[i].epoch = static_cast<int>(i) / 50 + 1;
   const std::string crowded = loss_script(rows);
   EXPECT_NE(crowded.find("set label 'epoch 1' at 0"), std::string::npos);

@@ -55,7 +55,7 @@ struct PlannedBlock {
   std::int64_t first_frame = 0, last_frame = 0;  ///< ids
   double length_m = 0;                           ///< length of its core, along the way driven
   std::int64_t images = 0;                       ///< for training
-  std::int64_t cameras = 0, sweeps = 0;          ///< sweeps: of LiDAR (perception/seen_through.h)
+  std::int64_t cameras = 0, sweeps = 0;          ///< sweeps: LiDAR's (perception/seen_through.h)
   std::uint64_t image_file_bytes = 0, lidar_file_bytes = 0;
   std::uint64_t memory_bytes = 0;        ///< with all images (MemoryEstimate::total)
   std::uint64_t least_memory_bytes = 0;  ///< with the smallest cache of them (least)

@@ -16,7 +16,7 @@ namespace redrive {
 struct DamagedList {
   std::string sensor;
   std::vector<DamagedRecord>* records;
-  mutable std::size_t parsed = 0, failed = 0;  ///< by parse_record
+  mutable std::size_t parsed = 0, failed = 0;  ///< counted by parse_record
 };
 
 /// Runs `parse`, which reads a record, of a frame that it may set. Returns false where it throws an

@@ -32,7 +32,7 @@ struct PoseFaults {
 /// after it. A jump needs an acceleration that no car has (20 m/s^2; 5 rad/s^2), 0.25 m or 2
 /// degrees, and eight times the noise of the drive's poses. Up to four frames between jumps or
 /// between a jump and an end are stray, unless that would be more than a quarter of the drive.
-/// Nothing for fewer than five frames. `frames`: of a drive, with increasing times.
+/// Returns nothing for fewer than five frames. `frames`: a drive's, with increasing times.
 PoseFaults find_pose_faults(const std::vector<FramePose>& frames);
 
 /// Returns the frames with stray poses interpolated from the others.

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Poses and calibration apart from the recording they belong to: a folder that redrive align writes
-// and --poses reads, with files as the recording's format has them
-// (recording/formats/recording_reader.h).
+// Poses and calibration stored apart from their recording: a folder that redrive align writes and
+// --poses reads, with files in the recording's format (recording/formats/recording_reader.h).
 #pragma once
 
 #include <filesystem>

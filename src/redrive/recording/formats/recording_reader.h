@@ -34,7 +34,7 @@ struct StaticPoint {
   bool has_track = false;            ///< whether its file says which images show it
 };
 
-/// The base class serves formats without LiDAR and boxes as it is. Its pose files, which serve
+/// The base class serves formats without LiDAR and boxes unchanged. Its pose files, which serve
 /// every format, are egomotion.json (recording/formats/egomotion_json.h) and calibration.json
 /// (recording/formats/calibration_json.h). A reader keeps what its files need beyond themselves,
 /// such as extrinsics and the times of scans; it is called from several threads.

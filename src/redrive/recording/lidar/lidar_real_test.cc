@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// LiDAR revolutions and boxes of a real recording; skipped where it is missing. The expected values
-// are those of its SOURCE.md.
+// LiDAR revolutions and boxes of a real recording; skipped where it is missing. Its SOURCE.md has
+// the expected values.
 #include <map>
 
 #include <gtest/gtest.h>

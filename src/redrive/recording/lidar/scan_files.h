@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Writes LiDAR points: PCD 0.7 (the file format of the Point Cloud Library) and the scans of KITTI
-// (recording/formats/kitti/kitti_scan.h) with the names and times of its files, which KITTI-360
-// has, too. Debian 12's only writer of PCD is all of PCL. LAS: recording/lidar/las.h.
+// (recording/formats/kitti/kitti_scan.h) with its file names and times, which KITTI-360 shares.
+// Debian 12's only writer of PCD is all of PCL. LAS: recording/lidar/las.h.
 #pragma once
 
 #include <cstdint>

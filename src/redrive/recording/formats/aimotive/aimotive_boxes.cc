@@ -68,7 +68,7 @@ std::vector<Box> parse_boxes(std::string_view text, const std::filesystem::path&
     const JsonField object = objects.at(i);
     Box box;
     box.object_id = object.at("ObjectId").integer();
-    if (box.object_id < 0)  // those of objects that are found (perception/find_moving.h)
+    if (box.object_id < 0)  // ids below 0 belong to found objects (perception/find_moving.h)
       object.at("ObjectId").fail("must be 0 or above");
     if (!ids.insert(box.object_id).second)
       object.at("ObjectId").fail("a second box of this object");

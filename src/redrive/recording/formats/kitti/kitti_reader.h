@@ -35,8 +35,8 @@ struct Timestamps {
 
   explicit Timestamps(const std::filesystem::path& path, const DamagedList* damaged = nullptr);
 
-  /// Nothing for an empty line, and behind the last line. There a frame that is `needed`, which it
-  /// is not where an excerpt has poses of the whole drive, goes to `damaged`; without it
+  /// Returns nothing for an empty line, and after the last line. There a frame that is `needed`,
+  /// which it is not where an excerpt has poses of the whole drive, goes to `damaged`; without it
   /// InputError.
   std::optional<std::int64_t> of(std::int64_t frame_id, bool needed,
                                  const DamagedList* damaged) const;

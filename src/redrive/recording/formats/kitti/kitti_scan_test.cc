@@ -80,7 +80,7 @@ TEST(KittiScan, ReturnsThatCannotBeUsedAreLeftOutAndCounted) {
           .size(),
       34u);
   EXPECT_EQ(left_out, 6u);
-  points[22] = {5, 0, 0, 2};  // more than a twentieth: of another unit
+  points[22] = {5, 0, 0, 2};  // more than a twentieth: another unit
   EXPECT_THAT(input_error([&] { parsed_scan(kitti_scan(points)); }),
               HasSubstr("point 20 x = 4000"));
   std::ranges::fill(points, std::array<float, 4>{nan, nan, nan, nan});

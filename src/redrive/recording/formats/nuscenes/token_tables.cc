@@ -58,7 +58,7 @@ void TokenTables::each_of(const std::string& table, const std::string& key, cons
     const auto found = wanted.find(*token);
     if (found == wanted.end()) return;
     use_record(text, file(table), index, [&](const JsonField& record, std::size_t) {
-      // The text may be that of an object inside the record.
+      // The text may belong to an object inside the record.
       if (record.at(key).string() != found->first)
         record.at(key).fail("a second one, inside of the record, is " + found->first);
       use(record, index, found->second);

@@ -32,7 +32,7 @@ struct ImageRecord {
 struct PointRecord {
   Eigen::Vector3d in_world;  ///< may be not finite
   std::array<std::uint8_t, 3> rgb{};
-  std::vector<std::int64_t> images;  ///< of the track, each once, in its order
+  std::vector<std::int64_t> images;  ///< images of the track, each once, in its order
 };
 
 // Each throws InputError, which names record, field and value: a file that ends early or does not

@@ -27,7 +27,7 @@ struct RigRecord {
 struct FrameRecord {
   std::int64_t id = 0, rig_id = 0;
   Rigid3d rig_from_world;
-  std::map<std::int64_t, std::int64_t> camera_of_image;  ///< by image
+  std::map<std::int64_t, std::int64_t> camera_of_image;  ///< key: image
 };
 
 // InputError as the parsers of recording/formats/photographs/colmap_files.h.
