@@ -54,10 +54,11 @@ void SplatModel::visit_hyperparameters(HyperparameterVisitor& visit) {
                        1000, kMostGaussians}
             .from_recording(),
         pixel_limit);
-  visit(Hyperparameter{"initial.voxel",
-                       "side of a voxel that keeps one first point, of its distance", 0, 1}
-            .exclusive(),
-        initial.voxel);
+  visit(
+      Hyperparameter{"initial.voxel",
+                     "side of a voxel that keeps one first point, as a part of its distance", 0, 1}
+          .exclusive(),
+      initial.voxel);
   visit({"initial.sky", "first Gaussians on a sphere around the scene", 0, 1'000'000}, initial.sky);
   visit({"initial.random", "first Gaussians of a bounded scene without points", 0, 10'000'000},
         initial.random);
@@ -73,41 +74,48 @@ void SplatModel::visit_hyperparameters(HyperparameterVisitor& visit) {
         window_pixels);
   visit({"coarse_progress", "part of the run in which images that are cut are halved first", 0, 1},
         coarse_progress);
-  visit(
-      Hyperparameter{"learning_rate", "of the opacities, at the start", 0, 1}.exclusive().as_option(
-          "learning-rate"),
-      initial_rate);
+  visit(Hyperparameter{"learning_rate", "learning rate of opacities at the start", 0, 1}
+            .exclusive()
+            .as_option("learning-rate"),
+        initial_rate);
   visit(Hyperparameter{"lr_gamma", "factor of the learning rates at the end of the run", 0, 1}
             .exclusive()
             .as_option("lr-gamma"),
         last_rate);
-  visit({"position_rate", "learning rate of positions over distance, of that of opacities", 0, 100},
-        position_rate);
-  visit({"scale_rate", "learning rate of log scales, of that of opacities", 0, 100}, scale_rate);
-  visit({"rotation_rate", "learning rate of quaternions, of that of opacities", 0, 100},
+  visit(
+      {"position_rate", "learning rate of positions over distance, relative to opacities", 0, 100},
+      position_rate);
+  visit({"scale_rate", "learning rate of log scales, relative to opacities", 0, 100}, scale_rate);
+  visit({"rotation_rate", "learning rate of quaternions, relative to opacities", 0, 100},
         rotation_rate);
-  visit({"colour_rate", "learning rate of colours, of that of opacities", 0, 100}, colour_rate);
-  visit({"harmonics_rate", "learning rate of harmonics of degree 1, of that of opacities", 0, 100},
+  visit({"colour_rate", "learning rate of colours, relative to opacities", 0, 100}, colour_rate);
+  visit({"harmonics_rate", "learning rate of harmonics of degree 1, relative to opacities", 0, 100},
         harmonics_rate);
-  visit({"l1_weight", "of the mean absolute error", 0, 100}, l1_weight);
-  visit({"ssim_weight", "of (1 - SSIM) / 2", 0, 100}, ssim_weight);
-  visit({"range_weight", "of the error of the logarithm of LiDAR returns' distances", 0, 1000},
+  visit({"l1_weight", "weight of the mean absolute error", 0, 100}, l1_weight);
+  visit({"ssim_weight", "weight of (1 - SSIM) / 2", 0, 100}, ssim_weight);
+  visit({"range_weight", "weight of the error of LiDAR returns' log distances", 0, 1000},
         range_weight);
   visit({"surface_rate", "part of the way onto planes of LiDAR returns, every 50 steps; 0: none", 0,
          1},
         surface_rate);
-  visit({"opacity_weight", "of the mean transmittance, unless a background is given", 0, 100},
-        opacity_weight);
+  visit(
+      {"opacity_weight", "weight of the mean transmittance, unless a background is given", 0, 100},
+      opacity_weight);
   visit(Hyperparameter{"lidar_rays", "0: LiDAR is not used", 0, 65536}.as_option("lidar-rays"),
         lidar_rays);
   visit({"actors", "1: moving objects are drawn; 0: they are masked", 0, 1}, actors);
   visit({"motion_rate", "learning rate of moving objects' tracks, m; 0: they stay", 0, 1},
         motion_rate);
-  visit(Hyperparameter{"min_scale", "of the two larger axes, of the distance", 0, 1}.exclusive(),
+  visit(Hyperparameter{"min_scale", "least scale of the two larger axes, as a part of the distance",
+                       0, 1}
+            .exclusive(),
         min_scale);
-  visit(Hyperparameter{"max_scale", "of an axis, of the distance", 0, 1000}.exclusive(), max_scale);
-  visit(Hyperparameter{"min_opacity", "of Gaussians that are kept", 0, 0.5}.exclusive(),
-        min_opacity);
+  visit(Hyperparameter{"max_scale", "largest scale of an axis, as a part of the distance", 0, 1000}
+            .exclusive(),
+        max_scale);
+  visit(
+      Hyperparameter{"min_opacity", "least opacity of Gaussians that are kept", 0, 0.5}.exclusive(),
+      min_opacity);
   visit({"densify_every", "steps after which Gaussians are split and removed", 1, 1e9},
         densify_every);
   visit(Hyperparameter{"grown_by", "progress at which max_gaussians is reached", 0, 1}.exclusive(),
@@ -117,7 +125,7 @@ void SplatModel::visit_hyperparameters(HyperparameterVisitor& visit) {
   visit({"warm_up_steps", "steps in which the learning rates rise linearly", 0, 1e9},
         warm_up_steps);
   visit({"adam.beta2", "decay of Adam's second moment", 0, 0.999999}, beta2);
-  visit(Hyperparameter{"adam.epsilon", "of Adam", 0, 1}.exclusive(), epsilon);
+  visit(Hyperparameter{"adam.epsilon", "epsilon of Adam", 0, 1}.exclusive(), epsilon);
   visit(Hyperparameter{"appearance.cameras", "cameras with an exposure", 0, 1024}.from_recording(),
         gains.appearance.cameras);
   visit(
@@ -126,18 +134,20 @@ void SplatModel::visit_hyperparameters(HyperparameterVisitor& visit) {
   visit(
       Hyperparameter{"appearance.knot_spacing_s", "time between two knots, s", 0, 1e6}.exclusive(),
       gains.appearance.knot_spacing_s);
-  visit({"exposure_rate", "of the way to an image's best exposure, in a step", 0, 1},
+  visit({"exposure_rate", "part of the way to an image's best exposure, in a step", 0, 1},
         gains.exposure_rate);
   visit({"exposure_share", "part of it that all images of the camera take", 0, 1},
         gains.exposure_share);
-  visit({"exposure_decay", "of log gains, in a step of their image", 0, 1}, gains.exposure_decay);
+  visit({"exposure_decay", "decay of log gains, in a step of their image", 0, 1},
+        gains.exposure_decay);
   visit({"shading.columns", "cells of a camera's shading along its rows", 1, 1024},
         gains.shading.columns);
   visit({"shading.rows", "cells of a camera's shading along its columns", 1, 1024},
         gains.shading.rows);
   visit(Hyperparameter{"shading.cameras", "cameras with a shading", 0, 1024}.from_recording(),
         gains.shading.cameras);
-  visit({"shading_rate", "of the way to a cell's best gain, in a step", 0, 1}, gains.shading_rate);
+  visit({"shading_rate", "part of the way to a cell's best gain, in a step", 0, 1},
+        gains.shading_rate);
   visit({"shading_threshold", "differences of brightness (logarithm) that are not the shading's", 0,
          1},
         gains.shading_threshold);
