@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Objects that move: where an image or a ray sees them, and what training corrects in their tracks.
+// Moving objects: where an image or a ray sees them, and what training corrects in their tracks.
 #include <algorithm>
 #include <utility>
 #include <vector>
@@ -53,7 +53,7 @@ RaysOfActor rays_of_actor(const kernels::Rays& rays, std::span<const std::int64_
 
 /// Adds a surface of another object to a ray.
 void add_surface(float depth, float opacity, float* of_depth, float* of_opacity) {
-  constexpr float kOpaque = 0.5f;  // as the median depth
+  constexpr float kOpaque = 0.5f;  // as for the median depth
   const bool nearer = depth > 0 && (!(*of_depth > 0) || depth < *of_depth);
   const float front = nearer ? opacity : *of_opacity, behind = nearer ? *of_opacity : opacity;
   const bool front_counts = front >= kOpaque || front >= behind;
@@ -210,7 +210,7 @@ void SplatModel::add_motion_gradients(
 
 void SplatModel::finish_training(kernels::Backend& backend, const TrainingSet& data,
                                  AdamState* adam) {
-  constexpr int kFillPixels = 60000;  // pixels of a reduced image, at most
+  constexpr int kFillPixels = 60000;  // maximum number of pixels of a reduced image
   constexpr std::size_t kMostViews = 96;
   if (filled || actor_ids.empty()) return;
   filled = 1;

@@ -95,7 +95,7 @@ TEST(SplatActors, CorrectsATrack) {
   }
   const auto backend = fast_backend();
   const auto error_m = [&](const std::vector<MovingObject>& objects) {
-    double sum = 0;  // of neighbours' distances: the whole track may be off by the same
+    double sum = 0;  // errors of steps between keys: the whole track may be off by the same
     for (std::size_t i = 1; i < exact[0].keys.size(); ++i) {
       const auto step = [&](const MovingObject& of) -> Eigen::Vector3d {
         return of.keys[i].world_from_box.translation() -

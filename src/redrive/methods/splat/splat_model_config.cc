@@ -14,8 +14,9 @@ namespace redrive {
 namespace {
 
 constexpr int kMostGaussians = 20'000'000;
-constexpr std::int64_t kPixelsPerGaussian = 64;  // fewer pixels for each are fitted too closely
-/// Each has an exposure for every photograph, its own or not.
+// with fewer pixels each, images are fitted too closely
+constexpr std::int64_t kPixelsPerGaussian = 64;
+/// Each camera has an exposure for every photograph, its own or not.
 constexpr std::size_t kMostPhotoCameras = 16;
 constexpr std::int64_t kLeastPixelLimit = 20'000;
 
@@ -202,8 +203,8 @@ void SplatModel::configure(const Scene& scene) {
   }
   if (scene.metric && scene.frames.size() > 1) {
     gains.shading.cameras = static_cast<int>(scene.rig.size());
-    // Cells of two patches and more, also in images that are halved: smaller ones are not told
-    // apart and run away.
+    // Cells of at least two patches, also in halved images: smaller ones cannot be told apart and
+    // run away.
     for (const RigCamera& rig : scene.rig) {
       const Camera& camera = rig.camera;
       const bool cut = std::int64_t{camera.width} * camera.height > window_pixels;

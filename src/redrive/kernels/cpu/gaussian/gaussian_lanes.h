@@ -63,8 +63,8 @@ REDRIVE_INLINE Vf logarithm_of_two(Vf x) {
   return __builtin_convertvector(exponent, Vf) + p * z * splat(2.88539008f);
 }
 
-/// Lanes of two vectors after adding the halves of their groups of 2 * kGroup lanes: those of a,
-/// then those of b.
+/// Lanes of two vectors after adding the halves of their groups of 2 * kGroup lanes: a's lanes,
+/// then b's.
 template <int kGroup>
 REDRIVE_INLINE Vf add_halves(Vf a, Vf b) {
   Vi first{}, second{};
