@@ -6,8 +6,8 @@
 #include "redrive/base/progress.h"
 #include "redrive/recording/core/excerpt.h"
 #include "redrive/recording/core/recording.h"
+#include "redrive/recording/folder_kind.h"
 #include "redrive/recording/formats/aimotive/aimotive.h"
-#include "redrive/recording/formats/folder_kind.h"
 #include "redrive/recording/formats/kitti/kitti.h"
 #include "redrive/recording/formats/kitti360/kitti360.h"
 #include "redrive/recording/formats/nuscenes/nuscenes.h"
@@ -48,13 +48,6 @@ constexpr Format kFormats[] = {
 };
 
 }  // namespace
-
-const RecordedCamera* Recording::find_camera(const std::string& name) const {
-  for (const RecordedCamera& camera : cameras) {
-    if (camera.calibration.name == name) return &camera;
-  }
-  return nullptr;
-}
 
 std::string recording_format(const std::filesystem::path& folder) {
   const auto found = std::ranges::find_if(

@@ -12,7 +12,7 @@
 #include "redrive/base/unfinished.h"
 #include "redrive/model/method.h"
 #include "redrive/perception/moving_file.h"
-#include "redrive/recording/formats/folder_kind.h"
+#include "redrive/recording/folder_kind.h"
 #include "redrive/recording/formats/pose_files.h"
 #include "redrive/train/memory.h"
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/recording/formats/folder_kind.h"
+#include "redrive/recording/folder_kind.h"
 
 #include "redrive/recording/core/recording.h"
 #include "redrive/recording/formats/kitti/kitti_testing.h"
