@@ -6,6 +6,7 @@
 #include <exception>
 #include <limits>
 #include <mutex>
+#include <utility>
 
 #include "redrive/base/cpu_features.h"
 #include "redrive/base/error.h"
@@ -20,6 +21,7 @@ namespace {
 /// every chunk, and writes of the chunks to the caller. Chunks are not ordered with each other, so
 /// their races are still found.
 struct Job {
+  const ThreadPool* pool;
   const std::function<void(int)>* body;
   std::atomic<bool> started{false};
   std::atomic<int> done{0};
@@ -29,9 +31,13 @@ struct Job {
   std::exception_ptr error;
 };
 
+/// The pool whose chunk this thread runs, the innermost one; null outside of all.
+thread_local const ThreadPool* running_pool = nullptr;
+
 void run_chunk(void* context, int chunk) {
   Job& job = *static_cast<Job*>(context);
   (void)job.started.load(std::memory_order_acquire);
+  const ThreadPool* const outer = std::exchange(running_pool, job.pool);
   try {
     check_interruption();
     (*job.body)(chunk);
@@ -42,6 +48,7 @@ void run_chunk(void* context, int chunk) {
       job.error = std::current_exception();
     }
   }
+  running_pool = outer;
   job.done.fetch_add(1, std::memory_order_release);
 }
 
@@ -66,7 +73,8 @@ ThreadPool::~ThreadPool() = default;
 int ThreadPool::threads() const { return impl_->threads; }
 
 void ThreadPool::run(int chunks, const std::function<void(int chunk)>& body) {
-  Job job{&body};
+  REDRIVE_CHECK(running_pool != this);
+  Job job{this, &body};
   job.started.store(true, std::memory_order_release);
   if (!impl_->arena || chunks == 1) {
     for (int chunk = 0; chunk < chunks; ++chunk) run_chunk(&job, chunk);

@@ -78,6 +78,17 @@ TEST(ThreadPool, RangesCoverEverythingOnce) {
   }
 }
 
+TEST(ThreadPool, AChunkRunsNoOthersOnItsOwnPool) {
+  for (const int threads : {1, 2}) {
+    ThreadPool pool(threads), other(threads);
+    EXPECT_THROW(pool.run(4, [&](int) { pool.run(1, [](int) {}); }), std::logic_error);
+    std::atomic<int> done = 0;
+    pool.run(4, [&](int) { other.run(3, [&](int) { ++done; }); });
+    pool.run(4, [&](int) { ++done; });
+    EXPECT_EQ(done, 16);
+  }
+}
+
 TEST(ThreadPool, RefusesZeroThreads) { EXPECT_THROW(ThreadPool(0), std::logic_error); }
 
 }  // namespace

@@ -11,6 +11,7 @@ namespace redrive {
 /// the edge reaches into the image, or to where the model folds. Models without lanes of their own
 /// are projected one point at a time: `camera` must outlive the result.
 PlainCamera make_plain_camera(const Camera& camera);
+PlainCamera make_plain_camera(const Camera&&) = delete;
 
 /// Returns the camera of the window of width x height pixels from (x, y) on.
 PlainCamera window_of(PlainCamera camera, int x, int y, int width, int height);

@@ -50,7 +50,6 @@ TrainOptions options_of(const PlanArguments& arguments) {
   parse_given(arguments.given, &options);
   for (const auto& [name, values] : arguments.given) names.push_back(name);
   validate_fields(options);
-  if (!arguments.given.contains("method")) options.method = kDefaultMethod;
   apply_preset(&options, names);
   validate(options);
   if (options.max_steps == 0 && options.max_seconds == 0)
@@ -100,7 +99,7 @@ PlannedBlock planned(const Block& block, const Run& run, int threads) {
   const MemoryEstimate need = estimate_memory(run, threads);
   out.memory_bytes = need.total();
   out.least_memory_bytes = need.least();
-  out.checkpoint_bytes = 3 * sizeof(float) * run.state.model->max_size();
+  out.checkpoint_bytes = need.saving;
   return out;
 }
 
@@ -276,7 +275,7 @@ int run_plan(const PlanArguments& arguments) {
           block, run_of(blocks.size() > 1 ? block_options(options, block) : options, recording),
           threads));
     return plan_training(std::move(facts), rates, machines,
-                         {options.max_steps, options.max_seconds});
+                         {options.max_steps, options.max_seconds, options.checkpoint_every});
   };
   // A rank's memory depends on its threads, and their number on how many ranks have memory.
   const int n = static_cast<int>(blocks.size()),

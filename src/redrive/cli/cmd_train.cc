@@ -42,7 +42,6 @@ TrainOptions parse_options(const TrainArguments& arguments) {
   TrainOptions options;
   parse_given(arguments.given, &options);
   validate_fields(options);
-  if (!arguments.given.contains("method")) options.method = kDefaultMethod;
   apply_preset(&options, given_names(arguments));
   if (options.recording.empty()) throw UsageError("RECORDING", "", "must name a folder");
   std::error_code error;

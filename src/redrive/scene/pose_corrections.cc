@@ -23,8 +23,14 @@ struct Between {
 template <class TimeOf>
 Between find_interval(std::size_t n, std::int64_t t_ns, const TimeOf& time_of) {
   if (n == 1) return {};
-  std::size_t after = 1;
-  while (after + 1 < n && time_of(after) <= t_ns) ++after;
+  std::size_t after = 1, end = n - 1;  // the first one later than t_ns, or the last one
+  while (after < end) {
+    const std::size_t middle = (after + end) / 2;
+    if (time_of(middle) <= t_ns)
+      after = middle + 1;
+    else
+      end = middle;
+  }
   const std::int64_t a = time_of(after - 1), b = time_of(after);
   return {after - 1, static_cast<double>(t_ns - a) / static_cast<double>(b - a)};
 }
@@ -61,15 +67,15 @@ Rigid3d rigid_from_vector(const float* six) {
 }
 
 void interpolate_held_out(const Scene& scene, PoseCorrections* corrections) {
+  std::vector<bool> has_training_image(scene.frames.size());
+  for (const View& view : scene.views)
+    if (!view.held_out) has_training_image[view.frame] = true;
   std::vector<std::size_t> trained;
   for (std::size_t f = 0; f < scene.frames.size(); ++f)
-    if (std::ranges::any_of(scene.views, [&](const View& view) {
-          return std::size_t(view.frame) == f && !view.held_out;
-        }))
-      trained.push_back(f);
+    if (has_training_image[f]) trained.push_back(f);
   if (trained.empty()) return;
   for (std::size_t f = 0; f < scene.frames.size(); ++f) {
-    if (std::ranges::binary_search(trained, f)) continue;
+    if (has_training_image[f]) continue;
     const Between at = find_interval(trained.size(), scene.frames[f].t_ns, [&](std::size_t i) {
                          return scene.frames[trained[i]].t_ns;
                        }).clamped();

@@ -23,9 +23,13 @@
 
 namespace redrive {
 
+/// Seconds of training between two checkpoints at most, which bounds what a kill loses on slow
+/// machines.
+inline constexpr double kSecondsPerCheckpoint = 60;
+
 struct TrainOptions {
   std::string recording;  ///< folder
-  std::string method = "grid";
+  std::string method = kDefaultMethod;
   std::string preset;  ///< "", nerf: "report-1", "report-2"; grid: "fast", "best"
   // scene/scene.h SceneOptions
   std::vector<std::string> cameras;

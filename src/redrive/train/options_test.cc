@@ -183,8 +183,14 @@ TEST(TrainOptions, PresetFillsOnlyWhatIsNotGiven) {
   EXPECT_EQ(TrainOptions{}.masks, "auto");
 }
 
+TEST(TrainOptions, HaveTheDefaultMethod) {
+  EXPECT_EQ(TrainOptions().method, kDefaultMethod);
+  EXPECT_THAT(help_text(field("method")), HasSubstr("default: " + std::string(kDefaultMethod)));
+}
+
 TEST(TrainOptions, DefaultsAreThoseOfTheMethod) {
   TrainOptions options;
+  options.method = "grid";
   apply_preset(&options, {});
   EXPECT_EQ(options.method, "grid");
   EXPECT_EQ(options.max_seconds, 300);

@@ -310,8 +310,10 @@ TrainingPlan plan_training(std::vector<PlannedBlock> blocks, const TrainingRates
                          static_cast<double>(block.lidar_file_bytes) + steps * missing * file;
     block.reads_bytes = static_cast<std::uint64_t>(reads);
     plan.reads_bytes += block.reads_bytes;
-    // A checkpoint is written whole before the one before it goes.
-    plan.writes_bytes += block.checkpoint_bytes;
+    // At the start, on the way and at the end.
+    const double checkpoints = 2 + std::floor(std::max(steps / limits.checkpoint_every,
+                                                       block.train_s / kSecondsPerCheckpoint));
+    plan.writes_bytes += static_cast<std::uint64_t>(checkpoints) * block.checkpoint_bytes;
     plan.memory_bytes = std::max(plan.memory_bytes, std::min(block.memory_bytes, memory));
     tasks.push_back(block.seconds());
     reads_per_s.push_back(std::max((static_cast<double>(block.image_file_bytes) +

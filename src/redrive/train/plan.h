@@ -78,6 +78,7 @@ struct Machines {
 struct TrainingLimits {
   std::int64_t max_steps = 0;
   double max_seconds = 0;  ///< as TrainOptions
+  int checkpoint_every = TrainOptions().checkpoint_every;
 };
 
 struct TrainingPlan {

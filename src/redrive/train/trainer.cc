@@ -35,8 +35,6 @@ namespace {
 constexpr int kStepsPerRow =
     25;  // per row of metrics.jsonl: 25 x 1024 rays average out the noise of a batch
 constexpr int kMaxBadSteps = 50;  // consecutive non-finite steps before a roll-back
-constexpr double kSecondsPerCheckpoint =
-    60;  // seconds of training between checkpoints: bounds the loss by a kill on slow machines
 
 double seconds_since(std::chrono::steady_clock::time_point begin) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();

@@ -48,10 +48,16 @@ struct Shared {
   ServerOptions options;
   ServerEvents* events = nullptr;
   int known = 0;                                ///< connections that have shown the token
+  int sockets = 0;                              ///< clients, with those that are not open yet
   std::list<class Connection*> strangers = {};  ///< connections that have not, the oldest first
   ClientId last_client = 0;
   std::map<ClientId, std::weak_ptr<class Client>> clients = {};
 };
+
+void report(const std::exception& error) {
+  std::fprintf(stderr, "redrive: the viewer closed a connection: %s
+", error.what());
+}
 
 /// Reports the bytes that a stream reads, as its rate policy, without limiting them.
 class Meter {
@@ -77,11 +83,19 @@ class Client : public std::enable_shared_from_this<Client> {
   Client(tcp::socket socket, Shared* shared)
       : socket_(Meter([this](std::size_t bytes) { count(0, bytes); }), std::move(socket)),
         shared_(*shared),
-        id_(++shared->last_client) {}
+        id_(++shared->last_client) {
+    ++shared_.sockets;
+  }
 
   ~Client() {
     --shared_.known;
-    if (shared_.clients.erase(id_) > 0) shared_.events->closed(id_);
+    --shared_.sockets;
+    if (shared_.clients.erase(id_) == 0) return;
+    try {
+      shared_.events->closed(id_);
+    } catch (const std::exception& error) {
+      report(error);
+    }
   }
 
   void start(const Request& request) {
@@ -240,7 +254,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
   void upgrade(const Request& request) {
     if (!websocket::is_upgrade(request))
       return refuse(request, http::status::upgrade_required, "a WebSocket\n");
-    if (static_cast<int>(shared_.clients.size()) >= shared_.options.max_clients)
+    if (shared_.sockets >= shared_.options.max_clients)
       return refuse(request, http::status::service_unavailable, "too many viewers\n");
     upgraded_ = true;
     std::make_shared<Client>(stream_.release_socket(), &shared_)->start(request);
@@ -338,7 +352,7 @@ struct Server::Impl {
         context.run();
         return;
       } catch (const std::exception& error) {
-        std::fprintf(stderr, "redrive: the viewer closed a connection: %s\n", error.what());
+        report(error);
       }
   }
 

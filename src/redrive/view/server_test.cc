@@ -37,11 +37,15 @@ class EchoEvents : public ServerEvents {
     last = client;
     if (server) server.load()->send_text(client, "echo " + std::string(text));
   }
-  void closed(ClientId) override { --open; }
+  void closed(ClientId) override {
+    --open;
+    if (throws_when_closed) throw std::bad_alloc();
+  }
 
   std::atomic<Server*> server{nullptr};
   std::atomic<int> open{0}, messages{0};
   std::atomic<ClientId> last{0};
+  std::atomic<bool> throws_when_closed{false};
 };
 
 class ServerTest : public testing::Test {
@@ -234,6 +238,29 @@ TEST_F(ServerTest, AHandlerThatThrowsCostsItsClientAlone) {
   bystander->send_message("x");
   EXPECT_EQ(bystander->receive_message()->payload, "echo x");
   expect_service();
+}
+
+TEST_F(ServerTest, OutlivesAnEventOfAClosedClientThatThrows) {
+  events_.throws_when_closed = true;
+  open_socket().reset();
+  EXPECT_TRUE(comes([&] { return events_.open == 0; }));
+  expect_service();
+}
+
+TEST_F(ServerTest, LimitsClientsThatComeAtOnce) {
+  options_.max_clients = 2;
+  start();
+  std::vector<std::unique_ptr<LoopbackClient>> clients;
+  for (int i = 0; i < 12; ++i) clients.push_back(std::make_unique<LoopbackClient>(server_->port()));
+  std::atomic<int> opened = 0;
+  std::vector<std::thread> threads;
+  for (const auto& client : clients)
+    threads.emplace_back([&] {
+      opened += client->upgrade("/0123456789abcdef/socket", host_, "http://" + host_)
+                    .starts_with("HTTP/1.1 101");
+    });
+  for (std::thread& thread : threads) thread.join();
+  EXPECT_EQ(opened, 2);
 }
 
 TEST_F(ServerTest, PingsAndFramesWithoutContentCount) {

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <vector>
 
 #include "redrive/base/error.h"
@@ -42,6 +43,20 @@ float knot_weight(int knot, float at, float before, float after) {
 }
 
 }  // namespace
+
+ExposureTimes::ExposureTimes(const Scene& scene) : t_s_(scene.rig.size()) {
+  for (const View& view : scene.views)
+    if (!view.held_out) t_s_[view.camera].push_back(scene.exposure(view).t_s);
+  for (std::vector<float>& times : t_s_) std::ranges::sort(times);
+}
+
+ExposureGaps ExposureTimes::gaps(const Exposure& at) const {
+  constexpr float kEver = std::numeric_limits<float>::infinity();
+  const std::vector<float>& times = t_s_[at.camera];
+  const auto [same, later] = std::ranges::equal_range(times, at.t_s);
+  return {same == times.begin() ? kEver : at.t_s - *(same - 1),
+          later == times.end() ? kEver : *later - at.t_s};
+}
 
 void ImageGains::write_row(std::span<const float> parameters, const Exposure& exposure,
                            const ImagePart& part, int y, int c, std::span<float> row) const {

@@ -6,10 +6,12 @@
 #pragma once
 
 #include <span>
+#include <vector>
 
 #include "redrive/field/appearance.h"
 #include "redrive/field/shading.h"
 #include "redrive/kernels/gaussian_stages.h"
+#include "redrive/scene/scene.h"
 
 namespace redrive {
 
@@ -22,6 +24,17 @@ struct ImagePart {
 /// seconds; infinite where there are none. Exposures between two training images are interpolated.
 struct ExposureGaps {
   float before_s = 0, after_s = 0;
+};
+
+/// When each camera exposed its training images.
+class ExposureTimes {
+ public:
+  explicit ExposureTimes(const Scene& scene);
+
+  ExposureGaps gaps(const Exposure& at) const;
+
+ private:
+  std::vector<std::vector<float>> t_s_;  ///< by camera, ascending
 };
 
 struct ImageGains {

@@ -43,6 +43,33 @@ std::vector<kernels::PatchBrightness> brightness(const std::vector<float>& plane
   return patches;
 }
 
+TEST(ExposureTimes, FindTheNearestOtherTrainingImagesOfACamera) {
+  constexpr float kEver = std::numeric_limits<float>::infinity();
+  Scene scene;
+  scene.rig.resize(2);
+  for (const std::int64_t t_s : {0, 1, 2, 4, 8}) scene.frames.push_back({t_s, t_s * 1'000'000'000});
+  const auto add = [&](int camera, int frame, bool held_out) {
+    View& view = scene.views.emplace_back();
+    view.camera = camera;
+    view.frame = frame;
+    view.held_out = held_out;
+  };
+  for (const int frame : {4, 0, 3, 1}) add(0, frame, false);
+  add(0, 2, true);
+  add(1, 2, false);
+  const ExposureTimes times(scene);
+  const auto expect = [&](const Exposure& at, float before_s, float after_s) {
+    const ExposureGaps gaps = times.gaps(at);
+    EXPECT_EQ(gaps.before_s, before_s) << at.camera << ", " << at.t_s;
+    EXPECT_EQ(gaps.after_s, after_s) << at.camera << ", " << at.t_s;
+  };
+  expect({0, 1}, 1, 3);
+  expect({0, 2}, 1, 2);
+  expect({0, 0}, kEver, 1);
+  expect({0, 8}, 4, kEver);
+  expect({1, 2}, kEver, kEver);
+}
+
 TEST(ImageGains, FindTheLightThatMovesWithTheCamera) {
   ImageGains gains = two_cameras();
   gains.shading_threshold = gains.exposure_decay = 0;

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "redrive/scene/moving_objects.h"
+#include "redrive/scene/point_cloud.h"
 #include "redrive/scene/project_shutter.h"
 
 namespace redrive {
@@ -54,10 +55,11 @@ std::vector<RangePixel> find_range_pixels(const TrainingSet& data, const ReturnT
   const auto pixel_of = [&](const Eigen::Vector3d& at) -> std::optional<RangePixel> {
     const auto seen = project_shutter(rig.camera, poses, camera_from_world, at);
     if (!seen) return std::nullopt;
-    const int x = static_cast<int>(std::floor(seen->pixel.x() + 0.5)),
-              y = static_cast<int>(std::floor(seen->pixel.y() + 0.5));
-    if (x < 0 || y < 0 || x >= rig.camera.width || y >= rig.camera.height) return std::nullopt;
-    return RangePixel{static_cast<std::uint16_t>(x), static_cast<std::uint16_t>(y),
+    const auto index = pixel_index(rig.camera.width, rig.camera.height, seen->pixel);
+    if (!index) return std::nullopt;
+    const auto width = static_cast<std::size_t>(rig.camera.width);
+    return RangePixel{static_cast<std::uint16_t>(*index % width),
+                      static_cast<std::uint16_t>(*index / width),
                       static_cast<float>(std::log(seen->in_camera.norm()))};
   };
   std::vector<MovingBox> boxes;

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <optional>
 
 #include "redrive/base/error.h"
@@ -27,6 +26,9 @@ constexpr double kShareOfActors = 0.5;  // of all Gaussians, at first, at most
 
 /// Working memory of a run's steps.
 struct SplatBuffers final : MethodBuffers {
+  explicit SplatBuffers(const Scene& scene) : exposures(scene) {}
+
+  ExposureTimes exposures;
   std::vector<ImageLevel> levels;
   /// Smaller images by level and view, made when first needed; if all are in memory.
   std::vector<std::vector<ImagePointer>> reduced;
@@ -46,7 +48,7 @@ struct SplatBuffers final : MethodBuffers {
 
 SplatBuffers& splat_buffers(const TrainingSet& data, int window_pixels, StepBuffers* buffers) {
   if (!buffers->method) {
-    auto made = std::make_unique<SplatBuffers>();
+    auto made = std::make_unique<SplatBuffers>(data.scene);
     made->levels = image_levels(data, window_pixels);
     made->reduced.assign(kImageLevels, std::vector<ImagePointer>(data.images.size()));
     made->ranges.resize(data.images.size());
@@ -127,19 +129,6 @@ double mean_transmittance(const kernels::RasterImage& drawn, const Image8& image
       }
   }
   return sum / std::max(pixels, 1.0);
-}
-
-ExposureGaps exposure_gaps(const Scene& scene, const View& of_view) {
-  constexpr float kEver = std::numeric_limits<float>::infinity();
-  const float t_s = scene.exposure(of_view).t_s;
-  ExposureGaps gaps{kEver, kEver};
-  for (const View& view : scene.views) {
-    if (view.held_out || view.camera != of_view.camera) continue;
-    const float later_s = scene.exposure(view).t_s - t_s;
-    if (later_s < 0) gaps.before_s = std::min(gaps.before_s, -later_s);
-    if (later_s > 0) gaps.after_s = std::min(gaps.after_s, later_s);
-  }
-  return gaps;
 }
 
 kernels::GaussianCamera camera_of(const PlainCamera& whole, const ImageWindow& window,
@@ -392,7 +381,7 @@ void SplatModel::step_window(kernels::Backend& backend, const TrainingSet& data,
     if (own.d_range[i] > 0) range_loss += double(own.d_range[i]) * double(own.image.range_error[i]);
   const std::span<float> others = gradients.last(this->size() - blocks_size());
   if (request.progress > double(kGainsFrom))
-    gains.add_changes(gain_parameters(), exposure, exposure_gaps(data.scene, view), size, part,
+    gains.add_changes(gain_parameters(), exposure, own.exposures.gaps(exposure), size, part,
                       loss.patches,
                       static_cast<float>(std::pow(last_rate, std::min(request.progress, 1.0))),
                       others.first(gains.size()));

@@ -7,6 +7,7 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <limits>
 #include <utility>
 #include <vector>
 
@@ -27,6 +28,8 @@ constexpr int kKeyBits = 11;  // a pass of the radix sort handles so many
 constexpr int kTileBits = 9, kTileShift = 32;
 constexpr std::uint64_t kManyTiles = (1 << kTileBits) - 1;
 constexpr std::size_t kPrefetched = 12;  // records ahead
+/// The maximum number of pairs: TilePair and RasterRecord count them in 32 bits.
+constexpr std::size_t kMostPairs = std::numeric_limits<std::uint32_t>::max();
 constexpr std::size_t kBuckets = std::size_t{1} << kKeyBits;
 
 /// Returns `buffer` with at least n numbers of any value. spare: what is allocated beyond.
@@ -313,6 +316,7 @@ class CpuGaussianStages final : public GaussianStages {
   void project(const GaussianCamera& camera, const Gaussians& gaussians, const RasterSize& size,
                RasterMemory* w) {
     const std::size_t blocks = gaussian_blocks(gaussians.n);
+    REDRIVE_CHECK_OP(blocks * kGaussianBlock, <=, kMostPairs);
     grown(&w->records, blocks * kGaussianBlock);
     grown(&w->visible, blocks);
     grown(&w->keys, blocks * kGaussianBlock);
@@ -380,6 +384,9 @@ class CpuGaussianStages final : public GaussianStages {
       range.next.assign(tiles, 0);
       for (std::size_t i = 0; i < range.made; ++i) ++range.next[pairs[i].tile];
     });
+    std::size_t pairs = 0;
+    for (const Range& range : ranges) pairs += range.made;
+    REDRIVE_CHECK_OP(pairs, <=, kMostPairs);
     w->first.resize(tiles + 1);
     std::uint32_t before = 0;
     for (std::size_t tile = 0; tile < tiles; ++tile) {
