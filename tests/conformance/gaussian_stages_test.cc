@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <functional>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -118,15 +119,32 @@ struct Result {
   std::vector<GaussianPoseGradient<NumberMath<double>>> poses;
 };
 
-Result run(Backend& backend, const GaussianCase& c) {
-  GaussianStages& stages = backend.gaussians();
+RasterImage copy_of(const RasterImage& image) {
+  RasterImage copy;
+  copy.size = image.size;
+  const auto copy_plane = [](const Buffer<float>& from, Buffer<float>* to) {
+    *to = Buffer<float>(from.size());
+    std::ranges::copy(from.span(), to->data());
+  };
+  copy_plane(image.rgb, &copy.rgb);
+  copy_plane(image.transmittance, &copy.transmittance);
+  copy_plane(image.depth, &copy.depth);
+  copy_plane(image.range_error, &copy.range_error);
+  return copy;
+}
+
+/// between: called between the forward and the backward pass.
+Result run(
+    Backend& backend, const GaussianCase& c, const std::function<void()>& between = [] {}) {
   Result out;
-  out.counts = stages.rasterise(c.view(), c.gaussians(), c.options(), &out.image);
+  Raster raster = backend.gaussians().rasterise(c.view(), c.gaussians(), c.options());
+  out.counts = raster.counts();
+  out.image = copy_of(raster.image());
+  between();
   out.gradients.assign(c.numbers.size(), 0);
   out.poses.resize(1 + c.parts.size());
-  stages.rasterise_backward(c.view(), c.gaussians(), c.options(), out.image,
-                            {c.d_rgb, c.d_transmittance, c.error, c.d_range},
-                            {.gradients = out.gradients, .update = nullptr}, out.poses);
+  raster.backward({c.d_rgb, c.d_transmittance, c.error, c.d_range},
+                  {.gradients = out.gradients, .update = nullptr}, out.poses);
   return out;
 }
 
@@ -242,23 +260,40 @@ TEST_P(GaussianStagesTest, APartIsSeenWhereItsPoseIs) {
     }
 }
 
+TEST_P(GaussianStagesTest, AnotherImageBetweenForwardAndBackwardChangesNothing) {
+  const auto backend = make();
+  const GaussianCase c(true, true, false), other(false, false, true);
+  const Result expected = run(*backend, c);
+  for (const bool released : {false, true}) {
+    const Result found = run(*backend, c, [&] {
+      if (released) backend->gaussians().release();
+      run(*backend, other);
+    });
+    EXPECT_EQ(found.gradients, expected.gradients);
+    for (std::size_t part = 0; part < found.poses.size(); ++part)
+      for (int k = 0; k < 3; ++k) {
+        EXPECT_EQ(found.poses[part].translation[k], expected.poses[part].translation[k]);
+        EXPECT_EQ(found.poses[part].rotation[k], expected.poses[part].rotation[k]);
+      }
+  }
+}
+
 TEST_P(GaussianStagesTest, AWindowIsAPartOfTheImage) {
   const auto backend = make();
   const GaussianCase c(true, true, false);
   GaussianStages& stages = backend->gaussians();
-  RasterImage whole, part;
-  stages.rasterise(c.view(), c.gaussians(), c.options(), &whole);
+  const Raster whole = stages.rasterise(c.view(), c.gaussians(), c.options());
   GaussianCamera window = c.view();
   window.camera.cx -= 32;
   window.camera.cy -= 16;
   window.camera.width = 33;
   window.camera.height = 20;
   window.first_row = 16;
-  stages.rasterise(window, c.gaussians(), c.options(), &part);
+  const Raster part = stages.rasterise(window, c.gaussians(), c.options());
   for (int y = 0; y < 20; ++y)
     for (int x = 0; x < 33; ++x)
-      ASSERT_NEAR(part.rgb[y * part.size.stride + x], whole.rgb[(y + 16) * c.size.stride + x + 32],
-                  1e-3)
+      ASSERT_NEAR(part.image().rgb[y * part.image().size.stride + x],
+                  whole.image().rgb[(y + 16) * c.size.stride + x + 32], 1e-3)
           << x << " " << y;
 }
 
@@ -417,12 +452,10 @@ Updated run_update(Backend& backend, const GaussianCase& c, bool kept = false) {
     backend.gaussians().update_gaussians(update, c.n, run(backend, c).gradients);
     return out;
   }
-  GaussianStages& stages = backend.gaussians();
-  RasterImage image;
-  stages.rasterise(c.view(), {c.n, out.numbers}, c.options(), &image);
-  stages.rasterise_backward(c.view(), {c.n, out.numbers}, c.options(), image,
-                            {c.d_rgb, c.d_transmittance, c.error, c.d_range},
-                            {.gradients = {}, .update = &update}, {});
+  backend.gaussians()
+      .rasterise(c.view(), {c.n, out.numbers}, c.options())
+      .backward({c.d_rgb, c.d_transmittance, c.error, c.d_range},
+                {.gradients = {}, .update = &update}, {});
   return out;
 }
 
@@ -539,8 +572,8 @@ TEST_P(GaussianStagesTest, DepthOfADiscIsThatOfItsPlane) {
     for (int k = 0; k < 3; ++k) set(kQuaternionRow + 1 + k, rotation.vec()[k]);
     set(kOpacityRow, 6);
     c.poses = {plain(Rigid3d::Identity())};
-    RasterImage image;
-    backend->gaussians().rasterise(c.view(), c.gaussians(), c.options(), &image);
+    const Raster raster = backend->gaussians().rasterise(c.view(), c.gaussians(), c.options());
+    const RasterImage& image = raster.image();
     int found = 0;
     double least = 1e9, most = 0;
     for (int y = 0; y < c.camera.height; ++y)

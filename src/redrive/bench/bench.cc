@@ -294,11 +294,9 @@ Report run(kernels::Backend& backend, const Options& options,
   report.isa = backend.isa() ? std::string(isa_name(*backend.isa())) : "none";
   report.threads = backend.threads();
   report.commit = kCommit;
-  {
-    ThreadPool pool(backend.threads());
-    report.ceilings = {measure_peak_gflops(backend.isa(), pool),
-                       report.isa == "none" ? "sse2" : report.isa, measure_copy_gb_per_s(pool)};
-  }
+  report.ceilings = {measure_peak_gflops(backend.isa(), backend.pool()),
+                     report.isa == "none" ? "sse2" : report.isa,
+                     measure_copy_gb_per_s(backend.pool())};
 
   Runner runner(backend, options, &report, on_result);
   const SyntheticDrive drive = make_synthetic_drive();

@@ -178,7 +178,7 @@ int render_one(const RenderOptions& options) {
   const auto backend = make_checked_backend(options.backend);
   std::printf("%s\n", kernels::describe(*backend).c_str());
   check_rendering_memory(run, &camera.camera);
-  const RayTable rays = make_ray_table(camera.camera, backend->threads());
+  const RayTable rays = make_ray_table(camera.camera, backend->pool());
   const RenderedImage image =
       render_image(*backend, *run.state.model, rays,
                    posed_at_frame(run.recording, run.scene, camera, world_from_camera, frame),

@@ -84,10 +84,7 @@ int lead_resuming(const ResumeArguments& arguments, ProcessGroup& processes) {
   const std::optional<std::uint64_t> cache =
       check_run_memory(run, backend->threads(), together ? processes.on_machine() : 1, together);
   std::unique_ptr<LivePage> page = start_live_page(arguments.live);
-  const TrainingData training = [&] {
-    ThreadPool pool(backend->threads());
-    return load_training_data(run, pool, cache);
-  }();
+  const TrainingData training = load_training_data(run, backend->pool(), cache);
   if (!arguments.given.empty()) write_config(run.paths, run.options, run.state.model.get());
   print_summary(run, training, *backend);
   if (together) return lead_together(processes, &run, training, *backend);

@@ -60,11 +60,10 @@ struct ExternalPoses {
 };
 
 /// Puts the poses of --poses or --align into run->recording.
-std::optional<ExternalPoses> load_external_poses(Run* run, int threads) {
+std::optional<ExternalPoses> load_external_poses(Run* run, ThreadPool& pool) {
   if (!has_external_poses(run->options)) return std::nullopt;
   ExternalPoses own;
   if (run->options.align) {
-    ThreadPool pool(threads);
     FrameRange range = parse_frame_range(run->options.frames);
     range.step = 1;  // tracks also need the frames between
     keep_frames(range, &run->recording);
@@ -95,7 +94,8 @@ std::function<void(const RunPaths&)> write_poses(const std::optional<ExternalPos
 
 /// Trains the drive in blocks. Returns nothing if it is one block.
 std::optional<int> train_divided(const TrainArguments& arguments, ProcessGroup& processes,
-                                 const Run& run, const std::optional<ExternalPoses>& poses) {
+                                 const Run& run, const std::optional<ExternalPoses>& poses,
+                                 ThreadPool& pool) {
   DividedRun whole{{}, run.options, run.recording, run.scene, {}};
   const BlockResources resources = block_resources(processes, run.options);
   whole.blocks = divide_as_told(arguments.blocks, whole, resources);
@@ -107,10 +107,7 @@ std::optional<int> train_divided(const TrainArguments& arguments, ProcessGroup& 
   std::printf("each block %s\n",
               describe_memory(check_blocks(whole, resources), resources.memory).c_str());
   std::fflush(stdout);
-  {
-    ThreadPool pool(resources.threads);
-    create_divided_run(arguments.out, &whole, pool, write_poses(poses));
-  }
+  create_divided_run(arguments.out, &whole, pool, write_poses(poses));
   const RunLock lock(whole.paths.root);
   return train_blocks(processes, &whole);
 }
@@ -128,28 +125,25 @@ int lead_training(const TrainArguments& arguments, ProcessGroup& processes) {
   TrainOptions here = run.options;
   here.threads = block_resources(processes, run.options).threads;
   const auto backend = make_backend(here);
-  const int threads = backend->threads();
   run.recording = open_recording(run.options);
   if (!arguments.blocks.empty()) check_divisible(arguments.blocks, run.options, run.recording);
-  const std::optional<ExternalPoses> poses = load_external_poses(&run, threads);
+  const std::optional<ExternalPoses> poses = load_external_poses(&run, backend->pool());
   resolve_cameras(&run.options, &run.recording);
   resolve_bounds(&run.options, given_names(arguments), run.recording);
   run.scene = make_scene(run.recording, scene_options(run.options));
   print_notes(run.recording, run.scene);
   if (!arguments.blocks.empty())
-    if (const auto code = train_divided(arguments, processes, run, poses)) return *code;
+    if (const auto code = train_divided(arguments, processes, run, poses, backend->pool()))
+      return *code;
   run.state = make_initial_state(run.options, run.scene);
   record_hyperparameters(*run.state.model, &run.options);
   const std::atomic<bool>& stop = stop_on_signal();
   const bool together = arguments.data_parallel && processes.size() > 1;
   if (together) check_together(processes, run);
   const std::optional<std::uint64_t> cache =
-      check_run_memory(run, threads, together ? processes.on_machine() : 1, together);
+      check_run_memory(run, backend->threads(), together ? processes.on_machine() : 1, together);
   std::unique_ptr<LivePage> page = start_live_page(arguments.live);
-  const TrainingData training = [&] {
-    ThreadPool pool(threads);
-    return prepare_training_data(&run, pool, cache);
-  }();
+  const TrainingData training = prepare_training_data(&run, backend->pool(), cache);
   // Nothing is written before the input has been checked.
   run.paths = create_run(
       arguments.out, run.options,

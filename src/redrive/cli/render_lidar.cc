@@ -184,12 +184,11 @@ int render_lidar(const RenderOptions& options) {
   const SensorMotion motion = sensor_motion(options, request, run);
   const auto backend = make_checked_backend(options.backend);
   std::printf("%s\n", kernels::describe(*backend).c_str());
-  ThreadPool pool(backend->threads());
   ScanCounts counts;
   /// Nothing where the recording has no revolution for a frame.
   const auto firings_of = [&](std::int64_t id, std::int64_t t_ns) {
     return request.spinning ? std::optional(request.spinning->revolution(t_ns))
-                            : recorded_firings(run.recording, run.scene, id, pool);
+                            : recorded_firings(run.recording, run.scene, id, backend->pool());
   };
   const auto scan_of = [&](const LidarFirings& firings) {
     LidarScan scan = render_scan(*backend, *run.state.model, firings, motion, request.scan);

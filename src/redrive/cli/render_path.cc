@@ -105,8 +105,7 @@ int render_path(const RenderOptions& options) {
     if (stop) throw Interrupted();
     const PathKey key = path.at_image(i);
     if (own_lens) lens = with_fov(lens, key.fov_deg);
-    if (!rays || (own_lens && key.fov_deg != fov_deg))
-      rays = make_ray_table(lens, backend->threads());
+    if (!rays || (own_lens && key.fov_deg != fov_deg)) rays = make_ray_table(lens, backend->pool());
     fov_deg = key.fov_deg;
     const ShutterPoses pose = run.scene.with_actors(key.world_from_camera, run.scene.rig[camera],
                                                     drive_time_ns(key, run.scene));

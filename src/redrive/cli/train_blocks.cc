@@ -107,8 +107,8 @@ TrainingSetup set_up_training(const ProcessGroup& group, Run& run, bool data_par
   here.threads = block_resources(group, run.options).threads;
   std::unique_ptr<kernels::Backend> backend = make_backend(here);
   const auto cache = check_run_memory(run, backend->threads(), group.on_machine(), data_parallel);
-  ThreadPool pool(here.threads);
-  return {std::move(backend), load_training_data(run, pool, cache)};
+  TrainingData data = load_training_data(run, backend->pool(), cache);
+  return {std::move(backend), std::move(data)};
 }
 
 int with_processes(const std::filesystem::path& root,

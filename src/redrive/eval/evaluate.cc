@@ -51,9 +51,8 @@ std::vector<std::vector<std::size_t>> views_to_score(const Scene& scene, bool he
 }
 
 /// Drops views whose images cannot be decoded from the lists.
-std::vector<Finding> leave_out_damaged_views(const Run& run, int threads,
+std::vector<Finding> leave_out_damaged_views(const Run& run, ThreadPool& pool,
                                              std::vector<std::vector<std::size_t>>* by_camera) {
-  ThreadPool pool(threads);
   DamagedViews damaged;
   const ViewLoader load(run.scene, pool, &damaged);
   const auto& views = run.scene.views;
@@ -137,7 +136,7 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
     evaluation.pose_changes =
         pose_changes(run.scene, run.state.poses.corrections, pose_refinement(run.options).bounds);
   auto by_camera = views_to_score(scene, evaluation.held_out, options);
-  evaluation.damaged = leave_out_damaged_views(run, backend.threads(), &by_camera);
+  evaluation.damaged = leave_out_damaged_views(run, backend.pool(), &by_camera);
   if (evaluation.held_out && run.state.poses.refines()) {
     std::vector<std::size_t> all;
     for (const auto& chosen : by_camera) all.insert(all.end(), chosen.begin(), chosen.end());
@@ -168,7 +167,7 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
   MovingScores moving(run, backend);
   for (std::size_t c = 0; c < by_camera.size(); ++c) {
     if (by_camera[c].empty()) continue;
-    const RayTable table = make_ray_table(scene.rig[c].camera, backend.threads());
+    const RayTable table = make_ray_table(scene.rig[c].camera, backend.pool());
     ScoreMean mean;
     for (const std::size_t v : by_camera[c]) {
       const View& view = views[v];

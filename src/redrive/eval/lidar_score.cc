@@ -102,11 +102,11 @@ std::optional<LidarScore> score_lidar(const Run& run, kernels::Backend& backend,
   RangeErrors all, on_moving;
   double chamfer = 0;
   int with_chamfer = 0;
-  ThreadPool pool(backend.threads());
   const MovingObjects drawn(run.scene.actors);
   for (const std::int64_t frame : frames) {
-    const LidarReturns recorded = load_lidar_returns(
-        run.recording, run.scene, left_out, pool, {[&](std::int64_t id) { return id == frame; }});
+    const LidarReturns recorded =
+        load_lidar_returns(run.recording, run.scene, left_out, backend.pool(),
+                           {[&](std::int64_t id) { return id == frame; }});
     const std::size_t n = recorded.n;
     const kernels::Rays rays{static_cast<int>(n), recorded.origin, recorded.direction};
     RenderedRays rendered = run.state.model->trace(backend, rays);

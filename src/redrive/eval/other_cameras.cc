@@ -74,7 +74,7 @@ OtherScene scene_of(const Run& run, const std::string& name, const EvalOptions& 
 }
 
 /// Finds masks of the camera as for the run's cameras; the other cameras of the rig have no view.
-Exclusions exclusions_of(const Run& run, const OtherScene& other, int threads) {
+Exclusions exclusions_of(const Run& run, const OtherScene& other, ThreadPool& pool) {
   std::vector<Mask> masks;
   for (const RigCamera& rig : other.scene.rig)
     masks.push_back(full_mask(rig.camera.width, rig.camera.height));
@@ -82,7 +82,6 @@ Exclusions exclusions_of(const Run& run, const OtherScene& other, int threads) {
   Scene alone = other.scene;
   alone.rig = {other.scene.rig[static_cast<std::size_t>(other.camera)]};
   for (View& view : alone.views) view.camera = 0;
-  ThreadPool pool(threads);
   const std::vector<Image8> images = load_views(alone, pool);
   masks[static_cast<std::size_t>(other.camera)] =
       static_masks(alone, images, run.options.masks == "auto" ? "" : run.options.masks, pool,
@@ -134,7 +133,7 @@ std::map<std::string, OtherCameraScore> score_other_cameras(const Run& run,
   for (OtherScene& other : scenes) {
     Scene& scene = other.scene;
     const RigCamera& camera = scene.rig[static_cast<std::size_t>(other.camera)];
-    const Exclusions left_out = exclusions_of(run, other, backend.threads());
+    const Exclusions left_out = exclusions_of(run, other, backend.pool());
     const Mask& of_camera = left_out.masks[static_cast<std::size_t>(other.camera)];
     OtherCameraScore result;
     if (run.state.poses.refines()) {
@@ -142,7 +141,7 @@ std::map<std::string, OtherCameraScore> score_other_cameras(const Run& run,
       for (std::size_t v = 0; v < all.size(); ++v) all[v] = v;
       result.view_alignment = align_views(run, backend, all, left_out, &scene);
     }
-    const RayTable table = make_ray_table(camera.camera, backend.threads());
+    const RayTable table = make_ray_table(camera.camera, backend.pool());
     std::vector<Comparison> images;
     for (const View& view : scene.views) {
       const Image8 recorded = load_view(scene, view);

@@ -87,7 +87,7 @@ std::vector<DepthImage> render_depth_images(const Run& run, kernels::Backend& ba
     const int camera = views[first]->camera;
     if (table_camera != camera) {
       factor = factor_of(scene.rig[camera].camera);
-      table = make_ray_table(scene.rig[camera].camera.downscaled(factor), backend.threads());
+      table = make_ray_table(scene.rig[camera].camera.downscaled(factor), backend.pool());
       directions = pixel_directions(table);
       table_camera = camera;
     }
@@ -118,7 +118,7 @@ std::vector<DepthImage> render_depth_images(const Run& run, kernels::Backend& ba
 }  // namespace
 
 FieldMesh field_mesh(const Run& run, kernels::Backend& backend, const MeshOptions& options) {
-  ThreadPool pool(backend.threads());
+  ThreadPool& pool = backend.pool();
   FieldMesh out;
   std::vector<DepthImage> images = render_depth_images(run, backend, options, pool);
   out.images = static_cast<int>(images.size());

@@ -38,7 +38,7 @@ std::vector<PlyPoint> field_points(const Run& run, kernels::Backend& backend, st
   Progress progress("rendering depth", std::ssize(views));
   for (const View* view : views) {
     if (table_camera != view->camera) {
-      table = make_ray_table(scene.rig[view->camera].camera, backend.threads());
+      table = make_ray_table(scene.rig[view->camera].camera, backend.pool());
       table_camera = view->camera;
     }
     ShutterPoses poses = scene.shutter_poses(*view);

@@ -5,9 +5,6 @@
 
 namespace redrive::kernels {
 
-ImageScore Backend::score(const ImagePair& images) {
-  ThreadPool one(1);
-  return score_images(images, one);
-}
+ImageScore Backend::score(const ImagePair& images) { return score_images(images, pool_); }
 
 }  // namespace redrive::kernels

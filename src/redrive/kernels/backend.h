@@ -18,6 +18,7 @@
 #include <string>
 
 #include "redrive/base/cpu_features.h"
+#include "redrive/base/parallel.h"
 #include "redrive/kernels/rays.h"
 #include "redrive/optim/adam.h"
 
@@ -56,13 +57,18 @@ struct ImageScore {
   double flip = 0;  ///< optim/flip.h, mean over the pixels; in [0, 1], 0 for equal images
 };
 
+/// To use by one thread at a time, with everything that takes it: stages share working memory, and
+/// all work its threads. Const objects that compute with a backend are no exception.
 class Backend {
  public:
+  explicit Backend(int threads) : pool_(threads) {}
   virtual ~Backend() = default;
 
   virtual std::string name() const = 0;        ///< "ref", "cpu"
   virtual std::optional<Isa> isa() const = 0;  ///< cpu only
-  virtual int threads() const = 0;
+  int threads() const { return pool_.threads(); }
+  /// Lends its threads, between stages.
+  ThreadPool& pool() { return pool_; }
 
   // ---- volume/
   /// raw [4, n_rays * per_ray]: r, g, b before the sigmoid, density before the ReLU; background [3,
@@ -83,13 +89,16 @@ class Backend {
                     std::span<float> first_moment, std::span<float> second_moment) = 0;
 
   // ---- whole images
-  /// The default runs in one thread. The number of threads changes no bit.
-  virtual ImageScore score(const ImagePair& images);
+  /// The number of threads changes no bit.
+  ImageScore score(const ImagePair& images);
 
   // ---- stages of one method
   virtual NerfStages& nerf() = 0;
   virtual GridStages& grid() = 0;
   virtual GaussianStages& gaussians() = 0;
+
+ private:
+  ThreadPool pool_;
 };
 
 /// --backend and --isa. `name` "auto": cpu where the processor has AVX2, else ref.

@@ -26,12 +26,11 @@ inline void check_rasterise(const GaussianCamera& camera, const Gaussians& gauss
   REDRIVE_CHECK(options.log_range.empty() || options.log_range.size() == size.plane());
 }
 
+/// `camera`, `gaussians` and `options`: of the forward pass.
 inline void check_rasterise_backward(const GaussianCamera& camera, const Gaussians& gaussians,
-                                     const RasterOptions& options, const RasterImage& image,
-                                     const RasterGradient& gradient, const GaussianDerivatives& to,
-                                     std::size_t d_poses) {
-  check_rasterise(camera, gaussians, options);
-  const std::size_t plane = image.size.plane();
+                                     const RasterOptions& options, const RasterGradient& gradient,
+                                     const GaussianDerivatives& to, std::size_t d_poses) {
+  const std::size_t plane = raster_size(camera.camera.width, camera.camera.height).plane();
   REDRIVE_CHECK_OP(gradient.d_rgb.size(), ==, 3 * plane);
   REDRIVE_CHECK_OP(gradient.d_transmittance.size(), ==, plane);
   REDRIVE_CHECK_OP(gradient.error.size(), ==, plane);

@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <memory>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "redrive/base/buffer.h"
@@ -69,8 +70,8 @@ struct RasterImage {
 struct RasterOptions {
   float background[3] = {0, 0, 0};
   bool depth = false;
-  /// Tiles of 16 x 16 pixels, row by row, that are wanted; empty: all. The others keep what they
-  /// had.
+  /// Tiles of 16 x 16 pixels, row by row, that are wanted; empty: all. The others have the pixels
+  /// of earlier images.
   std::span<const std::uint8_t> tiles;
   /// Plane of logarithms of measured ranges (log metres); kNoRange where there is none. Empty: no
   /// ranges.
@@ -150,20 +151,69 @@ struct GaussianDerivatives {
       nullptr;  ///< applied block by block, so that no gradients are kept
 };
 
+/// A rasterised image with what its backward pass reads; a backend derives its own.
+struct RasterPass {
+  virtual ~RasterPass() = default;
+  /// See Raster::backward.
+  virtual void backward(const RasterGradient& gradient, const GaussianDerivatives& to,
+                        std::span<GaussianPoseGradient<NumberMath<double>>> d_poses) = 0;
+
+  RasterImage image;
+  RasterCounts counts;
+};
+
+/// Keeps the memory of passes that have ended for those to come.
+class RasterArena {
+ public:
+  /// Returns a pass of this type, whose members have any values.
+  template <class Pass, class Make>
+  std::unique_ptr<Pass> take(const Make& make) {
+    if (ended_.empty()) return make();
+    std::unique_ptr<RasterPass> pass = std::move(ended_.back());
+    ended_.pop_back();
+    return std::unique_ptr<Pass>(static_cast<Pass*>(pass.release()));
+  }
+  void give_back(std::unique_ptr<RasterPass> pass) { ended_.push_back(std::move(pass)); }
+  void release() { ended_.clear(); }
+
+ private:
+  std::vector<std::unique_ptr<RasterPass>> ended_;
+};
+
+/// A rasterised image and its backward pass. Others may be made meanwhile. The stages must outlive
+/// it, and until backward() the arguments of rasterise() stay as they were.
+class Raster {
+ public:
+  Raster(std::unique_ptr<RasterPass> pass, RasterArena* arena)
+      : pass_(std::move(pass)), arena_(arena) {}
+  ~Raster() {
+    if (pass_) arena_->give_back(std::move(pass_));
+  }
+  Raster(Raster&&) noexcept = default;
+  Raster& operator=(Raster&&) = delete;
+
+  const RasterImage& image() const { return pass_->image; }
+  const RasterCounts& counts() const { return pass_->counts; }
+  /// d_poses: derivatives by the camera's pose, in the world by the Gaussians before the parts,
+  /// then in each part by its own; empty: not wanted.
+  void backward(const RasterGradient& gradient, const GaussianDerivatives& to,
+                std::span<GaussianPoseGradient<NumberMath<double>>> d_poses) {
+    pass_->backward(gradient, to, d_poses);
+  }
+
+ private:
+  std::unique_ptr<RasterPass> pass_;
+  RasterArena* arena_;
+};
+
+/// To use by one thread at a time, with its rasters: they share memory and threads.
 class GaussianStages {
  public:
   virtual ~GaussianStages() = default;
 
-  /// Draws the Gaussians in the order of the distance of their means. Resizes `image`.
-  virtual RasterCounts rasterise(const GaussianCamera& camera, const Gaussians& gaussians,
-                                 const RasterOptions& options, RasterImage* image) = 0;
-  /// The last rasterise() of these stages must have had the same arguments. d_poses: derivatives by
-  /// the camera's pose, in the world by the Gaussians before the parts, then in each part by its
-  /// own; empty: not wanted.
-  virtual void rasterise_backward(const GaussianCamera& camera, const Gaussians& gaussians,
-                                  const RasterOptions& options, const RasterImage& image,
-                                  const RasterGradient& gradient, const GaussianDerivatives& to,
-                                  std::span<GaussianPoseGradient<NumberMath<double>>> d_poses) = 0;
+  /// Draws the Gaussians in the order of the distance of their means.
+  virtual Raster rasterise(const GaussianCamera& camera, const Gaussians& gaussians,
+                           const RasterOptions& options) = 0;
   /// Writes d_rgb, 3 planes, and the mean absolute error of the channels of each pixel, 1 plane.
   /// Both are 0 in the padding of the planes.
   virtual ImageLossOutput image_loss(const ImageLossInput& input, std::span<float> d_rgb,
@@ -171,7 +221,7 @@ class GaussianStages {
   /// Applies gradients that were kept, as means over ranks are; laid out as the Gaussians.
   virtual void update_gaussians(const GaussianUpdate& update, std::size_t n,
                                 std::span<const float> gradients) = 0;
-  /// Frees the working memory; the next rasterise() allocates it again.
+  /// Frees the memory of rasters that have ended; the next rasterise() allocates it again.
   virtual void release() = 0;
 };
 

@@ -51,25 +51,28 @@ float mean_pixel_angle(const Camera& camera) {
 
 }  // namespace
 
-RayTable make_ray_table(const Camera& camera, int threads) {
+RayTable make_ray_table(const Camera& camera) {
+  ThreadPool alone(1);
+  return make_ray_table(camera, alone);
+}
+
+RayTable make_ray_table(const Camera& camera, ThreadPool& pool) {
   constexpr int kRowsPerRange = 16;
   struct Rows {
     std::vector<std::uint32_t> pixel;
     std::vector<float> direction;
   };
   std::vector<Rows> parts((camera.height + kRowsPerRange - 1) / kRowsPerRange);
-  ThreadPool(threads).run_ranges(
-      camera.height, kRowsPerRange, [&](std::size_t begin, std::size_t end) {
-        Rows& rows = parts[begin / kRowsPerRange];
-        for (std::size_t y = begin; y < end; ++y)
-          for (int x = 0; x < camera.width; ++x) {
-            const auto direction = camera.unproject({x, y});
-            if (!direction) continue;
-            rows.pixel.push_back(static_cast<std::uint32_t>(y * camera.width + x));
-            for (int d = 0; d < 3; ++d)
-              rows.direction.push_back(static_cast<float>((*direction)[d]));
-          }
-      });
+  pool.run_ranges(camera.height, kRowsPerRange, [&](std::size_t begin, std::size_t end) {
+    Rows& rows = parts[begin / kRowsPerRange];
+    for (std::size_t y = begin; y < end; ++y)
+      for (int x = 0; x < camera.width; ++x) {
+        const auto direction = camera.unproject({x, y});
+        if (!direction) continue;
+        rows.pixel.push_back(static_cast<std::uint32_t>(y * camera.width + x));
+        for (int d = 0; d < 3; ++d) rows.direction.push_back(static_cast<float>((*direction)[d]));
+      }
+  });
   RayTable table{camera.width, camera.height, {}, {}, mean_pixel_angle(camera), camera};
   for (const Rows& rows : parts) {
     table.pixel.insert(table.pixel.end(), rows.pixel.begin(), rows.pixel.end());

@@ -7,6 +7,7 @@
 #include <span>
 #include <vector>
 
+#include "redrive/base/parallel.h"
 #include "redrive/camera/camera.h"
 #include "redrive/image/image.h"
 #include "redrive/rays/error_map_layout.h"
@@ -23,7 +24,9 @@ struct RayTable {
   float pixel_angle = 0;  ///< angle of a pixel's side, rad: square root of the mean solid angle
   Camera camera;          ///< camera of these pixels
 };
-RayTable make_ray_table(const Camera& camera, int threads = 1);
+RayTable make_ray_table(const Camera& camera, ThreadPool& pool);
+/// In the calling thread.
+RayTable make_ray_table(const Camera& camera);
 
 /// A batch of rays in world metres, structure of arrays [3, n] (kernels::Rays), and the target
 /// colours [3, n] in [0, 1]: a ray of opacity o renders its colour + (1 - o) background. background

@@ -60,7 +60,8 @@ TEST_F(RaysTest, TableHoldsEveryPixelOfTheValidRegion) {
 
 TEST_F(RaysTest, TableDoesNotDependOnTheNumberOfThreads) {
   for (const RigCamera& rig : scene_.rig) {
-    const RayTable one = make_ray_table(rig.camera), many = make_ray_table(rig.camera, 3);
+    ThreadPool pool(3);
+    const RayTable one = make_ray_table(rig.camera), many = make_ray_table(rig.camera, pool);
     EXPECT_EQ(one.pixel, many.pixel);
     EXPECT_EQ(one.direction, many.direction);
   }

@@ -24,13 +24,13 @@ class PaintBackend : public kernels::Backend, public kernels::NerfStages {
   using Range = std::function<float(const std::array<float, 3>& origin,
                                     const std::array<float, 3>& direction)>;
   explicit PaintBackend(Paint paint, Range range = {})
-      : NerfStages(static_cast<kernels::Backend&>(*this)),
+      : Backend(1),
+        NerfStages(static_cast<kernels::Backend&>(*this)),
         paint_(std::move(paint)),
         range_(std::move(range)) {}
 
   std::string name() const override { return "paint"; }
   std::optional<Isa> isa() const override { return std::nullopt; }
-  int threads() const override { return 1; }
   void sample_stratified(int, const kernels::StratifiedSampling&, std::span<float>,
                          std::span<float>) override {}
   void sample_hierarchical(const kernels::Samples&, std::span<const float>, int, bool,

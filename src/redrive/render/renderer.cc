@@ -7,7 +7,7 @@
 namespace redrive {
 RenderedImage render_image(kernels::Backend& backend, const Model& model, const Camera& camera,
                            const ShutterPoses& world_from_camera, const Exposure& exposure) {
-  return render_image(backend, model, make_ray_table(camera, backend.threads()), world_from_camera,
+  return render_image(backend, model, make_ray_table(camera, backend.pool()), world_from_camera,
                       exposure);
 }
 

@@ -157,7 +157,7 @@ TrainingRates measure_rates(Run* run, kernels::Backend& backend,
                             const CalibrationSteps& calibration, Run* fewer) {
   constexpr int kDecoded = 8;
   TrainingRates rates;
-  ThreadPool pool(backend.threads());
+  ThreadPool& pool = backend.pool();
   Model& model = *run->state.model;
   std::vector<const View*> views;
   for (const View& view : run->scene.views)

@@ -21,24 +21,15 @@ class InterferingRasteriser final : public InterferingBackend, public kernels::G
       : InterferingBackend(inner, what), inner_(inner.gaussians()), what_(*what) {}
 
   kernels::GaussianStages& gaussians() override { return *this; }
-  kernels::RasterCounts rasterise(const kernels::GaussianCamera& camera,
-                                  const kernels::Gaussians& gaussians,
-                                  const kernels::RasterOptions& options,
-                                  kernels::RasterImage* image) override {
+  kernels::Raster rasterise(const kernels::GaussianCamera& camera,
+                            const kernels::Gaussians& gaussians,
+                            const kernels::RasterOptions& options) override {
     if (++step_ == what_.stop_after) what_.stop = true;
-    return inner_.rasterise(camera, gaussians, options, image);
-  }
-  void rasterise_backward(const kernels::GaussianCamera& camera,
-                          const kernels::Gaussians& gaussians,
-                          const kernels::RasterOptions& options, const kernels::RasterImage& image,
-                          const kernels::RasterGradient& gradient,
-                          const kernels::GaussianDerivatives& to,
-                          std::span<GaussianPoseGradient<NumberMath<double>>> d_poses) override {
-    inner_.rasterise_backward(camera, gaussians, options, image, gradient, to, d_poses);
-    if (step_ == what_.kill_at) throw Killed();
+    return inner_.rasterise(camera, gaussians, options);
   }
   kernels::ImageLossOutput image_loss(const kernels::ImageLossInput& input, std::span<float> d_rgb,
                                       std::span<float> error) override {
+    if (step_ == what_.kill_at) throw Killed();
     return inner_.image_loss(input, d_rgb, error);
   }
   void update_gaussians(const kernels::GaussianUpdate& update, std::size_t n,

@@ -41,11 +41,13 @@ struct Killed : std::runtime_error {
 class InterferingBackend : public kernels::Backend, public kernels::NerfStages {
  public:
   InterferingBackend(kernels::Backend& inner, Interference* what)
-      : NerfStages(static_cast<kernels::Backend&>(*this)), inner_(inner), what_(*what) {}
+      : Backend(inner.threads()),
+        NerfStages(static_cast<kernels::Backend&>(*this)),
+        inner_(inner),
+        what_(*what) {}
 
   std::string name() const override { return inner_.name(); }
   std::optional<Isa> isa() const override { return inner_.isa(); }
-  int threads() const override { return inner_.threads(); }
   void sample_stratified(int n_rays, const kernels::StratifiedSampling& how, std::span<float> t,
                          std::span<float> dt) override {
     ++step_;

@@ -120,8 +120,7 @@ class Trainer {
   void begin_from_data() {
     Model& model = *state_.model;
     const Progress progress("preparing the first parameters");
-    ThreadPool pool(backend_.threads());
-    model.initialize_from(data_, state_.seed, pool);
+    model.initialize_from(data_, state_.seed, backend_.pool());
     if (state_.adam.size() != model.size()) state_.adam = model.zero_moments();
   }
 
@@ -129,8 +128,7 @@ class Trainer {
   void find_surfaces() {
     if (!state_.model->uses_surfaces(data_)) return;
     const Progress progress("fitting planes to the LiDAR");
-    ThreadPool pool(backend_.threads());
-    surfaces_.emplace(run_.scene, data_.lidar, pool);
+    surfaces_.emplace(run_.scene, data_.lidar, backend_.pool());
   }
 
   void finish_training() {
@@ -462,10 +460,7 @@ TrainEnd train(Run* run, const TrainingData& data, kernels::Backend& backend,
 
 TrainEnd train(Run* run, kernels::Backend& backend, const std::atomic<bool>& stop,
                StepObserver* observer) {
-  const TrainingData data = [&] {
-    ThreadPool pool(backend.threads());
-    return load_training_data(*run, pool);
-  }();
+  const TrainingData data = load_training_data(*run, backend.pool());
   return train(run, data, backend, stop, observer);
 }
 

@@ -312,7 +312,7 @@ std::shared_ptr<const RayTable> ViewRenderer::table(const Camera& camera, const 
                                                     int factor) {
   return cached(&tables_, {name, factor}, kKeptTables, [&] {
     return std::shared_ptr<const RayTable>(std::make_shared<RayTable>(
-        make_ray_table(factor == 1 ? camera : camera.downscaled(factor), backend_.threads())));
+        make_ray_table(factor == 1 ? camera : camera.downscaled(factor), backend_.pool())));
   });
 }
 

@@ -8,7 +8,6 @@
 #include "redrive/kernels/cpu/cpu_nerf_stages.h"
 #include "redrive/kernels/cpu/gaussian/cpu_gaussian_stages.h"
 #include "redrive/kernels/cpu/grid/cpu_grid_stages.h"
-#include "redrive/kernels/image_score.h"
 #include "redrive/optim/photometric_loss.h"
 
 namespace redrive::kernels {
@@ -23,18 +22,17 @@ void set_background(CompositeForward* rays, std::span<const float> background, i
 class CpuBackend final : public Backend {
  public:
   CpuBackend(Isa isa, int threads)
-      : isa_(isa),
-        kernels_(isa == Isa::kAvx2 ? avx2::kCpuKernels : avx512::kCpuKernels),
-        pool_(threads) {}
+      : Backend(threads),
+        isa_(isa),
+        kernels_(isa == Isa::kAvx2 ? avx2::kCpuKernels : avx512::kCpuKernels) {}
 
   std::string name() const override { return "cpu"; }
   std::optional<Isa> isa() const override { return isa_; }
-  int threads() const override { return pool_.threads(); }
 
   void composite_forward(int n_rays, const Samples& samples, std::span<const float> raw,
                          std::span<const float> background, const CompositeOut& out) override {
     check_composite_forward(n_rays, samples, raw.size(), background, out);
-    pool_.run_ranges(n_rays, kRaysPerRange, [&](std::size_t begin, std::size_t end) {
+    pool().run_ranges(n_rays, kRaysPerRange, [&](std::size_t begin, std::size_t end) {
       const RayRange range{static_cast<int>(begin), static_cast<int>(end - begin)};
       Buffer<float> scratch(composite_scratch(samples.per_ray));
       CompositeForward composite = composite_rays(
@@ -50,7 +48,7 @@ class CpuBackend final : public Backend {
                           std::span<float> d_raw) override {
     check_composite_backward(n_rays, samples, raw.size(), background, d_out, d_raw.size());
     const std::size_t stride = sample_count(n_rays, samples);
-    pool_.run_ranges(n_rays, kRaysPerRange, [&](std::size_t begin, std::size_t end) {
+    pool().run_ranges(n_rays, kRaysPerRange, [&](std::size_t begin, std::size_t end) {
       const RayRange range{static_cast<int>(begin), static_cast<int>(end - begin)};
       Buffer<float> scratch(composite_scratch(samples.per_ray));
       const std::size_t first = first_sample(range, samples);
@@ -76,7 +74,7 @@ class CpuBackend final : public Backend {
   void adam(const AdamStep& step, std::span<float> gradients, std::span<float> parameters,
             std::span<float> first_moment, std::span<float> second_moment) override {
     check_adam(gradients.size(), parameters.size(), first_moment.size(), second_moment.size());
-    pool_.run_ranges(parameters.size(), 1 << 15, [&](std::size_t begin, std::size_t end) {
+    pool().run_ranges(parameters.size(), 1 << 15, [&](std::size_t begin, std::size_t end) {
       kernels_.adam({.learning_rate = step.learning_rate,
                      .beta1 = step.beta1,
                      .beta2 = step.beta2,
@@ -96,15 +94,12 @@ class CpuBackend final : public Backend {
   GridStages& grid() override { return *grid_; }
   GaussianStages& gaussians() override { return *gaussians_; }
 
-  ImageScore score(const ImagePair& images) override { return score_images(images, pool_); }
-
  private:
   const Isa isa_;
   const CpuKernels& kernels_;
-  ThreadPool pool_;
-  std::unique_ptr<NerfStages> nerf_ = make_cpu_nerf_stages(*this, isa_, kernels_, &pool_);
-  std::unique_ptr<GridStages> grid_ = make_cpu_grid_stages(isa_, &pool_);
-  std::unique_ptr<GaussianStages> gaussians_ = make_cpu_gaussian_stages(isa_, &pool_);
+  std::unique_ptr<NerfStages> nerf_ = make_cpu_nerf_stages(*this, isa_, kernels_, &pool());
+  std::unique_ptr<GridStages> grid_ = make_cpu_grid_stages(isa_, &pool());
+  std::unique_ptr<GaussianStages> gaussians_ = make_cpu_gaussian_stages(isa_, &pool());
 };
 
 }  // namespace

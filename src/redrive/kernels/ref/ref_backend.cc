@@ -39,9 +39,10 @@ class Colour {
 
 class RefBackend final : public Backend {
  public:
+  RefBackend() : Backend(1) {}
+
   std::string name() const override { return "ref"; }
   std::optional<Isa> isa() const override { return std::nullopt; }
-  int threads() const override { return 1; }
 
   void composite_forward(int n_rays, const Samples& samples, std::span<const float> raw,
                          std::span<const float> background, const CompositeOut& out) override {

@@ -30,12 +30,6 @@ struct Drawn {
   std::array<double, kDistanceRow> rows;
 };
 
-/// Results of a forward pass that its backward pass reads.
-struct RasterMemory {
-  std::vector<Drawn> drawn;  ///< by distance
-  std::vector<Splat2d<double>> splats;
-};
-
 std::span<const PlainPose> poses_of(const GaussianCamera& camera, std::size_t part) {
   return part == 0 ? camera.world_from_camera : camera.parts[part - 1].part_from_camera;
 }
@@ -59,13 +53,54 @@ bool meets_image(const PlainCamera& camera, const Projected& at) {
          at.mean[1] - ry < camera.height - 0.5;
 }
 
-class RefGaussianStages final : public GaussianStages {
- public:
-  RasterCounts rasterise(const GaussianCamera& camera, const Gaussians& gaussians,
-                         const RasterOptions& options, RasterImage* image) override {
-    check_rasterise(camera, gaussians, options);
-    RasterMemory& w = memory_;
-    w.drawn.clear();
+double log_range(const RasterOptions& options, std::size_t pixel) {
+  return options.log_range.empty() ? static_cast<double>(kNoRange)
+                                   : static_cast<double>(options.log_range[pixel]);
+}
+template <class Body>
+void for_pixels(const RasterSize& size, const RasterOptions& options, const Body& body) {
+  for (int y = 0; y < size.rows; ++y)
+    for (int x = 0; x < size.stride; ++x) {
+      const int tile = y / kTileSide * (size.stride / kTileSide) + x / kTileSide;
+      if (!options.tiles.empty() && !options.tiles[tile]) continue;
+      body(x, y, static_cast<std::size_t>(y) * size.stride + static_cast<std::size_t>(x));
+    }
+}
+
+void update_by(const GaussianUpdate& update, std::size_t n, std::span<const float> gradients) {
+  const std::span<float> numbers = update.numbers;
+  for (std::size_t i = 0; i < n; ++i) {
+    if (gradients[gaussian_slot(i, kOpacityRow)] == 0) continue;
+    const float distance = numbers[gaussian_slot(i, kDistanceRow)];
+    bool finite = true;
+    for (int row = 0; row < kDistanceRow; ++row)
+      finite &= std::isfinite(gradients[gaussian_slot(i, row)]);
+    if (!finite) continue;
+    for (int row = 0; row < kDistanceRow; ++row) {
+      const std::size_t slot = gaussian_slot(i, row);
+      AdamStep step = update.step;
+      step.learning_rate = update.rates[row] * (row < kLogScaleRow ? distance : 1);
+      std::uint32_t& packed = update.moments[slot];
+      float m = unpacked_first(packed), v = unpacked_second(packed);
+      adam_update(step, gradients[slot], numbers[slot], m, v);
+      packed = pack_moments(m, v);
+    }
+    const std::size_t slot = gaussian_slot(i, kDistanceRow);
+    std::uint32_t& error = update.moments[slot];
+    error = std::bit_cast<std::uint32_t>(std::bit_cast<float>(error) + gradients[slot]);
+    const float log_distance = std::log(std::max(distance, 1e-6f)),
+                least = update.min_log_scale + log_distance,
+                most = update.max_log_scale + log_distance;
+    const auto scale = [&](int k) -> float& { return numbers[gaussian_slot(i, kLogScaleRow + k)]; };
+    const float smallest = std::min({scale(0), scale(1), scale(2)});
+    for (int k = 0; k < 3; ++k)
+      scale(k) = std::min(scale(k) > smallest ? std::max(scale(k), least) : scale(k), most);
+  }
+}
+
+struct RefRaster final : RasterPass {
+  void forward() {
+    drawn.clear();
     std::size_t part = 0;
     for (std::size_t id = 0; id < gaussians.n; ++id) {
       while (part < camera.parts.size() && camera.parts[part].first_block <= id / kGaussianBlock)
@@ -84,11 +119,11 @@ class RefGaussianStages final : public GaussianStages {
       if (!d.at.visible) continue;
       project_gaussian<Math>(camera.camera, d.pose, d.rows.data(), &d.at);
       if (!(d.at.alpha > double(kMinAlpha)) || !meets_image(camera.camera, d.at)) continue;
-      w.drawn.push_back(d);
+      drawn.push_back(d);
     }
-    std::ranges::stable_sort(w.drawn, {}, [](const Drawn& d) { return d.at.length; });
-    w.splats.clear();
-    for (const Drawn& d : w.drawn) {
+    std::ranges::stable_sort(drawn, {}, [](const Drawn& d) { return d.at.length; });
+    splats.clear();
+    for (const Drawn& d : drawn) {
       Splat2d<double> splat{{d.at.mean[0], d.at.mean[1]},
                             {d.at.conic[0], d.at.conic[1], d.at.conic[2]},
                             d.at.alpha,
@@ -96,47 +131,44 @@ class RefGaussianStages final : public GaussianStages {
                             d.at.length,
                             {d.at.slope[0], d.at.slope[1]}};
       for (int c = 0; c < 3; ++c) splat.rgb[c] = std::max(d.at.colour[c], 0.0);
-      w.splats.push_back(splat);
+      splats.push_back(splat);
     }
     const RasterSize size = raster_size(camera.camera.width, camera.camera.height);
-    image->size = size;
-    for (Buffer<float>* plane : {&image->transmittance, &image->depth, &image->range_error})
+    image.size = size;
+    for (Buffer<float>* plane : {&image.transmittance, &image.depth, &image.range_error})
       if (plane->size() < size.plane()) *plane = Buffer<float>(size.plane());
-    if (image->rgb.size() < 3 * size.plane()) image->rgb = Buffer<float>(3 * size.plane());
+    if (image.rgb.size() < 3 * size.plane()) image.rgb = Buffer<float>(3 * size.plane());
     for_pixels(size, options, [&](int x, int y, std::size_t i) {
       const BlendedPixel<double> pixel =
-          blend_gaussians(w.splats, x, y, options.background, log_range(options, i));
+          blend_gaussians(splats, x, y, options.background, log_range(options, i));
       for (int c = 0; c < 3; ++c)
-        image->rgb[c * size.plane() + i] = static_cast<float>(pixel.rgb[c]);
-      image->transmittance[i] = static_cast<float>(pixel.transmittance);
-      image->depth[i] = static_cast<float>(pixel.depth);
-      image->range_error[i] = static_cast<float>(pixel.range_error);
+        image.rgb[c * size.plane() + i] = static_cast<float>(pixel.rgb[c]);
+      image.transmittance[i] = static_cast<float>(pixel.transmittance);
+      image.depth[i] = static_cast<float>(pixel.depth);
+      image.range_error[i] = static_cast<float>(pixel.range_error);
     });
-    return {w.drawn.size(), w.drawn.size()};
+    counts = {drawn.size(), drawn.size()};
   }
 
-  void rasterise_backward(const GaussianCamera& camera, const Gaussians& gaussians,
-                          const RasterOptions& options, const RasterImage& image,
-                          const RasterGradient& gradient, const GaussianDerivatives& to,
-                          std::span<GaussianPoseGradient<Math>> d_poses) override {
-    check_rasterise_backward(camera, gaussians, options, image, gradient, to, d_poses.size());
+  void backward(const RasterGradient& gradient, const GaussianDerivatives& to,
+                std::span<GaussianPoseGradient<Math>> d_poses) override {
+    check_rasterise_backward(camera, gaussians, options, gradient, to, d_poses.size());
     std::vector<float> to_apply(to.update ? gaussians.numbers.size() : 0);
     const std::span<float> gradients = to.update ? to_apply : to.gradients;
-    RasterMemory& w = memory_;
-    std::vector<Splat2dGradient> sums(w.splats.size());
+    std::vector<Splat2dGradient> sums(splats.size());
     const std::size_t plane = image.size.plane();
     for_pixels(image.size, options, [&](int x, int y, std::size_t i) {
       double d_rgb[3];
       for (int c = 0; c < 3; ++c) d_rgb[c] = static_cast<double>(gradient.d_rgb[c * plane + i]);
       blend_gaussians_adjoint(
-          w.splats, x, y, options.background, log_range(options, i),
+          splats, x, y, options.background, log_range(options, i),
           {d_rgb, gradient.d_range.empty() ? 0 : static_cast<double>(gradient.d_range[i]),
            static_cast<double>(gradient.d_transmittance[i])},
           static_cast<double>(gradient.error[i]), &sums);
     });
     std::ranges::fill(d_poses, GaussianPoseGradient<Math>{});
     for (std::size_t i = 0; i < sums.size(); ++i) {
-      const Drawn& d = w.drawn[i];
+      const Drawn& d = drawn[i];
       const Splat2dGradient& sum = sums[i];
       const ProjectedGradient<Math> projected{{sum.mean[0], sum.mean[1]},
                                               {sum.conic[0], sum.conic[1], sum.conic[2]},
@@ -155,9 +187,29 @@ class RefGaussianStages final : public GaussianStages {
         d_poses[d.part].rotation[k] += of_pose.rotation[k];
       }
     }
-    if (to.update) update_gaussians(*to.update, gaussians.n, gradients);
+    if (to.update) update_by(*to.update, gaussians.n, gradients);
   }
-  void release() override { memory_ = {}; }
+
+  GaussianCamera camera;
+  Gaussians gaussians;
+  RasterOptions options;
+  std::vector<Drawn> drawn;  ///< by distance
+  std::vector<Splat2d<double>> splats;
+};
+
+class RefGaussianStages final : public GaussianStages {
+ public:
+  Raster rasterise(const GaussianCamera& camera, const Gaussians& gaussians,
+                   const RasterOptions& options) override {
+    check_rasterise(camera, gaussians, options);
+    auto raster = arena_.take<RefRaster>([] { return std::make_unique<RefRaster>(); });
+    raster->camera = camera;
+    raster->gaussians = gaussians;
+    raster->options = options;
+    raster->forward();
+    return {std::move(raster), &arena_};
+  }
+  void release() override { arena_.release(); }
 
   ImageLossOutput image_loss(const ImageLossInput& input, std::span<float> d_rgb,
                              std::span<float> error) override {
@@ -229,54 +281,11 @@ class RefGaussianStages final : public GaussianStages {
   void update_gaussians(const GaussianUpdate& update, std::size_t n,
                         std::span<const float> gradients) override {
     check_update_gaussians(update, n, gradients.size());
-    const std::span<float> numbers = update.numbers;
-    for (std::size_t i = 0; i < n; ++i) {
-      if (gradients[gaussian_slot(i, kOpacityRow)] == 0) continue;
-      const float distance = numbers[gaussian_slot(i, kDistanceRow)];
-      bool finite = true;
-      for (int row = 0; row < kDistanceRow; ++row)
-        finite &= std::isfinite(gradients[gaussian_slot(i, row)]);
-      if (!finite) continue;
-      for (int row = 0; row < kDistanceRow; ++row) {
-        const std::size_t slot = gaussian_slot(i, row);
-        AdamStep step = update.step;
-        step.learning_rate = update.rates[row] * (row < kLogScaleRow ? distance : 1);
-        std::uint32_t& packed = update.moments[slot];
-        float m = unpacked_first(packed), v = unpacked_second(packed);
-        adam_update(step, gradients[slot], numbers[slot], m, v);
-        packed = pack_moments(m, v);
-      }
-      const std::size_t slot = gaussian_slot(i, kDistanceRow);
-      std::uint32_t& error = update.moments[slot];
-      error = std::bit_cast<std::uint32_t>(std::bit_cast<float>(error) + gradients[slot]);
-      const float log_distance = std::log(std::max(distance, 1e-6f)),
-                  least = update.min_log_scale + log_distance,
-                  most = update.max_log_scale + log_distance;
-      const auto scale = [&](int k) -> float& {
-        return numbers[gaussian_slot(i, kLogScaleRow + k)];
-      };
-      const float smallest = std::min({scale(0), scale(1), scale(2)});
-      for (int k = 0; k < 3; ++k)
-        scale(k) = std::min(scale(k) > smallest ? std::max(scale(k), least) : scale(k), most);
-    }
+    update_by(update, n, gradients);
   }
 
  private:
-  RasterMemory memory_;
-
-  static double log_range(const RasterOptions& options, std::size_t pixel) {
-    return options.log_range.empty() ? static_cast<double>(kNoRange)
-                                     : static_cast<double>(options.log_range[pixel]);
-  }
-  template <class Body>
-  static void for_pixels(const RasterSize& size, const RasterOptions& options, const Body& body) {
-    for (int y = 0; y < size.rows; ++y)
-      for (int x = 0; x < size.stride; ++x) {
-        const int tile = y / kTileSide * (size.stride / kTileSide) + x / kTileSide;
-        if (!options.tiles.empty() && !options.tiles[tile]) continue;
-        body(x, y, static_cast<std::size_t>(y) * size.stride + static_cast<std::size_t>(x));
-      }
-  }
+  RasterArena arena_;
 };
 
 }  // namespace

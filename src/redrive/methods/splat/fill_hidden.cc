@@ -51,8 +51,8 @@ class WeightSums {
   std::span<const float> over(const FillView& view, const kernels::Gaussians& gaussians,
                               std::span<const kernels::GaussianPart> parts) {
     const kernels::GaussianCamera camera = camera_of(view, parts);
-    stages_.rasterise(camera, gaussians, {}, &image_);
-    const kernels::RasterSize& size = image_.size;
+    kernels::Raster raster = stages_.rasterise(camera, gaussians, {});
+    const kernels::RasterSize& size = raster.image().size;
     none_.assign(3 * size.plane(), 0);
     one_.assign(size.plane(), 0);
     for (int y = 0; y < size.height; ++y)
@@ -61,15 +61,13 @@ class WeightSums {
             view.used.empty() || view.used[static_cast<std::size_t>(y) * size.width + x] ? 1 : 0;
     const std::span<float> sums = sums_.span().first(gaussians.numbers.size());
     std::ranges::fill(sums, 0.0f);
-    stages_.rasterise_backward(camera, gaussians, {}, image_,
-                               {none_, std::span(none_).first(size.plane()), one_, {}},
-                               {.gradients = sums}, {});
+    raster.backward({none_, std::span(none_).first(size.plane()), one_, {}}, {.gradients = sums},
+                    {});
     return sums;
   }
 
  private:
   kernels::GaussianStages& stages_;
-  kernels::RasterImage image_;
   std::vector<float> none_, one_;
   Buffer<float> sums_;
 };
@@ -174,7 +172,8 @@ kernels::Gaussians world_of(const kernels::Gaussians& all, std::size_t world) {
 }
 
 /// Returns the largest value of the first colour.
-float most_of(const kernels::RasterImage& image) {
+float most_of(const kernels::Raster& raster) {
+  const kernels::RasterImage& image = raster.image();
   float most = 0;
   for (int y = 0; y < image.size.height; ++y)
     for (int x = 0; x < image.size.width; ++x)
@@ -186,10 +185,9 @@ float most_of(const kernels::RasterImage& image) {
 /// these have filled are known.
 FillImage image_to_fill(kernels::GaussianStages& stages, const FillView& view,
                         const HiddenPlaces::Hole& hole, const kernels::Gaussians& world,
-                        const kernels::Gaussians& marked, kernels::RasterImage* drawn) {
+                        const kernels::Gaussians& marked) {
   const kernels::GaussianCamera camera = camera_of(view, {});
-  stages.rasterise(camera, marked, {}, drawn);
-  const kernels::RasterSize size = drawn->size;
+  const kernels::RasterSize size = kernels::raster_size(view.camera.width, view.camera.height);
   FillImage image;
   image.width = size.width;
   image.height = size.height;
@@ -199,20 +197,24 @@ FillImage image_to_fill(kernels::GaussianStages& stages, const FillView& view,
     const auto width = static_cast<std::size_t>(size.width);
     return i / width * static_cast<std::size_t>(size.stride) + i % width;
   };
-  for (std::size_t i = 0; i < image.pixel.size(); ++i)
-    if (drawn->rgb[at(i)] > kFilled) image.pixel[i] = FillPixel::kKnown;
+  {
+    const kernels::Raster filled = stages.rasterise(camera, marked, {});
+    for (std::size_t i = 0; i < image.pixel.size(); ++i)
+      if (filled.image().rgb[at(i)] > kFilled) image.pixel[i] = FillPixel::kKnown;
+  }
   kernels::RasterOptions options;
   options.depth = true;
-  stages.rasterise(camera, world, options, drawn);
+  const kernels::Raster raster = stages.rasterise(camera, world, options);
+  const kernels::RasterImage& drawn = raster.image();
   for (std::size_t i = 0; i < image.pixel.size(); ++i) {
     if (interpolated(image.pixel[i])) continue;
-    const float depth = drawn->depth[at(i)];
+    const float depth = drawn.depth[at(i)];
     const bool masked = !view.used.empty() && !view.used[i];
-    if (masked || !(depth > 0) || !std::isfinite(depth) || drawn->transmittance[at(i)] > 0.5f) {
+    if (masked || !(depth > 0) || !std::isfinite(depth) || drawn.transmittance[at(i)] > 0.5f) {
       image.pixel[i] = FillPixel::kEmpty;
       continue;
     }
-    for (int c = 0; c < 3; ++c) image.values[i][c] = drawn->rgb[c * size.plane() + at(i)];
+    for (int c = 0; c < 3; ++c) image.values[i][c] = drawn.rgb[c * size.plane() + at(i)];
     image.values[i][3] = 1 / depth;
   }
   return image;
@@ -266,12 +268,11 @@ HiddenPlaces find_hidden(kernels::GaussianStages& stages, const FillViews& views
   Buffer<float> marked = blackened(all);
   for (const std::size_t i : hidden.gaussians) mark(i, true, &marked);
   // The other images that show any of these places.
-  kernels::RasterImage drawn;
   for (std::size_t v = 0; v < views.n && !hidden.gaussians.empty(); ++v) {
     if (std::ranges::binary_search(searched, v)) continue;
     const FillView view = views.view(v);
-    stages.rasterise(camera_of(view, view.parts), {all.n, marked}, {}, &drawn);
-    if (most_of(drawn) < kSeenShare) continue;
+    if (most_of(stages.rasterise(camera_of(view, view.parts), {all.n, marked}, {})) < kSeenShare)
+      continue;
     add_seen(view, all, of_world, kSeenShare, &sums, &seen);
     std::erase_if(hidden.gaussians, [&](std::size_t i) {
       if (seen.with_objects[i]) mark(i, false, &marked);
@@ -280,8 +281,11 @@ HiddenPlaces find_hidden(kernels::GaussianStages& stages, const FillViews& views
   }
   if (hidden.gaussians.empty()) return hidden;
   for (const std::size_t v : with_objects(views, kMostFilled)) {
-    stages.rasterise(camera_of(views.view(v), {}), world_of({all.n, marked}, world), {}, &drawn);
-    if (most_of(drawn) <= kHole) continue;
+    const FillView view = views.view(v);
+    const kernels::Raster raster =
+        stages.rasterise(camera_of(view, {}), world_of({all.n, marked}, world), {});
+    if (most_of(raster) <= kHole) continue;
+    const kernels::RasterImage& drawn = raster.image();
     HiddenPlaces::Hole hole{v, {}};
     for (int y = 0; y < drawn.size.height; ++y)
       for (int x = 0; x < drawn.size.width; ++x) {
@@ -311,10 +315,9 @@ void fill_holes(kernels::GaussianStages& stages, const FillViews& views, const H
   std::size_t end = first;
   {
     Buffer<float> marked = blackened(of_world);
-    kernels::RasterImage drawn;
     for (const HiddenPlaces::Hole& hole : hidden.holes) {
       const FillView of = views.view(hole.view);
-      FillImage image = image_to_fill(stages, of, hole, of_world, {world, marked}, &drawn);
+      FillImage image = image_to_fill(stages, of, hole, of_world, {world, marked});
       fill_by_membrane(&image);
       // Takes half of what is left, so that later images have some, too.
       const GaussianList list = gaussians_of(of, image, (world - end + 1) / 2);

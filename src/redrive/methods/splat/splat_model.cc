@@ -41,7 +41,6 @@ struct SplatBuffers final : MethodBuffers {
     int rank = 0, world_size = 0;
     std::int64_t first = 0, end = 0;
   } plan;
-  kernels::RasterImage image;
   std::vector<float> gains, d_rgb, d_transmittance, error, log_range, d_range;
   std::vector<std::uint8_t> tiles;
 };
@@ -97,17 +96,16 @@ ImagePointer image_of(const TrainingSet& data, int view, int level, SplatBuffers
 }
 
 /// Finds the LiDAR returns of the views that windows show, unless they are known, side by side.
-void find_ranges(const TrainingSet& data, std::span<const ImageWindow* const> windows, int threads,
-                 SplatBuffers* own) {
+void find_ranges(const TrainingSet& data, std::span<const ImageWindow* const> windows,
+                 ThreadPool& pool, SplatBuffers* own) {
   std::vector<int> views;
   for (const ImageWindow* window : windows)
     if (!own->ranges[window->view] && std::ranges::find(views, window->view) == views.end())
       views.push_back(window->view);
   if (views.empty()) return;
   if (!own->times) own->times.emplace(data.lidar);
-  ThreadPool(threads).run(static_cast<int>(views.size()), [&](int i) {
-    own->ranges[views[i]] = find_range_pixels(data, *own->times, views[i]);
-  });
+  pool.run(static_cast<int>(views.size()),
+           [&](int i) { own->ranges[views[i]] = find_range_pixels(data, *own->times, views[i]); });
 }
 
 /// Returns the mean transmittance of the pixels that are not masked; the others' tiles are not
@@ -270,7 +268,7 @@ StepOutput SplatModel::step(kernels::Backend& backend, const TrainingSet& data,
     for (int k = 1; !all && !known && k < kAhead; ++k)
       coming.push_back(
           &level.windows[drawn_window(request.seed, draw_of(request, request.step + k), n)]);
-    find_ranges(data, coming, backend.threads(), &own);
+    find_ranges(data, coming, backend.pool(), &own);
   }
 
   buffers->workspace.begin();
@@ -343,14 +341,15 @@ void SplatModel::step_window(kernels::Backend& backend, const TrainingSet& data,
   std::ranges::copy(step.colour, options.background);
   const int returns = set_ranges(data, step, &own);
   if (returns > 0) options.log_range = own.log_range;
-  stages.rasterise(camera, all(), options, &own.image);
+  kernels::Raster raster = stages.rasterise(camera, all(), options);
+  const kernels::RasterImage& drawn = raster.image();
 
-  const kernels::RasterSize size = own.image.size;
+  const kernels::RasterSize size = drawn.size;
   own.d_rgb.resize(3 * size.plane());
   own.error.resize(size.plane());
   kernels::ImageLossInput input;
   input.size = size;
-  input.rgb = own.image.rgb.span().first(3 * size.plane());
+  input.rgb = drawn.rgb.span().first(3 * size.plane());
   input.target = {.width = image.width,
                   .x = window.x,
                   .y = window.y,
@@ -371,14 +370,14 @@ void SplatModel::step_window(kernels::Backend& backend, const TrainingSet& data,
 
   const float opaque = data.scene.background == Background::kNone ? opacity_weight : 0.0f;
   const double transmittance =
-      mean_transmittance(own.image, image, window, loss.pixels, opaque, &own.d_transmittance);
+      mean_transmittance(drawn, image, window, loss.pixels, opaque, &own.d_transmittance);
   std::vector<GaussianPoseGradient<NumberMath<double>>> d_poses(
       request.pose_gradients || (motion_rate > 0 && !poses.actors().empty())
           ? 1 + actors.parts.size()
           : 0);
   double range_loss = 0;
   for (std::size_t i = 0; returns > 0 && i < size.plane(); ++i)
-    if (own.d_range[i] > 0) range_loss += double(own.d_range[i]) * double(own.image.range_error[i]);
+    if (own.d_range[i] > 0) range_loss += double(own.d_range[i]) * double(drawn.range_error[i]);
   const std::span<float> others = gradients.last(this->size() - blocks_size());
   if (request.progress > double(kGainsFrom))
     gains.add_changes(gain_parameters(), exposure, own.exposures.gaps(exposure), size, part,
@@ -396,11 +395,9 @@ void SplatModel::step_window(kernels::Backend& backend, const TrainingSet& data,
     to.gradients = gradients.first(blocks_size());
   }
   if (finite || !request.update)
-    stages.rasterise_backward(
-        camera, all(), options, own.image,
-        {own.d_rgb, own.d_transmittance, own.error,
-         returns > 0 ? std::span<const float>(own.d_range) : std::span<const float>()},
-        to, d_poses);
+    raster.backward({own.d_rgb, own.d_transmittance, own.error,
+                     returns > 0 ? std::span<const float>(own.d_range) : std::span<const float>()},
+                    to, d_poses);
   if (motion_rate > 0 && request.progress > double(kMotionsFrom))
     add_motion_gradients(data.scene, t_ns, poses, d_poses, others);
 
@@ -428,22 +425,21 @@ void SplatModel::render_to(kernels::Backend& backend, const RayTable& rays,
   options.depth = true;
   std::ranges::copy(background, options.background);
   const DrawnActors actors = drawn_actors(world_from_camera);
-  backend.gaussians().rasterise(
+  const kernels::Raster raster = backend.gaussians().rasterise(
       camera_of(camera, {0, 0, 0, rays.width, rays.height}, world_from_camera, actors.parts),
-      actors.gaussians, options, &rendered_);
+      actors.gaussians, options);
   image->resize(rays.width, rays.height);
   constexpr std::size_t kRowsPerRange = 16;
-  ThreadPool(backend.threads())
-      .run_ranges(rays.height, kRowsPerRange, [&](std::size_t begin, std::size_t end) {
-        std::vector<float> row_gains(3 * static_cast<std::size_t>(rays.width));
-        for (std::size_t y = begin; y < end; ++y) {
-          for (int c = 0; c < 3; ++c)
-            gains.write_row(gain_parameters(), exposure, {0, 0, rays.width, rays.height},
-                            static_cast<int>(y), c,
-                            std::span(row_gains).subspan(c * std::size_t(rays.width), rays.width));
-          write_image_row(rendered_, row_gains, rays, y, image);
-        }
-      });
+  backend.pool().run_ranges(rays.height, kRowsPerRange, [&](std::size_t begin, std::size_t end) {
+    std::vector<float> row_gains(3 * static_cast<std::size_t>(rays.width));
+    for (std::size_t y = begin; y < end; ++y) {
+      for (int c = 0; c < 3; ++c)
+        gains.write_row(gain_parameters(), exposure, {0, 0, rays.width, rays.height},
+                        static_cast<int>(y), c,
+                        std::span(row_gains).subspan(c * std::size_t(rays.width), rays.width));
+      write_image_row(raster.image(), row_gains, rays, y, image);
+    }
+  });
 }
 
 RenderedRays SplatModel::trace(kernels::Backend& backend, const kernels::Rays& rays) const {

@@ -188,8 +188,6 @@ struct SplatModel final : Model {
   void add_motion_gradients(const Scene& scene, std::int64_t t_ns, const ShutterPoses& poses,
                             std::span<const GaussianPoseGradient<NumberMath<double>>> d_poses,
                             std::span<float> gradients) const;
-
-  mutable kernels::RasterImage rendered_;  ///< kept from image to image
 };
 
 Method splat_method();

@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <compare>
+#include <optional>
 #include <vector>
 
 #include "redrive/camera/plain_camera.h"
@@ -80,11 +81,9 @@ struct FaceSample {
 /// A drawn face of the cube around a group's mean origin.
 class Face {
  public:
-  explicit Face(kernels::RasterImage* image) : image_(*image) {}
-
   /// Draws the tiles of the rays and those around them.
-  void draw(kernels::GaussianStages& stages, const kernels::Gaussians& gaussians,
-            const kernels::Rays& rays, std::span<const GroupedRay> group) {
+  Face(kernels::GaussianStages& stages, const kernels::Gaussians& gaussians,
+       const kernels::Rays& rays, std::span<const GroupedRay> group) {
     const std::size_t n = rays.n;
     world_from_face_ = world_from_face(group[0].face);
     centre_.setZero();
@@ -108,8 +107,8 @@ class Face {
     kernels::RasterOptions options;
     options.depth = true;
     options.tiles = tiles_;
-    stages.rasterise({make_plain_camera(camera), {&world_from_camera, 1}, 0, kSide}, gaussians,
-                     options, &image_);
+    raster_.emplace(stages.rasterise({make_plain_camera(camera), {&world_from_camera, 1}, 0, kSide},
+                                     gaussians, options));
   }
 
   const Eigen::Vector3d& centre() const { return centre_; }
@@ -121,6 +120,7 @@ class Face {
     const Eigen::Vector2d at = pixel_of(direction);
     const double left = std::floor(at.x()), top = std::floor(at.y());
     if (!(left >= 0 && top >= 0 && left < kSide - 1 && top < kSide - 1)) return false;
+    const kernels::RasterImage& image = raster_->image();
     double weights[4], inverse_z[4], opacity[4], least = 0, most = 0;
     int nearest = 0;
     for (int k = 0; k < 4; ++k) {
@@ -128,10 +128,10 @@ class Face {
       if (!tiles_[static_cast<std::size_t>(y / kernels::kTileSide) * kTilesAcross +
                   x / kernels::kTileSide])
         return false;
-      const std::size_t i = static_cast<std::size_t>(y) * image_.size.stride + x;
-      const double distance = image_.depth[i];
+      const std::size_t i = static_cast<std::size_t>(y) * image.size.stride + x;
+      const double distance = image.depth[i];
       inverse_z[k] = distance > 0 ? stretch(x, y) / distance : 0;
-      opacity[k] = 1 - double(image_.transmittance[i]);
+      opacity[k] = 1 - double(image.transmittance[i]);
       weights[k] = (1 - std::abs(at.x() - x)) * (1 - std::abs(at.y() - y));
       if (weights[k] > weights[nearest]) nearest = k;
       least = k == 0 ? inverse_z[k] : std::min(least, inverse_z[k]);
@@ -160,7 +160,7 @@ class Face {
     return std::hypot((x - kCentre) / kFocal, (y - kCentre) / kFocal, 1.0);
   }
 
-  kernels::RasterImage& image_;
+  std::optional<kernels::Raster> raster_;
   Eigen::Matrix3d world_from_face_;
   Eigen::Vector3d centre_;
   std::vector<std::uint8_t> tiles_;
@@ -173,12 +173,10 @@ RenderedRays trace_gaussians(kernels::GaussianStages& stages, const kernels::Gau
   const std::size_t n = rays.n;
   RenderedRays out{std::vector<float>(n), std::vector<float>(n)};
   const std::vector<GroupedRay> all = grouped(rays);
-  kernels::RasterImage image;
-  Face face(&image);
   for (std::size_t begin = 0, end = 0; begin < n; begin = end) {
     while (end < n && all[end].in_group_of(all[begin])) ++end;
     const std::span<const GroupedRay> group = std::span(all).subspan(begin, end - begin);
-    face.draw(stages, gaussians, rays, group);
+    const Face face(stages, gaussians, rays, group);
     for (const GroupedRay& grouped : group) {
       const std::size_t i = grouped.ray;
       const Eigen::Vector3d direction = vector_at(rays.direction, n, i),

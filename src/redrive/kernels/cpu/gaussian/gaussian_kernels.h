@@ -53,16 +53,20 @@ struct TileJob {
   std::size_t n = 0;
   // Planes; `stride` floats a row.
   std::size_t stride = 0, plane = 0;
-  float *rgb = nullptr, *transmittance = nullptr;
-  float* depth = nullptr;            ///< may be null
   const float* log_range = nullptr;  ///< may be null
-  float* range_error = nullptr;
-  float background[3] = {0, 0, 0};
-  // Backward pass:
-  const float *d_rgb = nullptr, *d_transmittance = nullptr, *error = nullptr, *d_range = nullptr;
-  float* sums = nullptr;  ///< [all pairs, kRecordFloats]: PairSum, by TilePair::slot
   // Scratch of tile_scratch(n) floats, 64-byte aligned:
   float* scratch = nullptr;
+};
+struct TileForwardJob : TileJob {
+  float *rgb = nullptr, *transmittance = nullptr;
+  float* depth = nullptr;  ///< may be null
+  float* range_error = nullptr;
+  float background[3] = {0, 0, 0};
+};
+struct TileBackwardJob : TileJob {
+  const float *rgb = nullptr, *transmittance = nullptr, *range_error = nullptr;
+  const float *d_rgb = nullptr, *d_transmittance = nullptr, *error = nullptr, *d_range = nullptr;
+  float* sums = nullptr;  ///< [all pairs, kRecordFloats]: PairSum, by TilePair::slot
 };
 static constexpr std::size_t tile_scratch(std::size_t n) {
   return 2 * kRecordFloats * n + 32 * (n + 16);
@@ -143,8 +147,8 @@ struct GaussianKernels {
   /// their number. wanted: by tile, or null.
   std::size_t (*bin)(RasterRecord* records, const std::uint64_t* keys, std::size_t n, int tiles_x,
                      int tiles_y, const std::uint8_t* wanted, TilePair* pairs);
-  void (*tile_forward)(const TileJob& job);
-  void (*tile_backward)(const TileJob& job);
+  void (*tile_forward)(const TileForwardJob& job);
+  void (*tile_backward)(const TileBackwardJob& job);
   void (*project_backward)(const ProjectionBackwardJob& job, std::size_t begin, std::size_t end);
   /// Of blocks, by gradients that were kept.
   void (*update)(const UpdateJob& job, const float* gradients, std::size_t begin, std::size_t end);

@@ -91,7 +91,7 @@ REDRIVE_INLINE Vf log_distance(const float* record, const Falloff& f) {
 }
 
 template <bool kDepth, bool kRange>
-REDRIVE_INLINE void forward(const TileJob& job) {
+REDRIVE_INLINE void forward(const TileForwardJob& job) {
   Gathered tile;
   gather(job, false, &tile);
   const BlockPixels pixels = block_pixels();
@@ -135,7 +135,7 @@ REDRIVE_INLINE void forward(const TileJob& job) {
 /// Front to back once more. With S the part of d_rgb . rgb that lies behind a Gaussian, the
 /// derivative by its alpha is t d_rgb . c - S / (1 - alpha).
 template <bool kRange>
-REDRIVE_INLINE void backward(const TileJob& job) {
+REDRIVE_INLINE void backward(const TileBackwardJob& job) {
   Gathered tile;
   gather(job, true, &tile);
   const BlockPixels pixels = block_pixels();
@@ -256,12 +256,12 @@ std::size_t bin(RasterRecord* records, const std::uint64_t* keys, std::size_t n,
   return made;
 }
 
-void tile_forward(const TileJob& job) {
+void tile_forward(const TileForwardJob& job) {
   if (job.depth) return job.log_range ? forward<true, true>(job) : forward<true, false>(job);
   return job.log_range ? forward<false, true>(job) : forward<false, false>(job);
 }
 
-void tile_backward(const TileJob& job) {
+void tile_backward(const TileBackwardJob& job) {
   return job.log_range ? backward<true>(job) : backward<false>(job);
 }
 
