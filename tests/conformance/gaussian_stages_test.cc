@@ -4,7 +4,6 @@
 // kMinAlpha but for rounding; sums of derivatives relative
 // to the largest of their row.
 #include <algorithm>
-#include <bit>
 #include <cmath>
 #include <functional>
 #include <vector>
@@ -114,7 +113,7 @@ struct GaussianCase {
 struct Result {
   RasterCounts counts;
   RasterImage image;
-  std::vector<float> gradients;
+  std::vector<float> gradients, errors;
   /// poses of the world and of each part
   std::vector<GaussianPoseGradient<NumberMath<double>>> poses;
 };
@@ -142,9 +141,10 @@ Result run(
   out.image = copy_of(raster.image());
   between();
   out.gradients.assign(c.numbers.size(), 0);
+  out.errors.assign(c.numbers.size() / kGaussianRows, 0);
   out.poses.resize(1 + c.parts.size());
   raster.backward({c.d_rgb, c.d_transmittance, c.error, c.d_range},
-                  {.gradients = out.gradients, .update = nullptr}, out.poses);
+                  {.gradients = out.gradients, .errors = out.errors}, out.poses);
   return out;
 }
 
@@ -167,7 +167,11 @@ void expect_same(const GaussianCase& c, const Result& a, const Result& b) {
       }
     }
   EXPECT_LT(other_depths, 10);
-  for (int row = 0; row < kGaussianRows; ++row) {
+  const float most_error = std::ranges::max(b.errors);
+  EXPECT_GT(most_error, 0);
+  for (std::size_t i = 0; i < b.errors.size(); ++i)
+    ASSERT_NEAR(a.errors[i], b.errors[i], 6e-3 * double(most_error)) << i;
+  for (int row = 0; row < kDistanceRow; ++row) {
     double most = 0;
     for (std::size_t i = 0; i < c.n; ++i)
       most = std::max(most, std::fabs(double(b.gradients[gaussian_slot(i, row)])));
@@ -270,6 +274,7 @@ TEST_P(GaussianStagesTest, AnotherImageBetweenForwardAndBackwardChangesNothing) 
       run(*backend, other);
     });
     EXPECT_EQ(found.gradients, expected.gradients);
+    EXPECT_EQ(found.errors, expected.errors);
     for (std::size_t part = 0; part < found.poses.size(); ++part)
       for (int k = 0; k < 3; ++k) {
         EXPECT_EQ(found.poses[part].translation[k], expected.poses[part].translation[k]);
@@ -430,6 +435,7 @@ TEST_P(GaussianStagesTest, BrightnessOfPatchesIsOfWhatIsNeitherMaskedNorSaturate
 struct Updated {
   std::vector<float> numbers;
   std::vector<std::uint32_t> moments;
+  std::vector<float> errors;
 };
 /// `kept`: by gradients that are computed first.
 Updated run_update(Backend& backend, const GaussianCase& c, bool kept = false) {
@@ -437,10 +443,8 @@ Updated run_update(Backend& backend, const GaussianCase& c, bool kept = false) {
   out.numbers = c.numbers;
   const std::vector<float> m = random_floats(c.numbers.size(), 43, -1, 1),
                            v = random_floats(c.numbers.size(), 44, 0, 1);
-  for (std::size_t i = 0; i < m.size(); ++i) {
-    const bool of_error = i / kGaussianBlock % kGaussianRows == kDistanceRow;
-    out.moments.push_back(of_error ? std::bit_cast<std::uint32_t>(v[i]) : pack_moments(m[i], v[i]));
-  }
+  for (std::size_t i = 0; i < m.size(); ++i) out.moments.push_back(pack_moments(m[i], v[i]));
+  out.errors = random_floats(c.numbers.size() / kGaussianRows, 45, 0, 1);
   GaussianUpdate update;
   update.step = adam_step(0, 3);
   update.step.epsilon = 1e-15f;
@@ -448,14 +452,16 @@ Updated run_update(Backend& backend, const GaussianCase& c, bool kept = false) {
   for (int row = 0; row < kDistanceRow; ++row) update.rates[row] = 0.01f * float(row + 1);
   update.numbers = out.numbers;
   update.moments = out.moments;
+  update.errors = out.errors;
   if (kept) {
-    backend.gaussians().update_gaussians(update, c.n, run(backend, c).gradients);
+    const Result kept_result = run(backend, c);
+    backend.gaussians().update_gaussians(update, c.n, kept_result.gradients, kept_result.errors);
     return out;
   }
   backend.gaussians()
       .rasterise(c.view(), {c.n, out.numbers}, c.options())
       .backward({c.d_rgb, c.d_transmittance, c.error, c.d_range},
-                {.gradients = {}, .update = &update}, {});
+                {.update = &update}, {});
   return out;
 }
 
@@ -466,19 +472,19 @@ TEST_P(GaussianStagesTest, AnUpdateIsAdamByTheGradients) {
   for (std::size_t i = 0; i < c.n; ++i)
     c.numbers[gaussian_slot(i, kDistanceRow)] =
         std::fabs(c.numbers[gaussian_slot(i, kDistanceRow)]) + 0.1f;
-  const std::vector<float> gradients = run(*backend, c).gradients;
+  const Result computed = run(*backend, c);
+  const std::vector<float>& gradients = computed.gradients;
   const Updated after = run_update(*backend, c);
   const std::vector<float> m = random_floats(c.numbers.size(), 43, -1, 1),
-                           v = random_floats(c.numbers.size(), 44, 0, 1);
+                           v = random_floats(c.numbers.size(), 44, 0, 1),
+                           e = random_floats(c.numbers.size() / kGaussianRows, 45, 0, 1);
   int drawn = 0, bounded = 0;
   for (std::size_t i = 0; i < c.n; ++i) {
-    const std::size_t error = gaussian_slot(i, kDistanceRow);
     const bool changes = gradients[gaussian_slot(i, kOpacityRow)] != 0;
     drawn += changes;
-    const float distance = c.numbers[error];
-    EXPECT_EQ(after.numbers[error], distance);
-    EXPECT_NEAR(std::bit_cast<float>(after.moments[error]),
-                v[error] + (changes ? gradients[error] : 0), 1e-4);
+    const float distance = c.numbers[gaussian_slot(i, kDistanceRow)];
+    EXPECT_EQ(after.numbers[gaussian_slot(i, kDistanceRow)], distance);
+    EXPECT_NEAR(after.errors[i], e[i] + (changes ? computed.errors[i] : 0), 1e-4);
     float expected[kDistanceRow];
     for (int row = 0; row < kDistanceRow; ++row) {
       const std::size_t slot = gaussian_slot(i, row);

@@ -30,8 +30,7 @@ enum GaussianRow {
   /// spherical harmonics of degree 1.
   kHarmonicsRow = 14,
   /// Distance to the nearest training camera, metres: scales the learning rate of the position. Not
-  /// trained. In gradients and in Adam's first moment this row has the blended error of the images
-  /// (kernels/gaussian_stages.h).
+  /// trained.
   kDistanceRow = 23,
   kGaussianRows = 24
 };

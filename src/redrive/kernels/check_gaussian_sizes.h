@@ -35,10 +35,12 @@ inline void check_rasterise_backward(const GaussianCamera& camera, const Gaussia
   REDRIVE_CHECK_OP(gradient.d_transmittance.size(), ==, plane);
   REDRIVE_CHECK_OP(gradient.error.size(), ==, plane);
   REDRIVE_CHECK_OP(gradient.d_range.size(), ==, options.log_range.empty() ? 0 : plane);
-  const std::size_t numbers = gaussians.numbers.size();
-  REDRIVE_CHECK_OP(to.gradients.size(), ==, to.update ? 0 : numbers);
+  const std::size_t numbers = gaussians.numbers.size(), errors = numbers / kGaussianRows;
+  REDRIVE_CHECK_OP(to.errors.size(), ==, to.update ? 0 : errors);
+  REDRIVE_CHECK(to.gradients.empty() || (!to.update && to.gradients.size() == numbers));
   if (to.update)
-    REDRIVE_CHECK(to.update->numbers.size() == numbers && to.update->moments.size() == numbers);
+    REDRIVE_CHECK(to.update->numbers.size() == numbers && to.update->moments.size() == numbers &&
+                  to.update->errors.size() == errors);
   REDRIVE_CHECK(d_poses == 0 || d_poses == 1 + camera.parts.size());
 }
 
@@ -57,10 +59,11 @@ inline void check_image_loss(const ImageLossInput& input, std::size_t d_rgb, std
 }
 
 inline void check_update_gaussians(const GaussianUpdate& update, std::size_t n,
-                                   std::size_t gradients) {
+                                   std::size_t gradients, std::size_t errors) {
   const std::size_t size = gaussian_blocks(n) * kBlockSize;
   REDRIVE_CHECK(gradients == size && update.numbers.size() == size &&
                 update.moments.size() == size);
+  REDRIVE_CHECK(errors == size / kGaussianRows && update.errors.size() == errors);
 }
 
 }  // namespace redrive::kernels

@@ -83,7 +83,7 @@ constexpr float kNoRange = -1e3f;
 struct RasterGradient {
   std::span<const float> d_rgb;            ///< 3 planes
   std::span<const float> d_transmittance;  ///< plane
-  std::span<const float> error;            ///< plane: blended into the row kDistanceRow
+  std::span<const float> error;            ///< plane: blended into GaussianDerivatives::errors
   std::span<const float> d_range;          ///< plane: by range_error; empty without log_range
 };
 
@@ -138,15 +138,18 @@ struct GaussianUpdate {
   /// Bounds of the log scales, plus the logarithm of the distance: the lower one of the two larger
   /// axes alone.
   float min_log_scale = -20, max_log_scale = 20;
-  std::span<float> numbers;  ///< those of Gaussians::numbers
-  /// Laid out as they are (optim/packed_moments.h). The row kDistanceRow, a float's bits, is the
-  /// sum of that row's derivatives.
-  std::span<std::uint32_t> moments;
+  std::span<float> numbers;           ///< Gaussians::numbers
+  std::span<std::uint32_t> moments;   ///< as numbers (optim/packed_moments.h)
+  std::span<float> errors;            ///< by Gaussian, in whole blocks; added to
 };
 
-/// Where the derivatives by the Gaussians go: one of them.
+/// Where derivatives with respect to the Gaussians go: gradients and errors, errors alone, or an
+/// update.
 struct GaussianDerivatives {
   std::span<float> gradients;  ///< added to; laid out as the Gaussians
+  /// RasterGradient::error times the blending weight, summed over pixels: by Gaussian, in whole
+  /// blocks; added to.
+  std::span<float> errors;
   const GaussianUpdate* update =
       nullptr;  ///< applied block by block, so that no gradients are kept
 };
@@ -218,9 +221,10 @@ class GaussianStages {
   /// Both are 0 in the padding of the planes.
   virtual ImageLossOutput image_loss(const ImageLossInput& input, std::span<float> d_rgb,
                                      std::span<float> error) = 0;
-  /// Applies gradients that were kept, as means over ranks are; laid out as the Gaussians.
+  /// Applies gradients that were kept, as means over ranks are (GaussianDerivatives).
   virtual void update_gaussians(const GaussianUpdate& update, std::size_t n,
-                                std::span<const float> gradients) = 0;
+                                std::span<const float> gradients,
+                                std::span<const float> errors) = 0;
   /// Frees the memory of rasters that have ended; the next rasterise() allocates it again.
   virtual void release() = 0;
 };

@@ -5,7 +5,8 @@ namespace redrive {
 
 AdamState Model::zero_moments() const {
   const std::size_t packed = updated_in_step(), others = size() - packed;
-  return {Buffer<float>(others), Buffer<float>(others), Buffer<std::uint32_t>(packed)};
+  return {Buffer<float>(others), Buffer<float>(others), Buffer<std::uint32_t>(packed),
+          Buffer<float>(errors())};
 }
 
 void Model::update(kernels::Backend& backend, double learning_rate, std::int64_t step,

@@ -46,6 +46,9 @@ struct TrainingSet {
 struct AdamState {
   Buffer<float> first_moment, second_moment;
   Buffer<std::uint32_t> packed;
+  /// Errors of the images summed by where each part of the model is drawn, since its number of parts
+  /// changed last (Model::numbers_per_error()).
+  Buffer<float> errors;
 
   std::size_t size() const { return first_moment.size() + packed.size(); }
 };
@@ -176,6 +179,16 @@ class Model : public Configurable {
   virtual std::optional<std::size_t> bad_moment(std::span<const std::uint32_t> /*packed*/) const {
     return std::nullopt;
   }
+  /// Number of the parameters that step() updates itself for each of AdamState::errors; 0: a method
+  /// without errors.
+  virtual std::size_t numbers_per_error() const { return 0; }
+  std::size_t errors() const {
+    return numbers_per_error() == 0 ? 0 : updated_in_step() / numbers_per_error();
+  }
+  /// Size of step()'s gradients; without an update errors follow those of all parameters.
+  std::size_t gradients_size(bool with_update) const {
+    return with_update ? size() - updated_in_step() : size() + errors();
+  }
   AdamState zero_moments() const;
 
   // ---- Training
@@ -199,9 +212,9 @@ class Model : public Configurable {
   virtual void correct_actors(std::vector<MovingObject>*) const {}
   virtual std::string describe_batch() const = 0;  ///< the largest batch: "2048 rays"
   virtual std::int64_t steps_per_epoch(const TrainingSet& data, int world_size) const = 0;
-  /// Writes losses to buffers->workspace.sums() and adds their derivatives to gradients [size()];
-  /// with an update [size() - updated_in_step()], and a loss that is not finite changes nothing.
-  /// Must be deterministic in the request.
+  /// Writes losses to buffers->workspace.sums() and adds their derivatives to gradients
+  /// [gradients_size()]; with an update, a loss that is not finite changes nothing. Must be
+  /// deterministic in the request.
   virtual StepOutput step(kernels::Backend& backend, const TrainingSet& data,
                           const StepRequest& request, std::span<float> gradients,
                           StepBuffers* buffers) const = 0;

@@ -16,8 +16,8 @@ namespace {
 constexpr const char* kCellErrors = "cell_errors";
 constexpr const char* kMoments[] = {"adam.first_moment", "adam.second_moment"};
 constexpr const char* kPoses[] = {"poses", "poses.first_moment", "poses.second_moment"};
-constexpr const char* kPacked = "adam.packed";
-constexpr const char* kFormat = "redrive-18";
+constexpr const char *kPacked = "adam.packed", *kErrors = "adam.errors";
+constexpr const char* kFormat = "redrive-19";
 
 /// Visits the scalars of a state, without its model's, once each by name; writing and reading share
 /// this list.
@@ -158,6 +158,8 @@ SafetensorsFile checkpoint_file(const TrainState& state) {
   entries.push_back({kMoments[1], all, state.adam.second_moment.span(), {}});
   if (const std::span<const std::uint32_t> packed = state.adam.packed; !packed.empty())
     entries.push_back({kPacked, {static_cast<std::int64_t>(packed.size())}, {}, packed});
+  if (const std::span<const float> errors = state.adam.errors; !errors.empty())
+    entries.push_back({kErrors, {static_cast<std::int64_t>(errors.size())}, errors, {}});
   if (const std::span<const float> errors = state.cell_errors; !errors.empty())
     entries.push_back({kCellErrors, {static_cast<std::int64_t>(errors.size())}, errors, {}});
   if (state.poses.refines()) {
@@ -226,6 +228,8 @@ TrainState parse_checkpoint(std::string_view bytes, const std::filesystem::path&
   if (const auto i = model.bad_moment(adam.packed))
     throw InputError(file, kPacked + ("[" + std::to_string(*i) + "]"),
                      std::to_string(adam.packed[*i]), "must be of finite moments");
+  const std::size_t errors = model.errors();
+  if (errors > 0) adam.errors = read(parsed, kErrors, errors, file);
   adam.first_moment = read(parsed, kMoments[0], others, file);
   adam.second_moment = read(parsed, kMoments[1], others, file);
   for (std::size_t i = 0; i < others; ++i)
@@ -256,7 +260,7 @@ TrainState parse_checkpoint(std::string_view bytes, const std::filesystem::path&
     for (const float v : state.poses.moments.second)
       if (v < 0) throw InputError(file, kPoses[2], std::to_string(v), "must not be negative");
   }
-  const std::size_t expected = tensors.size() + 2 + (packed > 0) + with_errors + 3 * with_poses;
+  const std::size_t expected = tensors.size() + 2 + (packed > 0) + (errors > 0) + with_errors + 3 * with_poses;
   if (parsed.tensors.size() != expected)
     throw InputError(file, "", std::to_string(parsed.tensors.size()) + " tensors",
                      "must be " + std::to_string(expected));

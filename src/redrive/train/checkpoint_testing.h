@@ -27,6 +27,8 @@ inline TrainState midway(TrainState state) {
   }
   for (std::size_t i = 0; i < state.adam.packed.size(); ++i)
     state.adam.packed[i] = pack_moments(random_unit(3, i) - 0.5f, random_unit(4, i));
+  for (std::size_t i = 0; i < state.adam.errors.size(); ++i)
+    state.adam.errors[i] = random_unit(5, i);
   state.step = 123456789012;
   state.pixels_drawn = 9876543210987;
   state.seconds = 0.1 + 0.2;

@@ -46,7 +46,9 @@ MemoryEstimate estimate_memory(const Run& run, int threads, bool data_parallel) 
   // gradients exist in data-parallel training only.
   const std::uint64_t others = model.size() - model.updated_in_step(),
                       in_step = model.max_size() - others,
-                      state = sizeof(float) * (2 * in_step + 3 * others);
+                      per_error = model.numbers_per_error(),
+                      errors = per_error > 0 ? in_step / per_error : 0,
+                      state = sizeof(float) * (2 * in_step + errors + 3 * others);
   MemoryEstimate need;
   need.program = kProgram + std::uint64_t(threads) * kThread;
   need.state = need.saving = state;
@@ -118,7 +120,7 @@ MemoryEstimate estimate_memory(const Run& run, int threads, bool data_parallel) 
     need.of_lidar = model.lidar_bytes(scene, used);
     need.sorting = bytes + points * sizeof(Eigen::Vector3d) + used * kCloudPoint;
   }
-  need.step = sizeof(float) * (others + (data_parallel ? in_step : 0)) + model.step_bytes();
+  need.step = sizeof(float) * (others + (data_parallel ? in_step + errors : 0)) + model.step_bytes();
   need.step_option = "--batch (" + model.describe_batch() + ": ";
   return need;
 }

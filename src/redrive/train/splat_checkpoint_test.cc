@@ -40,6 +40,7 @@ TEST(SplatCheckpoint, RoundTripIsBitExact) {
   expect_equal(back.adam.first_moment, state.adam.first_moment);
   expect_equal(back.adam.second_moment, state.adam.second_moment);
   EXPECT_TRUE(std::ranges::equal(back.adam.packed.span(), state.adam.packed.span()));
+  expect_equal(back.adam.errors, state.adam.errors);
   const auto& model = dynamic_cast<const SplatModel&>(*back.model);
   EXPECT_EQ(model.gaussians, 17);
   EXPECT_EQ(model.first_gaussians, 5);
@@ -85,7 +86,7 @@ TEST(SplatCheckpoint, RejectsDamageByName) {
   const CheckpointDamage table[] = {
       {"fewer Gaussians", with_metadata("gaussians", "16"), "adam.packed.shape"},
       {"more Gaussians", with_metadata("gaussians", "33"), "adam.packed.shape"},
-      {"no Gaussians", with_metadata("gaussians", "0"), "6 tensors"},
+      {"no Gaussians", with_metadata("gaussians", "0"), "7 tensors"},
       {"a negative number", with_metadata("gaussians", "-1"), "__metadata__.gaussians"},
       {"a negative first number", with_metadata("first_gaussians", "-17"),
        "__metadata__.first_gaussians"},
@@ -107,7 +108,7 @@ TEST(SplatCheckpoint, RejectsDamageByName) {
       {"a negative square", number("adam.second_moment", 7, -1.0f), "adam.second_moment[7]"},
       {"an infinite moment", number("adam.packed", 600, 0x7f800000u), "adam.packed[600]"},
       {"an infinite square", number("adam.packed", 601, 0xff00u), "adam.packed[601]"},
-      {"an infinite error", number("adam.packed", 23 * 16 + 5, 0xff800000u), "adam.packed[373]"},
+      {"an infinite error", number("adam.errors", 5, 0xff800000u), "adam.errors[5]"},
       {"moments that are not words",
        [](CheckpointParts& p) { p.header["adam.packed"]["dtype"] = "F32"; }, "adam.packed.dtype"},
       {"scales", with_metadata("max_scale", "0.0001"), "__metadata__.max_scale"},

@@ -89,7 +89,7 @@ struct TrainState {
 };
 
 /// Writes safetensors, which Python reads: the model's tensors by name, "adam.first_moment",
-/// "adam.second_moment" and, if any, "adam.packed", "cell_errors" and "poses" with
+/// "adam.second_moment" and, if any, "adam.packed", "adam.errors", "cell_errors" and "poses" with
 /// "poses.first_moment" and "poses.second_moment"; method, step, seconds, seed and the model's
 /// numbers in __metadata__ (strings). Written atomically (base/files.h).
 void save_checkpoint(const std::filesystem::path& file, const TrainState& state);

@@ -49,8 +49,7 @@ StepResult step_gradients(const TrainState& state, std::size_t size, StepBuffers
 StepResult step_gradients(kernels::Backend& backend, const TrainingSet& data,
                           const StepRequest& request, const TrainState& state,
                           StepBuffers* buffers) {
-  const std::size_t updated = request.update ? state.model->updated_in_step() : 0,
-                    size = state.model->size() - updated;
+  const std::size_t size = state.model->gradients_size(request.update != nullptr);
   return step_gradients(state, size, buffers, [&](std::span<float> gradients) {
     return state.model->step(backend, data, request, gradients, buffers);
   });

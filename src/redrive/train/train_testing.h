@@ -228,7 +228,7 @@ inline bool same_weights(const TrainState& a, const TrainState& b) {
          bit_equal(a.adam.first_moment, b.adam.first_moment) &&
          bit_equal(a.adam.second_moment, b.adam.second_moment) &&
          std::ranges::equal(a.adam.packed.span(), b.adam.packed.span()) &&
-         bit_equal(a.cell_errors, b.cell_errors);
+         bit_equal(a.adam.errors, b.adam.errors) && bit_equal(a.cell_errors, b.cell_errors);
 }
 
 /// Returns the fastest backend of this machine, which is deterministic bit by bit.

@@ -160,8 +160,8 @@ class Trainer {
     for (const std::uint64_t number : {state_.seed, static_cast<std::uint64_t>(state_.step),
                                        static_cast<std::uint64_t>(sampler_.pixels())})
       hash = mix64(hash ^ number);
-    for (const Buffer<float>* numbers :
-         {&state_.model->parameters, &state_.adam.first_moment, &state_.adam.second_moment})
+    for (const Buffer<float>* numbers : {&state_.model->parameters, &state_.adam.first_moment,
+                                         &state_.adam.second_moment, &state_.adam.errors})
       for (const float number : numbers->span())
         hash = mix64(hash ^ std::bit_cast<std::uint32_t>(number));
     for (const std::uint32_t packed : state_.adam.packed.span()) hash = mix64(hash ^ packed);

@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cmath>
 #include <vector>
 
@@ -67,7 +66,8 @@ void for_pixels(const RasterSize& size, const RasterOptions& options, const Body
     }
 }
 
-void update_by(const GaussianUpdate& update, std::size_t n, std::span<const float> gradients) {
+void update_by(const GaussianUpdate& update, std::size_t n, std::span<const float> gradients,
+               std::span<const float> errors) {
   const std::span<float> numbers = update.numbers;
   for (std::size_t i = 0; i < n; ++i) {
     if (gradients[gaussian_slot(i, kOpacityRow)] == 0) continue;
@@ -85,9 +85,7 @@ void update_by(const GaussianUpdate& update, std::size_t n, std::span<const floa
       adam_update(step, gradients[slot], numbers[slot], m, v);
       packed = pack_moments(m, v);
     }
-    const std::size_t slot = gaussian_slot(i, kDistanceRow);
-    std::uint32_t& error = update.moments[slot];
-    error = std::bit_cast<std::uint32_t>(std::bit_cast<float>(error) + gradients[slot]);
+    update.errors[i] += errors[i];
     const float log_distance = std::log(std::max(distance, 1e-6f)),
                 least = update.min_log_scale + log_distance,
                 most = update.max_log_scale + log_distance;
@@ -153,8 +151,10 @@ struct RefRaster final : RasterPass {
   void backward(const RasterGradient& gradient, const GaussianDerivatives& to,
                 std::span<GaussianPoseGradient<Math>> d_poses) override {
     check_rasterise_backward(camera, gaussians, options, gradient, to, d_poses.size());
-    std::vector<float> to_apply(to.update ? gaussians.numbers.size() : 0);
-    const std::span<float> gradients = to.update ? to_apply : to.gradients;
+    std::vector<float> to_apply(to.update ? gaussians.numbers.size() : 0),
+        errors_to_apply(to_apply.size() / kGaussianRows);
+    const std::span<float> gradients = to.update ? to_apply : to.gradients,
+                           errors = to.update ? errors_to_apply : to.errors;
     std::vector<Splat2dGradient> sums(splats.size());
     const std::size_t plane = image.size.plane();
     for_pixels(image.size, options, [&](int x, int y, std::size_t i) {
@@ -170,24 +170,25 @@ struct RefRaster final : RasterPass {
     for (std::size_t i = 0; i < sums.size(); ++i) {
       const Drawn& d = drawn[i];
       const Splat2dGradient& sum = sums[i];
+      errors[d.id] += static_cast<float>(sum.error);
+      if (gradients.empty()) continue;
       const ProjectedGradient<Math> projected{{sum.mean[0], sum.mean[1]},
                                               {sum.conic[0], sum.conic[1], sum.conic[2]},
                                               sum.log_alpha,
                                               {sum.rgb[0], sum.rgb[1], sum.rgb[2]},
                                               sum.distance};
-      double d_rows[kGaussianRows];
+      double d_rows[kDistanceRow];
       GaussianPoseGradient<Math> of_pose;
       project_gaussian_adjoint<Math>(camera.camera, d.pose, d.rows.data(), d.at, projected, d_rows,
                                      &of_pose);
-      d_rows[kDistanceRow] = sum.error;
-      for (int row = 0; row < kGaussianRows; ++row)
+      for (int row = 0; row < kDistanceRow; ++row)
         gradients[gaussian_slot(d.id, row)] += static_cast<float>(d_rows[row]);
       for (int k = 0; !d_poses.empty() && k < 3; ++k) {
         d_poses[d.part].translation[k] += of_pose.translation[k];
         d_poses[d.part].rotation[k] += of_pose.rotation[k];
       }
     }
-    if (to.update) update_by(*to.update, gaussians.n, gradients);
+    if (to.update) update_by(*to.update, gaussians.n, gradients, errors);
   }
 
   GaussianCamera camera;
@@ -279,9 +280,10 @@ class RefGaussianStages final : public GaussianStages {
   }
 
   void update_gaussians(const GaussianUpdate& update, std::size_t n,
-                        std::span<const float> gradients) override {
-    check_update_gaussians(update, n, gradients.size());
-    update_by(update, n, gradients);
+                        std::span<const float> gradients,
+                        std::span<const float> errors) override {
+    check_update_gaussians(update, n, gradients.size(), errors.size());
+    update_by(update, n, gradients, errors);
   }
 
  private:

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cmath>
 #include <tuple>
 #include <utility>
@@ -95,7 +94,7 @@ bool within_bounds(const DensifyOptions& options, std::size_t part, const float*
 /// Returns the sources of the Gaussians, ordered by part and Morton key.
 std::vector<Source> choose_sources(const DensifyOptions& options, std::uint64_t key,
                                    const GaussianLayout& layout, const float* p,
-                                   std::span<const std::uint32_t> moments) {
+                                   std::span<const float> errors) {
   const std::size_t parts = 1 + layout.actor_ends.size();
   const float least =
       std::max(std::log(options.min_opacity / (1 - options.min_opacity)), kUnusedOpacity + 1);
@@ -109,7 +108,7 @@ std::vector<Source> choose_sources(const DensifyOptions& options, std::uint64_t 
       const auto from = static_cast<std::uint32_t>(i);
       float position[3];
       for (int k = 0; k < 3; ++k) position[k] = p[gaussian_slot(i, kPositionRow + k)];
-      const float error = std::bit_cast<float>(moments[gaussian_slot(i, kDistanceRow)]),
+      const float error = errors[i],
                   scale = std::exp(p[gaussian_slot(i, kLogScaleRow + longest_axis(p, i))]);
       if (error > 0 && scale > options.min_scale * p[gaussian_slot(i, kDistanceRow)])
         candidates.emplace_back(-std::log(std::max(random_unit(key, i), 1e-9f)) / error,
@@ -159,9 +158,9 @@ void write_blocks(std::span<const GaussianList> lists, const GaussianLayout& lay
 }
 
 void densify(const DensifyOptions& options, std::uint64_t key, GaussianLayout* layout,
-             Buffer<float>* numbers, Buffer<std::uint32_t>* moments) {
+             Buffer<float>* numbers, Buffer<std::uint32_t>* moments, Buffer<float>* errors) {
   const float* const p = numbers->data();
-  const std::vector<Source> sources = choose_sources(options, key, *layout, p, *moments);
+  const std::vector<Source> sources = choose_sources(options, key, *layout, p, *errors);
   std::vector<std::size_t> sizes(1 + layout->actor_ends.size());
   for (const Source& source : sources) ++sizes[source.part];
   const std::vector<std::size_t> filled = sizes;
@@ -186,9 +185,9 @@ void densify(const DensifyOptions& options, std::uint64_t key, GaussianLayout* l
     return to;
   };
   // One by one, so that only one of them is in memory twice.
+  *errors = Buffer<float>(size / kGaussianRows);
   *moments = moved(*moments);
   for_each([&](const Source& source, std::size_t i) {
-    (*moments)[gaussian_slot(i, kDistanceRow)] = 0;
     for (int row = 0; source.half < 0 && row < kDistanceRow; ++row) {
       std::uint32_t& packed = (*moments)[gaussian_slot(i, row)];
       packed = pack_moments(0, unpacked_second(packed));

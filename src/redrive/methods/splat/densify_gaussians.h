@@ -54,12 +54,11 @@ void write_blocks(std::span<const GaussianList> lists, const GaussianLayout& lay
                   Buffer<float>* numbers);
 
 /// Splits Gaussians along their longest axis into two, drawn without replacement with probabilities
-/// proportional to their summed error (the row kDistanceRow of the moments), and removes
-/// transparent ones. Sets the summed errors to 0. Parents keep their second moments, children start
-/// without first moments. numbers: the Gaussians' and after them others, which stay; moments: the
-/// Gaussians' (GaussianUpdate::moments). Deterministic in key. Gaussians stay in the world or with
-/// their actor.
+/// proportional to their summed errors, and removes transparent ones. Sets the errors to 0. Parents
+/// keep their second moments, children start without first moments. numbers: the Gaussians' and
+/// after them others, which stay; moments, errors: the Gaussians' (kernels::GaussianUpdate).
+/// Deterministic in key. Gaussians stay in the world or with their actor.
 void densify(const DensifyOptions& options, std::uint64_t key, GaussianLayout* layout,
-             Buffer<float>* numbers, Buffer<std::uint32_t>* moments);
+             Buffer<float>* numbers, Buffer<std::uint32_t>* moments, Buffer<float>* errors);
 
 }  // namespace redrive

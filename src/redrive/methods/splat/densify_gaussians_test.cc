@@ -2,7 +2,6 @@
 #include "redrive/methods/splat/densify_gaussians.h"
 
 #include <algorithm>
-#include <bit>
 #include <cmath>
 #include <cstring>
 #include <map>
@@ -41,6 +40,7 @@ struct State {
   std::size_t n;
   Buffer<float> numbers;
   Buffer<std::uint32_t> moments;
+  Buffer<float> errors;
 
   /// Errors are 1, first moments the row's number, second moments the Gaussian's.
   explicit State(const GaussianList& list) : n(list.size()) {
@@ -48,23 +48,19 @@ struct State {
     numbers = Buffer<float>(size + kTail);
     for (std::size_t i = 0; i < kTail; ++i) numbers[size + i] = static_cast<float>(100 + i);
     moments = Buffer<std::uint32_t>(size);
+    errors = Buffer<float>(size / kGaussianRows);
+    std::fill_n(errors.data(), n, 1.0f);
     write_blocks({&list, 1}, {.world = n, .actor_ends = {}}, &numbers);
     for (std::size_t i = 0; i < n; ++i)
-      for (int row = 0; row < kGaussianRows; ++row)
-        moments[gaussian_slot(i, row)] = row == kDistanceRow ? std::bit_cast<std::uint32_t>(1.0f)
-                                                             : pack_moments(1.0f + row, id(i));
+      for (int row = 0; row < kDistanceRow; ++row)
+        moments[gaussian_slot(i, row)] = pack_moments(1.0f + row, id(i));
   }
   float row(std::size_t i, int row) const { return numbers[gaussian_slot(i, row)]; }
   float id(std::size_t i) const { return row(i, kColourRow); }
-  float error(std::size_t i) const {
-    return std::bit_cast<float>(moments[gaussian_slot(i, kDistanceRow)]);
-  }
-  void set_error(std::size_t i, float error) {
-    moments[gaussian_slot(i, kDistanceRow)] = std::bit_cast<std::uint32_t>(error);
-  }
+  void set_error(std::size_t i, float error) { errors[i] = error; }
   void densify(std::size_t target, std::uint64_t key = 7) {
     GaussianLayout layout{.world = n, .actor_ends = {}};
-    redrive::densify({.target = target}, key, &layout, &numbers, &moments);
+    redrive::densify({.target = target}, key, &layout, &numbers, &moments, &errors);
     n = layout.world;
   }
   /// Gaussians by their number.
@@ -78,7 +74,8 @@ struct State {
     ASSERT_EQ(numbers.size(), size + kTail);
     ASSERT_EQ(moments.size(), size);
     for (std::size_t i = 0; i < kTail; ++i) EXPECT_EQ(numbers[size + i], 100 + i);
-    for (std::size_t i = 0; i < n; ++i) EXPECT_EQ(error(i), 0);
+    ASSERT_EQ(errors.size(), size / kGaussianRows);
+    EXPECT_TRUE(std::ranges::all_of(errors.span(), [](float error) { return error == 0; }));
     for (std::size_t i = n; i < gaussian_blocks(n) * kGaussianBlock; ++i) {
       EXPECT_LT(row(i, kOpacityRow), -10);
       EXPECT_GT(row(i, kDistanceRow), 0) << "its logarithm is taken";
@@ -257,11 +254,12 @@ void expect_kept(float ahead_m, const std::vector<std::pair<Eigen::Vector3f, boo
   const std::size_t size = layout.blocks() * kBlockSize;
   Buffer<float> numbers(size);
   Buffer<std::uint32_t> moments(size);
+  Buffer<float> errors(size / kGaussianRows);
   write_blocks(lists, layout, &numbers);
   DensifyOptions options;
   options.actor_bounds = {&bound, 1};
   options.ahead_m = ahead_m;
-  densify(options, 7, &layout, &numbers, &moments);
+  densify(options, 7, &layout, &numbers, &moments, &errors);
   EXPECT_EQ(layout.world, 16u);
   std::set<float> kept, expected;
   for (std::size_t i = layout.first_block(0) * kGaussianBlock;

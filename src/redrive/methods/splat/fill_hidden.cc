@@ -44,9 +44,11 @@ bool has_objects(const FillView& view) {
 /// Sums blending weights over images.
 class WeightSums {
  public:
-  WeightSums(kernels::GaussianStages& stages, std::size_t size) : stages_(stages), sums_(size) {}
+  /// blocks: most Gaussians'.
+  WeightSums(kernels::GaussianStages& stages, std::size_t blocks)
+      : stages_(stages), sums_(blocks * kGaussianBlock) {}
 
-  /// Returns each Gaussian's sum of weights over the unmasked pixels, in the row kDistanceRow.
+  /// Returns the sum of weights over the unmasked pixels, by Gaussian.
   /// Valid until the next call.
   std::span<const float> over(const FillView& view, const kernels::Gaussians& gaussians,
                               std::span<const kernels::GaussianPart> parts) {
@@ -59,9 +61,9 @@ class WeightSums {
       for (int x = 0; x < size.width; ++x)
         one_[static_cast<std::size_t>(y) * size.stride + x] =
             view.used.empty() || view.used[static_cast<std::size_t>(y) * size.width + x] ? 1 : 0;
-    const std::span<float> sums = sums_.span().first(gaussians.numbers.size());
+    const std::span<float> sums = sums_.span().first(gaussian_blocks(gaussians.n) * kGaussianBlock);
     std::ranges::fill(sums, 0.0f);
-    raster.backward({none_, std::span(none_).first(size.plane()), one_, {}}, {.gradients = sums},
+    raster.backward({none_, std::span(none_).first(size.plane()), one_, {}}, {.errors = sums},
                     {});
     return sums;
   }
@@ -156,13 +158,13 @@ void add_seen(const FillView& view, const kernels::Gaussians& all, const kernels
   if (has_objects(view)) {
     const std::span<const float> alone = sums->over(view, world, {});
     for (std::size_t i = 0; i < world.n; ++i) {
-      without[i] = alone[gaussian_slot(i, kDistanceRow)];
+      without[i] = alone[i];
       seen->without_objects[i] |= without[i] >= kSeenPixels;
     }
   }
   const std::span<const float> with = sums->over(view, all, view.parts);
   for (std::size_t i = 0; i < world.n; ++i) {
-    const float weight = with[gaussian_slot(i, kDistanceRow)];
+    const float weight = with[i];
     seen->with_objects[i] |= weight >= kSeenPixels && weight >= share * without[i];
   }
 }
@@ -258,7 +260,7 @@ HiddenPlaces find_hidden(kernels::GaussianStages& stages, const FillViews& views
                          const kernels::Gaussians& all, std::size_t world) {
   HiddenPlaces hidden;
   const kernels::Gaussians of_world = world_of(all, world);
-  WeightSums sums(stages, all.numbers.size());
+  WeightSums sums(stages, gaussian_blocks(all.n));
   Seen seen;
   const std::vector<std::size_t> searched = with_objects(views, kMostSearched);
   for (const std::size_t v : searched)
@@ -329,7 +331,7 @@ void fill_holes(kernels::GaussianStages& stages, const FillViews& views, const H
       }
     }
   }
-  WeightSums sums(stages, numbers.size());
+  WeightSums sums(stages, gaussian_blocks(gaussians));
   Seen seen;
   for (const HiddenPlaces::Hole& hole : hidden.holes)
     add_seen(views.view(hole.view), all, of_world, kInFrontShare, &sums, &seen);

@@ -86,7 +86,7 @@ struct Training {
   /// Computes a step's gradients; unless the request has an update, without applying them.
   StepOutput gradients(kernels::Backend& backend, const TrainingSet& data,
                        const StepRequest& request) {
-    const std::size_t size = model.size() - (request.update ? model.updated_in_step() : 0);
+    const std::size_t size = model.gradients_size(request.update != nullptr);
     if (buffers.gradients.size() != size) buffers.gradients = Buffer<float>(size);
     std::ranges::fill(buffers.gradients.span(), 0.0f);
     return model.step(backend, data, request, buffers.gradients, &buffers);

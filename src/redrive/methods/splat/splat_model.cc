@@ -378,7 +378,7 @@ void SplatModel::step_window(kernels::Backend& backend, const TrainingSet& data,
   double range_loss = 0;
   for (std::size_t i = 0; returns > 0 && i < size.plane(); ++i)
     if (own.d_range[i] > 0) range_loss += double(own.d_range[i]) * double(drawn.range_error[i]);
-  const std::span<float> others = gradients.last(this->size() - blocks_size());
+  const std::span<float> others = others_of(gradients);
   if (request.progress > double(kGainsFrom))
     gains.add_changes(gain_parameters(), exposure, own.exposures.gaps(exposure), size, part,
                       loss.patches,
@@ -393,6 +393,7 @@ void SplatModel::step_window(kernels::Backend& backend, const TrainingSet& data,
     to.update = &update;
   } else {
     to.gradients = gradients.first(blocks_size());
+    to.errors = gradients.last(errors());
   }
   if (finite || !request.update)
     raster.backward({own.d_rgb, own.d_transmittance, own.error,

@@ -87,9 +87,10 @@ struct SplatModel final : Model {
   std::int64_t independent_pixels(std::int64_t pixels) const override { return pixels / 8192; }
   std::vector<LossTerm> loss_terms(const StepSums& sums) const override;
   std::span<const float> sentinels(std::span<const float> gradients) const override {
-    return gradients.last(size() - blocks_size());
+    return others_of(gradients);
   }
   std::size_t updated_in_step() const override { return blocks_size(); }
+  std::size_t numbers_per_error() const override { return kGaussianRows; }
   std::optional<std::size_t> bad_moment(std::span<const std::uint32_t> packed) const override;
   double learning_rate(const Schedule& at) const override;
   std::string describe_schedule(std::int64_t total_steps) const override;
@@ -159,6 +160,12 @@ struct SplatModel final : Model {
   void step_window(kernels::Backend& backend, const TrainingSet& data, const StepRequest& request,
                    const WindowStep& step, std::span<float> gradients, MethodBuffers* buffers,
                    double weight, StepSums* sums, StepOutput* out) const;
+  /// Returns the gradients with respect to the parameters behind the Gaussians.
+  template <class T>
+  std::span<T> others_of(std::span<T> gradients) const {
+    const std::size_t n = size() - blocks_size();
+    return gradients.subspan(gradients.size() == n ? 0 : blocks_size(), n);
+  }
   std::size_t blocks_size() const { return layout().blocks() * kBlockSize; }
   std::span<const float> gain_parameters() const {
     return parameters.span().subspan(blocks_size(), gains.size());

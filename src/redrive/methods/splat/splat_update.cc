@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // What a step of method splat changes: Adam on the Gaussians, gains and tracks, then their number.
 #include <algorithm>
-#include <bit>
 #include <cmath>
 
 #include "redrive/base/error.h"
@@ -42,19 +41,21 @@ kernels::GaussianUpdate SplatModel::gaussian_update(const StepUpdate& at) const 
   update.max_log_scale = std::log(max_scale);
   update.numbers = at.parameters.first(blocks_size());
   update.moments = at.adam->packed;
+  update.errors = at.adam->errors;
   return update;
 }
 
 void SplatModel::update(kernels::Backend& backend, double learning_rate, std::int64_t step,
                         std::span<float> gradients, AdamState* adam) {
   const std::span<float> others = parameters.span().subspan(blocks_size());
-  if (gradients.size() == size())
+  if (gradients.size() == gradients_size(/*with_update=*/false))
     backend.gaussians().update_gaussians(gaussian_update({learning_rate, step, parameters, adam}),
-                                         all().n, gradients.first(blocks_size()));
+                                         all().n, gradients.first(blocks_size()),
+                                         gradients.last(errors()));
   else
     REDRIVE_CHECK_OP(gradients.size(), ==, others.size());
   bound_actor_colours();
-  const std::span<float> of_others = gradients.last(others.size());
+  const std::span<float> of_others = others_of(gradients);
   for (std::size_t i = 0; i < gains.size(); ++i) others[i] += of_others[i];
   for (std::size_t a = 0; motion_rate > 0 && a < actor_ids.size(); ++a) {
     const auto [first, n] = motions_of(a);
@@ -68,10 +69,8 @@ void SplatModel::update(kernels::Backend& backend, double learning_rate, std::in
 
 std::optional<std::size_t> SplatModel::bad_moment(std::span<const std::uint32_t> packed) const {
   for (std::size_t i = 0; i < packed.size(); ++i) {
-    const bool of_error = i / kGaussianBlock % kGaussianRows == kDistanceRow;
-    const float first = of_error ? std::bit_cast<float>(packed[i]) : unpacked_first(packed[i]),
-                second = of_error ? 0 : unpacked_second(packed[i]);
-    if (!std::isfinite(first) || !std::isfinite(second)) return i;
+    if (!std::isfinite(unpacked_first(packed[i])) || !std::isfinite(unpacked_second(packed[i])))
+      return i;
   }
   return std::nullopt;
 }
@@ -101,7 +100,7 @@ void SplatModel::finish_step(kernels::Backend& backend, const StepRequest& reque
 
 void SplatModel::change_number(const DensifyOptions& options, std::uint64_t key, AdamState* adam) {
   GaussianLayout layout = this->layout();
-  densify(options, key, &layout, &parameters, &adam->packed);
+  densify(options, key, &layout, &parameters, &adam->packed, &adam->errors);
   gaussians = static_cast<int>(layout.world);
   actor_ends = std::move(layout.actor_ends);
 }

@@ -88,7 +88,8 @@ UpdateJob update_job(const GaussianUpdate& update) {
           .min_log_scale = update.min_log_scale,
           .max_log_scale = update.max_log_scale,
           .numbers = update.numbers.data(),
-          .moments = update.moments.data()};
+          .moments = update.moments.data(),
+          .errors = update.errors.data()};
 }
 
 template <class Body>
@@ -170,6 +171,7 @@ void CpuRaster::backward(const RasterGradient& gradient, const GaussianDerivativ
   job.visible = visible_.data();
   job.sums = sums;
   job.gradients = to.gradients.data();
+  job.errors = to.errors.data();
   const UpdateJob update = to.update ? update_job(*to.update) : UpdateJob();
   if (to.update) job.update = &update;
   const std::size_t blocks = gaussian_blocks(gaussians_.n);

@@ -139,7 +139,8 @@ REDRIVE_INLINE Vi pack_moments(Vf first, Vf second) {
 }
 
 /// Updates a block by its gradients.
-REDRIVE_INLINE void update_block(const UpdateJob& job, const float* gradients, std::size_t block) {
+REDRIVE_INLINE void update_block(const UpdateJob& job, const float* gradients, const float* errors,
+                                 std::size_t block) {
   const Vf beta1 = splat(job.beta1), beta2 = splat(job.beta2), rest1 = splat(1 - job.beta1),
            rest2 = splat(1 - job.beta2), bias1 = splat(job.bias1), bias2 = splat(job.bias2),
            epsilon = splat(job.epsilon);
@@ -167,9 +168,8 @@ REDRIVE_INLINE void update_block(const UpdateJob& job, const float* gradients, s
       store_words(moments + o, drawn ? pack_moments(m, v) : packed);
       store(p + o, drawn ? updated : old);
     }
-    const std::size_t o = static_cast<std::size_t>(kDistanceRow) * kGaussianBlock;
-    const Vf error = reinterpret_cast<Vf>(load_words(moments + o));
-    store_words(moments + o, reinterpret_cast<Vi>(error + (drawn ? load(g + o) : Vf{})));
+    float* const error = job.errors + block * kGaussianBlock + vector * kLanes;
+    store(error, load(error) + (drawn ? load(errors + vector * kLanes) : Vf{}));
     // The two larger axes stay above the least scale, all below the largest.
     Vf s[3];
     for (int k = 0; k < 3; ++k) s[k] = load(p + (kLogScaleRow + k) * kGaussianBlock);
@@ -186,14 +186,17 @@ REDRIVE_INLINE void update_block(const UpdateJob& job, const float* gradients, s
 
 void project_backward(const ProjectionBackwardJob& job, std::size_t begin, std::size_t end) {
   Vf pose_sums[6] = {};
-  alignas(64) float of_block[kBlockSize];
+  alignas(64) float of_block[kBlockSize], errors_of_block[kGaussianBlock];
   for (std::size_t block = begin; block < end; ++block) {
     if (job.visible[block] == 0) continue;
-    float* gradients = of_block;
-    if (job.update)
+    float *gradients = of_block, *errors = errors_of_block;
+    if (job.update) {
       for (std::size_t i = 0; i < kBlockSize; i += kLanes) store(of_block + i, Vf{});
-    else
-      gradients = job.gradients + block * kBlockSize;
+      for (int i = 0; i < kGaussianBlock; i += kLanes) store(errors_of_block + i, Vf{});
+    } else {
+      gradients = job.gradients ? job.gradients + block * kBlockSize : nullptr;
+      errors = job.errors + block * kGaussianBlock;
+    }
     for (int vector = 0; vector < kVectors; ++vector) {
       const unsigned bits = job.visible[block] >> (vector * kLanes) & ((1u << kLanes) - 1);
       if (bits == 0) continue;
@@ -212,6 +215,11 @@ void project_backward(const ProjectionBackwardJob& job, std::size_t begin, std::
         for (int lane = 0; lane < kLanes; ++lane) by_sum[k][lane] = of_lane[lane][k];
         sum[k] = load(by_sum[k]);
       }
+      Vi drawn{};
+      for (int lane = 0; lane < kLanes; ++lane) drawn[lane] = bits >> lane & 1 ? -1 : 0;
+      float* const error = errors + vector * kLanes;
+      store(error, load(error) + (drawn ? sum[kSumError] : Vf{}));
+      if (!gradients) continue;
 
       Vf rows[kDistanceRow];
       load_rows(job.gaussians + block * kBlockSize, vector, rows);
@@ -228,15 +236,12 @@ void project_backward(const ProjectionBackwardJob& job, std::size_t begin, std::
       gradient.log_alpha = sum[kSumAlpha];
       for (int k = 0; k < 3; ++k) gradient.colour[k] = sum[kSumRgb + k];
       gradient.length = sum[kSumLogDistance] / at.length;
-      Vf d_rows[kGaussianRows];
+      Vf d_rows[kDistanceRow];
       GaussianPoseGradient<LaneMath> d_pose;
       project_gaussian_adjoint<LaneMath>(job.camera, pose, rows, at, gradient, d_rows,
                                          job.d_pose ? &d_pose : nullptr);
-      d_rows[kDistanceRow] = sum[kSumError];
-      Vi drawn{};
-      for (int lane = 0; lane < kLanes; ++lane) drawn[lane] = bits >> lane & 1 ? -1 : 0;
       float* const out = gradients + vector * kLanes;
-      for (int row = 0; row < kGaussianRows; ++row)
+      for (int row = 0; row < kDistanceRow; ++row)
         store(out + row * kGaussianBlock,
               load(out + row * kGaussianBlock) + (drawn ? d_rows[row] : Vf{}));
       if (job.d_pose)
@@ -245,7 +250,7 @@ void project_backward(const ProjectionBackwardJob& job, std::size_t begin, std::
           pose_sums[3 + k] += drawn ? d_pose.rotation[k] : Vf{};
         }
     }
-    if (job.update) update_block(*job.update, gradients, block);
+    if (job.update) update_block(*job.update, gradients, errors, block);
   }
   if (job.d_pose)
     for (int k = 0; k < 6; ++k)
@@ -253,9 +258,10 @@ void project_backward(const ProjectionBackwardJob& job, std::size_t begin, std::
         job.d_pose[k] += static_cast<double>(pose_sums[k][lane]);
 }
 
-void update(const UpdateJob& job, const float* gradients, std::size_t begin, std::size_t end) {
+void update(const UpdateJob& job, const float* gradients, const float* errors, std::size_t begin,
+            std::size_t end) {
   for (std::size_t block = begin; block < end; ++block)
-    update_block(job, gradients + block * kBlockSize, block);
+    update_block(job, gradients + block * kBlockSize, errors + block * kGaussianBlock, block);
 }
 
 }  // namespace

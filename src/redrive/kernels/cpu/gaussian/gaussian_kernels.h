@@ -91,13 +91,15 @@ struct UpdateJob {
   float beta1, beta2, bias1, bias2, epsilon, min_log_scale, max_log_scale;
   float* numbers;
   std::uint32_t* moments;
+  float* errors;
 };
 
 struct ProjectionBackwardJob : ProjectionJob {
   const RasterRecord* records = nullptr;
   const std::uint16_t* visible = nullptr;  ///< a bit for each Gaussian of a block
   const float* sums = nullptr;
-  float* gradients = nullptr;         ///< blocks, added to; null: for `update`
+  float* gradients = nullptr;  ///< blocks, added to; null: for `update`, or errors alone
+  float* errors = nullptr;     ///< by Gaussian, added to; null: for `update`
   const UpdateJob* update = nullptr;  ///< of each block, once its derivatives are there
   double* d_pose = nullptr;           ///< [6]: translation, rotation; added to; may be null
 };
@@ -151,7 +153,8 @@ struct GaussianKernels {
   void (*tile_backward)(const TileBackwardJob& job);
   void (*project_backward)(const ProjectionBackwardJob& job, std::size_t begin, std::size_t end);
   /// Of blocks, by gradients that were kept.
-  void (*update)(const UpdateJob& job, const float* gradients, std::size_t begin, std::size_t end);
+  void (*update)(const UpdateJob& job, const float* gradients, const float* errors,
+                 std::size_t begin, std::size_t end);
   /// Row y in pass 0..kLossPasses-1; a pass needs all rows of the pass before. Passes 0 and 2
   /// write parts of sums; without SSIM 1 to 3 are left out. scratch: loss_scratch floats.
   void (*loss_row)(const LossJob& job, int pass, int y, float* scratch, LossSums* sums);
