@@ -460,8 +460,7 @@ Updated run_update(Backend& backend, const GaussianCase& c, bool kept = false) {
   }
   backend.gaussians()
       .rasterise(c.view(), {c.n, out.numbers}, c.options())
-      .backward({c.d_rgb, c.d_transmittance, c.error, c.d_range},
-                {.update = &update}, {});
+      .backward({c.d_rgb, c.d_transmittance, c.error, c.d_range}, {.update = &update}, {});
   return out;
 }
 

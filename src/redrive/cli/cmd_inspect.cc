@@ -97,11 +97,10 @@ void check_calibration(const RecordedCamera& camera, double percent, Inspection*
 }
 
 /// Reads the middle scan and looks for its returns in the images.
-void check_lidar(Inspection* result) {
+void check_lidar(ThreadPool& pool, Inspection* result) {
   const Recording& recording = result->recording;
   if (!recording.body_from_lidar || recording.lidar_files.empty()) return;
   const std::int64_t middle = recording.lidar_files[recording.lidar_files.size() / 2].frame_id;
-  ThreadPool pool(hardware_threads());
   const Scene scene = make_scene(recording, {});
   const LidarReturns lidar = load_lidar_returns(recording, scene, {}, pool,
                                                 {[&](std::int64_t id) { return id == middle; }});
@@ -117,7 +116,7 @@ struct InspectOptions {
   bool json = false, objects = false, outside_files = false;
 };
 
-Inspection inspect(const InspectOptions& options) {
+Inspection inspect(const InspectOptions& options, ThreadPool& pool) {
   constexpr std::size_t kWhole = 8;  // records of each sensor that are read from end to end
   Inspection result;
   result.recording =
@@ -144,7 +143,6 @@ Inspection inspect(const InspectOptions& options) {
     result.problems.push_back({"points", error.what()});
   }
   try {
-    ThreadPool pool(hardware_threads());
     const LidarReturns sample = sample_returns(result.recording, pool);
     if (const auto lost = lost_returns(sample)) result.findings.push_back(*lost);
     if (const auto unusable = unusable_returns(sample); unusable && options.report.empty())
@@ -168,7 +166,7 @@ Inspection inspect(const InspectOptions& options) {
     result.findings.push_back({first_few(grey),
                                "grey: train leaves them out beside colour cameras "
                                "unless --cameras names them"});
-  if (result.problems.empty()) check_lidar(&result);
+  if (result.problems.empty()) check_lidar(pool, &result);
   return result;
 }
 
@@ -182,8 +180,7 @@ std::vector<MovingObject> search_moving(const Recording& recording, const Scene&
 
 /// Writes <CAM>.png and moving.json, to be edited, and <CAM>_overlay.png, to be inspected: the
 /// middle image with masked pixels in red.
-void write_masks(const std::filesystem::path& folder, Inspection* result) {
-  ThreadPool pool(hardware_threads());
+void write_masks(const std::filesystem::path& folder, ThreadPool& pool, Inspection* result) {
   for (CameraReport& report : result->cameras) {  // one at a time, to save memory
     const CameraCalibration& calibration = report.recorded->calibration;
     SceneOptions options;
@@ -219,8 +216,7 @@ void require_empty_folder(const char* option, const std::filesystem::path& folde
                      "exists already; nothing is overwritten, choose another name");
 }
 
-void write_report(const std::filesystem::path& folder, Inspection* result) {
-  ThreadPool pool(hardware_threads());
+void write_report(const std::filesystem::path& folder, ThreadPool& pool, Inspection* result) {
   RigImages images = downscaled_to_width(load_rig_images(result->recording, {}, kPatchHalf, pool),
                                          kPreflightMaxWidth, kPatchHalf, pool);
   const LidarReturns lidar =
@@ -249,10 +245,9 @@ void write_report(const std::filesystem::path& folder, Inspection* result) {
 }
 
 /// Returns annotated objects, and moving ones that nobody annotated.
-std::vector<ObjectSummary> list_objects(const Recording& recording) {
+std::vector<ObjectSummary> list_objects(const Recording& recording, ThreadPool& pool) {
   const Scene scene = make_scene(recording, {});
   const MovingObjects annotated = read_moving_objects(recording, scene);
-  ThreadPool pool(hardware_threads());
   return summarize_objects(scene, annotated.with(search_moving(recording, scene, annotated, pool)));
 }
 
@@ -260,12 +255,14 @@ int run_inspect(const InspectOptions& options) {
   const std::string &masks = options.masks, &report = options.report;
   if (!masks.empty()) require_empty_folder("--masks", masks);
   if (!report.empty()) require_empty_folder("--report", report);
-  Inspection result = inspect(options);
-  if (options.objects && result.problems.empty()) result.objects = list_objects(result.recording);
+  ThreadPool pool(hardware_threads());
+  Inspection result = inspect(options, pool);
+  if (options.objects && result.problems.empty())
+    result.objects = list_objects(result.recording, pool);
   if (!masks.empty() && result.problems.empty())
     write_folder(masks, /*replace=*/false,
-                 [&](const std::filesystem::path& made) { write_masks(made, &result); });
-  if (!report.empty() && result.problems.empty()) write_report(report, &result);
+                 [&](const std::filesystem::path& made) { write_masks(made, pool, &result); });
+  if (!report.empty() && result.problems.empty()) write_report(report, pool, &result);
   if (options.json) {
     // JSON must be UTF-8; file names need not be.
     std::printf("%s\n", inspection_to_json(result)

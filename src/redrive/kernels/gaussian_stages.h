@@ -138,9 +138,9 @@ struct GaussianUpdate {
   /// Bounds of the log scales, plus the logarithm of the distance: the lower one of the two larger
   /// axes alone.
   float min_log_scale = -20, max_log_scale = 20;
-  std::span<float> numbers;           ///< Gaussians::numbers
-  std::span<std::uint32_t> moments;   ///< as numbers (optim/packed_moments.h)
-  std::span<float> errors;            ///< by Gaussian, in whole blocks; added to
+  std::span<float> numbers;          ///< Gaussians::numbers
+  std::span<std::uint32_t> moments;  ///< as numbers (optim/packed_moments.h)
+  std::span<float> errors;           ///< by Gaussian, in whole blocks; added to
 };
 
 /// Where derivatives with respect to the Gaussians go: gradients and errors, errors alone, or an

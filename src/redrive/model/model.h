@@ -46,8 +46,8 @@ struct TrainingSet {
 struct AdamState {
   Buffer<float> first_moment, second_moment;
   Buffer<std::uint32_t> packed;
-  /// Errors of the images summed by where each part of the model is drawn, since its number of parts
-  /// changed last (Model::numbers_per_error()).
+  /// Errors of the images summed by where each part of the model is drawn, since its number of
+  /// parts changed last (Model::numbers_per_error()).
   Buffer<float> errors;
 
   std::size_t size() const { return first_moment.size() + packed.size(); }

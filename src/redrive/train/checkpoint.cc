@@ -260,7 +260,8 @@ TrainState parse_checkpoint(std::string_view bytes, const std::filesystem::path&
     for (const float v : state.poses.moments.second)
       if (v < 0) throw InputError(file, kPoses[2], std::to_string(v), "must not be negative");
   }
-  const std::size_t expected = tensors.size() + 2 + (packed > 0) + (errors > 0) + with_errors + 3 * with_poses;
+  const std::size_t expected =
+      tensors.size() + 2 + (packed > 0) + (errors > 0) + with_errors + 3 * with_poses;
   if (parsed.tensors.size() != expected)
     throw InputError(file, "", std::to_string(parsed.tensors.size()) + " tensors",
                      "must be " + std::to_string(expected));

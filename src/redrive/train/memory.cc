@@ -45,8 +45,7 @@ MemoryEstimate estimate_memory(const Run& run, int threads, bool data_parallel) 
   // The numbers that a step updates itself may become more; their moments are packed, and their
   // gradients exist in data-parallel training only.
   const std::uint64_t others = model.size() - model.updated_in_step(),
-                      in_step = model.max_size() - others,
-                      per_error = model.numbers_per_error(),
+                      in_step = model.max_size() - others, per_error = model.numbers_per_error(),
                       errors = per_error > 0 ? in_step / per_error : 0,
                       state = sizeof(float) * (2 * in_step + errors + 3 * others);
   MemoryEstimate need;
@@ -120,7 +119,8 @@ MemoryEstimate estimate_memory(const Run& run, int threads, bool data_parallel) 
     need.of_lidar = model.lidar_bytes(scene, used);
     need.sorting = bytes + points * sizeof(Eigen::Vector3d) + used * kCloudPoint;
   }
-  need.step = sizeof(float) * (others + (data_parallel ? in_step + errors : 0)) + model.step_bytes();
+  need.step =
+      sizeof(float) * (others + (data_parallel ? in_step + errors : 0)) + model.step_bytes();
   need.step_option = "--batch (" + model.describe_batch() + ": ";
   return need;
 }

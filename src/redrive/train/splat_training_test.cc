@@ -33,8 +33,7 @@ class InterferingRasteriser final : public InterferingBackend, public kernels::G
     return inner_.image_loss(input, d_rgb, error);
   }
   void update_gaussians(const kernels::GaussianUpdate& update, std::size_t n,
-                        std::span<const float> gradients,
-                        std::span<const float> errors) override {
+                        std::span<const float> gradients, std::span<const float> errors) override {
     inner_.update_gaussians(update, n, gradients, errors);
   }
   void release() override { inner_.release(); }

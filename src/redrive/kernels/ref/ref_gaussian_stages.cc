@@ -280,8 +280,7 @@ class RefGaussianStages final : public GaussianStages {
   }
 
   void update_gaussians(const GaussianUpdate& update, std::size_t n,
-                        std::span<const float> gradients,
-                        std::span<const float> errors) override {
+                        std::span<const float> gradients, std::span<const float> errors) override {
     check_update_gaussians(update, n, gradients.size(), errors.size());
     update_by(update, n, gradients, errors);
   }

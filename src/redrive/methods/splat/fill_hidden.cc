@@ -63,8 +63,7 @@ class WeightSums {
             view.used.empty() || view.used[static_cast<std::size_t>(y) * size.width + x] ? 1 : 0;
     const std::span<float> sums = sums_.span().first(gaussian_blocks(gaussians.n) * kGaussianBlock);
     std::ranges::fill(sums, 0.0f);
-    raster.backward({none_, std::span(none_).first(size.plane()), one_, {}}, {.errors = sums},
-                    {});
+    raster.backward({none_, std::span(none_).first(size.plane()), one_, {}}, {.errors = sums}, {});
     return sums;
   }
 

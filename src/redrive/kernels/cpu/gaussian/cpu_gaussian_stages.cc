@@ -93,8 +93,7 @@ class CpuGaussianStages final : public GaussianStages {
   }
 
   void update_gaussians(const GaussianUpdate& update, std::size_t n,
-                        std::span<const float> gradients,
-                        std::span<const float> errors) override {
+                        std::span<const float> gradients, std::span<const float> errors) override {
     check_update_gaussians(update, n, gradients.size(), errors.size());
     const UpdateJob job = update_job(update);
     pool_.run_ranges(gaussian_blocks(n), kBlocksPerRange, [&](std::size_t begin, std::size_t end) {
