@@ -25,9 +25,9 @@ struct Gaussians {
   std::span<const float> numbers;
 };
 
-/// Gaussians that move as one, in axes of their own.
+/// Gaussians that move as one, in their own axes.
 struct GaussianPart {
-  std::size_t first_block = 0;  ///< its blocks end where those of the next part begin
+  std::size_t first_block = 0;  ///< its blocks end where the next part's begin
   /// part_from_camera at the times of GaussianCamera::world_from_camera, as many; empty: the part
   /// is not drawn.
   std::span<const PlainPose> part_from_camera;
@@ -38,9 +38,9 @@ struct GaussianPart {
 struct GaussianCamera {
   PlainCamera camera;
   /// world_from_camera at even times from the upper edge of the whole image to its lower one; at
-  /// least one. A Gaussian is seen from the pose of the row that its mean falls on.
+  /// least one. A Gaussian is seen from the pose of the row on which its mean falls.
   std::span<const PlainPose> world_from_camera;
-  float first_row = 0;   ///< of the window in the whole image
+  float first_row = 0;   ///< first row of the window in the whole image
   float image_rows = 1;  ///< height of the whole image
   /// Parts that move, ascending by block. The blocks before the first one are in the world.
   std::span<const GaussianPart> parts;
@@ -62,7 +62,7 @@ inline RasterSize raster_size(int width, int height) {
 struct RasterImage {
   RasterSize size;
   Buffer<float> rgb;            ///< 3 planes, over the background
-  Buffer<float> transmittance;  ///< what of the background is seen, 0..1
+  Buffer<float> transmittance;  ///< visible share of the background, 0..1
   Buffer<float> depth;          ///< metres along the ray, median; where requested
   Buffer<float> range_error;    ///< sum of w min(|log(t / range)|, kMaxRangeError)
 };
@@ -79,7 +79,7 @@ struct RasterOptions {
 };
 constexpr float kNoRange = -1e3f;
 
-/// Derivatives of the loss with respect to the pixels, and what is summed over them.
+/// Derivatives of the loss with respect to the pixels, and the error that is summed over them.
 struct RasterGradient {
   std::span<const float> d_rgb;            ///< 3 planes
   std::span<const float> d_transmittance;  ///< plane
@@ -89,16 +89,16 @@ struct RasterGradient {
 
 struct RasterCounts {
   std::size_t visible = 0;  ///< Gaussians drawn
-  std::size_t pairs = 0;    ///< of a Gaussian and a tile
+  std::size_t pairs = 0;    ///< pairs of a Gaussian and a tile
 };
 
 /// A window of a ground-truth image, from (x, y) on: rgb [height, width, 3] with 8 bits a channel;
 /// alpha [height, width], empty: opaque; used [height, width], 0: masked, empty: no pixel is.
 struct TargetWindow {
-  int width = 0, x = 0, y = 0;  ///< width: of the whole image
+  int width = 0, x = 0, y = 0;  ///< width: the whole image's
   std::span<const std::uint8_t> rgb, alpha, used;
-  /// Colour that transparent pixels are rendered over, less the one that they have been blended
-  /// with.
+  /// Colour over which transparent pixels are rendered, minus the colour with which they have been
+  /// blended.
   float background_change[3] = {0, 0, 0};
 };
 
@@ -124,19 +124,21 @@ struct ImageLossOutput {
   double l1 = 0;     ///< weighted
   double dssim = 0;  ///< weighted (1 - SSIM) / 2; SSIM with zeros beyond the mask
   double mse = 0;
-  double pixels = 0;           ///< not masked
-  double colour_variance = 0;  ///< of the target about its mean, averaged over the channels
-  std::vector<PatchBrightness> patches;  ///< of kPatchSide squared pixels, row by row
+  double pixels = 0;  ///< number of unmasked pixels
+  /// variance of the target about its mean, averaged over the channels
+  double colour_variance = 0;
+  std::vector<PatchBrightness> patches;  ///< patches of kPatchSide squared pixels, row by row
 };
 
-/// A step of Adam on the Gaussians whose opacity has a derivative, that is, which were drawn,
-/// unless a derivative of theirs is not finite; the others keep their moments.
+/// A step of Adam on the drawn Gaussians, whose opacity has a derivative, unless one of their
+/// derivatives is not finite; the others keep their moments.
 struct GaussianUpdate {
   AdamStep step;  ///< learning_rate is not used
-  /// Learning rates by row of a Gaussian; that of kPositionRow is times the Gaussian's distance.
+  /// Learning rates by row of a Gaussian; the rate of kPositionRow is multiplied by the Gaussian's
+  /// distance.
   float rates[kGaussianRows] = {};
-  /// Bounds of the log scales, plus the logarithm of the distance: the lower one of the two larger
-  /// axes alone.
+  /// Bounds of the log scales, plus the logarithm of the distance; the lower one holds only for the
+  /// two larger axes.
   float min_log_scale = -20, max_log_scale = 20;
   std::span<float> numbers;          ///< Gaussians::numbers
   std::span<std::uint32_t> moments;  ///< as numbers (optim/packed_moments.h)

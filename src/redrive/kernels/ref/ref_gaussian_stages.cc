@@ -23,7 +23,7 @@ using Projected = ProjectedGaussian<Math>;
 
 /// A drawn Gaussian.
 struct Drawn {
-  std::size_t id, part;  ///< part: 0 in the world, from 1 on those of GaussianCamera
+  std::size_t id, part;  ///< part: 0 in the world, from 1 on an index into GaussianCamera::parts
   GaussianPose<Math> pose;
   Projected at;
   std::array<double, kDistanceRow> rows;
@@ -194,7 +194,7 @@ struct RefRaster final : RasterPass {
   GaussianCamera camera;
   Gaussians gaussians;
   RasterOptions options;
-  std::vector<Drawn> drawn;  ///< by distance
+  std::vector<Drawn> drawn;  ///< sorted by distance
   std::vector<Splat2d<double>> splats;
 };
 

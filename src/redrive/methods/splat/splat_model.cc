@@ -22,7 +22,7 @@ namespace {
 enum SplatLossSlot { kL1Loss, kSsimLoss, kOpacityLoss, kRangeLoss };  // in StepSums::terms
 constexpr float kGainsFrom = 0.05f;                                   // progress
 constexpr float kMotionsFrom = 0.05f;                                 // progress
-constexpr double kShareOfActors = 0.5;  // of all Gaussians, at first, at most
+constexpr double kShareOfActors = 0.5;  // maximum share of all Gaussians at the start
 
 /// Working memory of a run's steps.
 struct SplatBuffers final : MethodBuffers {
@@ -33,8 +33,8 @@ struct SplatBuffers final : MethodBuffers {
   /// Smaller images by level and view, made when first needed; if all are in memory.
   std::vector<std::vector<ImagePointer>> reduced;
   std::optional<ReturnTimes> times;                            ///< made when first needed
-  std::vector<std::optional<std::vector<RangePixel>>> ranges;  ///< by view, likewise
-  /// The steps that the images' plan is of.
+  std::vector<std::optional<std::vector<RangePixel>>> ranges;  ///< one per view, likewise
+  /// The steps that the images' plan covers.
   struct Plan {
     std::uint64_t seed = 0;
     int level = -1;
@@ -60,8 +60,8 @@ std::uint64_t draw_of(const StepRequest& request, std::int64_t step) {
   return static_cast<std::uint64_t>(request.world_size * step + request.rank);
 }
 
-/// Tells which images the next steps draw, where not all are in memory. The order is known for as
-/// long as the level stays.
+/// Announces the images that the next steps draw, where not all are in memory. The order is known
+/// for as long as the level stays.
 void plan_images(const TrainingSet& data, const StepRequest& request, int level,
                  SplatBuffers* own) {
   constexpr std::size_t kMostPlanned = 1 << 16;
@@ -95,7 +95,7 @@ ImagePointer image_of(const TrainingSet& data, int view, int level, SplatBuffers
   return image;
 }
 
-/// Finds the LiDAR returns of the views that windows show, unless they are known, side by side.
+/// Finds the LiDAR returns of the views that windows show, unless they are known, in parallel.
 void find_ranges(const TrainingSet& data, std::span<const ImageWindow* const> windows,
                  ThreadPool& pool, SplatBuffers* own) {
   std::vector<int> views;
@@ -108,8 +108,8 @@ void find_ranges(const TrainingSet& data, std::span<const ImageWindow* const> wi
            [&](int i) { own->ranges[views[i]] = find_range_pixels(data, *own->times, views[i]); });
 }
 
-/// Returns the mean transmittance of the pixels that are not masked; the others' tiles are not
-/// drawn. Writes its derivatives times `weight`.
+/// Returns the mean transmittance of the unmasked pixels; the other tiles are not drawn. Writes its
+/// derivatives times `weight`.
 double mean_transmittance(const kernels::RasterImage& drawn, const Image8& image,
                           const ImageWindow& window, double pixels, float weight,
                           std::vector<float>* derivatives) {
@@ -240,18 +240,18 @@ std::int64_t SplatModel::steps_per_epoch(const TrainingSet& data, int world_size
 
 /// One window of a step.
 struct SplatModel::WindowStep {
-  int factor;                ///< by which the image is smaller than the view's
+  int factor;                ///< factor by which the image is smaller than the view's
   const PlainCamera& whole;  ///< camera of the window's image
   const Image8& image;
   const ImageWindow& window;
-  float colour[3];  ///< of the background
+  float colour[3];  ///< colour of the background
 };
 
 StepOutput SplatModel::step(kernels::Backend& backend, const TrainingSet& data,
                             const StepRequest& request, std::span<float> gradients,
                             StepBuffers* buffers) const {
   SplatBuffers& own = splat_buffers(data, window_pixels, buffers);
-  // Other batches than training's are of all views at once, at half size.
+  // Batches outside training use all views at once, at half size.
   const bool all = request.pixels > 0;
   REDRIVE_CHECK(!all || !request.update);
   const int at_level = all ? 1 : level_at(own.levels, request.progress, double(coarse_progress));
@@ -304,13 +304,13 @@ int SplatModel::set_ranges(const TrainingSet& data, const WindowStep& step,
   for (const RangePixel& p : *own.ranges[step.window.view]) {
     const int x = p.x / step.factor - step.window.x, y = p.y / step.factor - step.window.y;
     if (x < 0 || y < 0 || x >= step.window.width || y >= step.window.height) continue;
-    // Tiles of masked pixels alone are not drawn.
+    // Tiles with only masked pixels are not drawn.
     const Image8& image = step.image;
     if (!image.used.empty() &&
         !image.used[static_cast<std::size_t>(step.window.y + y) * image.width + step.window.x + x])
       continue;
     const std::size_t i = static_cast<std::size_t>(y) * size.stride + static_cast<std::size_t>(x);
-    if (own.log_range[i] != kernels::kNoRange) continue;  // one of a pixel
+    if (own.log_range[i] != kernels::kNoRange) continue;  // a pixel takes one return
     own.log_range[i] = p.log_range;
     ++n;
   }

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // --method splat: 3D Gaussians, rasterised (Kerbl et al. 2023), through the exact camera of every
-// image (field/gaussian.h). A step takes one image, or a window of a large one.
-// Each moving object, annotated or found (Scene::actors), has Gaussians in axes of its own,
-// those of its box. Hyperparameters: splat_model_config.cc; first Gaussians: initial_gaussians.h,
-// actor_gaussians.h; their number: densify_gaussians.h.
+// image (field/gaussian.h). A step takes one image, or a window of a large one. Each moving object,
+// annotated or found (Scene::actors), has Gaussians in the axes of its box. Hyperparameters:
+// splat_model_config.cc; first Gaussians: initial_gaussians.h, actor_gaussians.h; their number:
+// densify_gaussians.h.
 #pragma once
 
 #include <algorithm>
@@ -22,39 +22,42 @@
 
 namespace redrive {
 
-constexpr float kBeyondBox_m = 0.2f;  ///< an actor's Gaussians may be so far out of its box
+constexpr float kBeyondBox_m = 0.2f;  ///< an actor's Gaussians may be this far outside its box
 
 struct SplatModel final : Model {
   InitialGaussianOptions initial;
   int max_gaussians = 400000;
-  int pixel_limit = 20'000'000;  ///< likewise at most, by the number of pixels to train on
-  int window_pixels = 260000;    ///< of a step; larger images are cut into windows
+  int pixel_limit = 20'000'000;  ///< upper limit from the number of pixels to train on
+  int window_pixels = 260000;    ///< pixels of a step; larger images are cut into windows
   float coarse_progress = 0.6f;  ///< part of the run at half size, for images that are cut
   double initial_rate = 0.1, last_rate = 0.03;
   /// Learning rates as multiples of the opacity's.
   float position_rate = 0.008f, scale_rate = 0.4f, rotation_rate = 0.16f, colour_rate = 0.3f,
         harmonics_rate = 0.01f;
   float l1_weight = 0.8f, ssim_weight = 0.2f;
-  float range_weight = 0.1f;               ///< of LiDAR returns
-  float surface_rate = 0.5f;               ///< part of the way to a LiDAR plane in a call
-  float opacity_weight = 0.02f;            ///< of transmittance, unless a background is given
-  int lidar_rays = 1;                      ///< 0: LiDAR is not used
-  int actors = 1;                          ///< 0: moving objects are not drawn
-  float motion_rate = 0.1f;                ///< of tracks' corrections; rotations: a tenth, rad
-  float min_scale = 2e-4f, max_scale = 1;  ///< of the two larger axes, of the distance
-  float min_opacity = 0.01f;               ///< of Gaussians that are kept
-  int densify_every = 100;                 ///< steps
+  float range_weight = 0.1f;     ///< weight of LiDAR returns
+  float surface_rate = 0.5f;     ///< part of the way to a LiDAR plane in a call
+  float opacity_weight = 0.02f;  ///< weight of transmittance, unless a background is given
+  int lidar_rays = 1;            ///< 0: LiDAR is not used
+  int actors = 1;                ///< 0: moving objects are not drawn
+  /// learning rate of tracks' corrections, m; a tenth of it, rad, for rotations
+  float motion_rate = 0.1f;
+  /// least scale of the two larger axes, largest scale of any, as parts of the distance
+  float min_scale = 2e-4f, max_scale = 1;
+  float min_opacity = 0.01f;                       ///< least opacity of Gaussians that are kept
+  int densify_every = 100;                         ///< steps
   float grown_by = 0.6f, densified_until = 0.85f;  ///< progress
   int warm_up_steps = 50;
-  float beta2 = 0.99f, epsilon = 1e-15f;  ///< of Adam
+  float beta2 = 0.99f, epsilon = 1e-15f;  ///< Adam's
   ImageGains gains;
   // State:
-  int gaussians = 0;        ///< of the world
-  int first_gaussians = 0;  ///< at the start, with those of actors
-  /// By actor: MovingObject::id, and the end of its blocks (GaussianLayout).
+  int gaussians = 0;        ///< number of Gaussians of the world
+  int first_gaussians = 0;  ///< number at the start, with the actors'
+  /// One per actor: MovingObject::id, and the end of its blocks (GaussianLayout).
   std::vector<std::int64_t> actor_ids, actor_ends;
-  std::vector<std::int64_t> actor_keys;  ///< by actor: the end of its track's keys (actor_motion.h)
-  int filled = 0;                        ///< 1: finish_training() was called since the last step
+  /// one per actor: the end of its track's keys (actor_motion.h)
+  std::vector<std::int64_t> actor_keys;
+  int filled = 0;  ///< 1: finish_training() was called since the last step
   float background[3] = {0.5f, 0.5f, 0.5f};  ///< where no Gaussian is: the images' mean colour
 
   const char* method() const override { return "splat"; }
@@ -98,13 +101,13 @@ struct SplatModel final : Model {
               std::span<float> gradients, AdamState* adam) override;
   void finish_step(kernels::Backend& backend, const StepRequest& request, const StepOutput& output,
                    std::int64_t step, AdamState* adam) override;
-  /// Fills what objects hide in all images (fill_hidden.h).
+  /// Fills places that objects hide in all images (fill_hidden.h).
   void finish_training(kernels::Backend& backend, const TrainingSet& data,
                        AdamState* adam) override;
   void render_to(kernels::Backend& backend, const RayTable& rays,
                  const ShutterPoses& world_from_camera, const Exposure& exposure,
                  RenderedImage* image) const override;
-  /// Of the world alone.
+  /// Traces only the world.
   RenderedRays trace(kernels::Backend& backend, const kernels::Rays& rays) const override;
   /// An object is traced in its own axes, by the rays that meet its box. Of two surfaces on a ray
   /// the nearer one counts unless it is more transparent than opaque.
@@ -119,7 +122,7 @@ struct SplatModel final : Model {
   bool has_body(std::int64_t id) const { return !blocks_of(id, nullptr).empty(); }
   /// Returns the Gaussians of an object that was trained, in the axes of its box; empty for others.
   ActorBody body(const MovingObject& actor) const;
-  /// Replaces the Gaussians by those of the world and of each actor.
+  /// Replaces the Gaussians by the world's and each actor's.
   void set_gaussians(std::span<const GaussianList> lists, std::span<const MovingObject> actors);
   GaussianLayout layout() const { return {static_cast<std::size_t>(gaussians), actor_ends}; }
   /// Gaussians of the world, for exports.
@@ -129,7 +132,7 @@ struct SplatModel final : Model {
   }
 
  private:
-  /// All Gaussians, with the unused lanes between those of the world and of actors.
+  /// All Gaussians, with the unused lanes between the world's and the actors'.
   kernels::Gaussians all() const {
     return {actor_ends.empty() ? static_cast<std::size_t>(gaussians)
                                : layout().blocks() * kGaussianBlock,
@@ -147,7 +150,7 @@ struct SplatModel final : Model {
   float ahead_m() const;
   /// Sets the background to the mean colour of the images.
   void set_background(const TrainingSet& data);
-  /// Most Gaussians that finish_training() adds; training leaves them free.
+  /// Maximum number of Gaussians that finish_training() adds; training leaves room for them.
   int most_fills() const { return actor_ids.empty() ? 0 : most_gaussians() / 100; }
   /// Changes the number of Gaussians (densify_gaussians.h).
   void change_number(const DensifyOptions& options, std::uint64_t key, AdamState* adam);
@@ -177,11 +180,11 @@ struct SplatModel final : Model {
            (actor_keys.empty() ? 0 : kMotionSize * static_cast<std::size_t>(actor_keys.back()));
   }
   std::optional<std::size_t> actor_index(std::int64_t id) const;
-  /// Keeps the colours of actors' Gaussians in [0, 1]: those of sides that images see at a glance
-  /// alone would leave it, and an edit may turn them to the camera.
+  /// Keeps the colours of actors' Gaussians in [0, 1]: colours of sides that images see only at a
+  /// glance would leave it, and an edit may turn these to the camera.
   void bound_actor_colours();
-  /// Returns the blocks that an object shows: `imported`, or of the actor of this id; empty where
-  /// there are none.
+  /// Returns the blocks that an object shows: `imported`, or the blocks of the actor with this id;
+  /// empty where there are none.
   std::span<const float> blocks_of(std::int64_t id, const ActorBody* imported) const;
   /// Offset, behind the blocks of Gaussians in `parameters`, and size of an actor's corrections.
   std::pair<std::size_t, std::size_t> motions_of(std::size_t actor) const;

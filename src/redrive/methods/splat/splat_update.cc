@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a step of method splat changes: Adam on the Gaussians, gains and tracks, then their number.
+// Changes by a step of method splat: Adam on the Gaussians, gains and tracks, then the number of
+// Gaussians.
 #include <algorithm>
 #include <cmath>
 
@@ -93,7 +94,7 @@ void SplatModel::finish_step(kernels::Backend& backend, const StepRequest& reque
     bounds.emplace_back(parameters[i], parameters[i + 1], parameters[i + 2]);
   options.actor_bounds = bounds;
   options.ahead_m = ahead_m();
-  backend.gaussians().release();  // not beside what densify copies
+  backend.gaussians().release();  // frees it before densify copies
   change_number(options, random_key(request.seed, kStreamDensify, static_cast<std::uint64_t>(step)),
                 adam);
 }

@@ -10,13 +10,13 @@
 namespace redrive::kernels::REDRIVE_ISA {
 namespace {
 
-constexpr int kVectors = kGaussianBlock / kLanes;  // a block has so many
+constexpr int kVectors = kGaussianBlock / kLanes;  // vectors in a block
 constexpr float kHalfLog2E = 0.72134752f;
 
 using Pose = GaussianPose<LaneMath>;
 using Projected = ProjectedGaussian<LaneMath>;
 
-/// Poses at the rows that the means fall on.
+/// Computes the poses at the rows on which the means fall.
 REDRIVE_INLINE void pose_at(const ShutterKeys& shutter, Vf v, Pose* pose) {
   const Vf zero{}, one = splat(1.0f);
   Vf q[4], position = splat(shutter.row_scale) * v + splat(shutter.row_offset);
@@ -81,7 +81,7 @@ std::size_t project(const ProjectionJob& job, std::size_t begin, std::size_t end
           maximum(splat(2 * 0.69314718f) * (log2_alpha + splat(kLog2InverseMinAlpha)), Vf{});
       const Vf radius_x = square_root(reach * at.variance[0]),
                radius_y = square_root(reach * at.variance[1]);
-      // Comparisons are false for what is not finite.
+      // Comparisons are false for values that are not finite.
       const unsigned bits = lane_bits(
           at.visible & (alpha > splat(kMinAlpha)) & (at.mean[0] + radius_x > splat(-0.5f)) &
           (at.mean[0] - radius_x < splat(width)) & (at.mean[1] + radius_y > splat(-0.5f)) &

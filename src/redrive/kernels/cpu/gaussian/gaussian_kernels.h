@@ -14,19 +14,19 @@ namespace redrive::kernels {
 struct alignas(64) RasterRecord {
   float x, y;        ///< mean, pixels
   float xx, xy, yy;  ///< log2 of the falloff at (dx, dy): xx dx^2 + xy dx dy + yy dy^2
-  float log2_alpha;  ///< at the mean
+  float log2_alpha;  ///< log2 of alpha at the mean
   float rgb[3];
   float slope_x;       ///< change of the logarithm of the distance per pixel
-  float log_distance;  ///< of the mean from the camera, log metres
+  float log_distance;  ///< distance of the mean from the camera, log metres
   float radius[2];     ///< half sides of the rectangle beyond which alpha is below kMinAlpha
-  std::uint32_t first_pair, pairs;  ///< its tiles' pairs, in the order of their making
+  std::uint32_t first_pair, pairs;  ///< pairs with its tiles, in the order of their making
   float slope_y;
 };
 static_assert(sizeof(RasterRecord) == 64);
 constexpr int kRecordFloats = 16;
 
-/// A Gaussian in a tile. Bit b of `blocks`: block b of the tile's pixels, which has as many pixels
-/// as a vector has lanes, 4 a row; blocks go row by row.
+/// A Gaussian in a tile. Bit b of `blocks` stands for block b of the tile's pixels; a block has as
+/// many pixels as a vector has lanes, 4 a row, and blocks are numbered row by row.
 struct TilePair {
   std::uint32_t gaussian, tile, blocks, slot;
 };
@@ -72,8 +72,8 @@ static constexpr std::size_t tile_scratch(std::size_t n) {
   return 2 * kRecordFloats * n + 32 * (n + 16);
 }
 
-/// Sums over the pixels of a tile. The first six are of the derivative by log alpha, times offsets
-/// from the mean.
+/// Sums over the pixels of a tile. The first six are derivatives by log alpha, times offsets from
+/// the mean.
 enum PairSum {
   kSumAlpha,
   kSumX,
@@ -87,7 +87,7 @@ enum PairSum {
 };
 
 struct UpdateJob {
-  const float* rates;  ///< by row
+  const float* rates;  ///< one per row
   float beta1, beta2, bias1, bias2, epsilon, min_log_scale, max_log_scale;
   float* numbers;
   std::uint32_t* moments;
@@ -100,7 +100,7 @@ struct ProjectionBackwardJob : ProjectionJob {
   const float* sums = nullptr;
   float* gradients = nullptr;         ///< blocks, added to; null: for `update`, or errors alone
   float* errors = nullptr;            ///< by Gaussian, added to; null: for `update`
-  const UpdateJob* update = nullptr;  ///< of each block, once its derivatives are there
+  const UpdateJob* update = nullptr;  ///< applied to each block once its derivatives are complete
   double* d_pose = nullptr;           ///< [6]: translation, rotation; added to; may be null
 };
 
@@ -111,7 +111,7 @@ struct LossJob {
   std::size_t stride = 0, plane = 0;
   const float *rgb = nullptr, *gains = nullptr, *target = nullptr, *mask = nullptr;
   float l1_scale, ssim_scale;   ///< weights over the number of masked numbers
-  const float* taps = nullptr;  ///< of the window
+  const float* taps = nullptr;  ///< taps of the window
   float* masked = nullptr;   ///< 6 planes: 3 of the image with its gains, 3 of its target; 0 masked
   float* moments = nullptr;  ///< 15 planes
   float* slopes = nullptr;   ///< 9 planes
@@ -152,7 +152,7 @@ struct GaussianKernels {
   void (*tile_forward)(const TileForwardJob& job);
   void (*tile_backward)(const TileBackwardJob& job);
   void (*project_backward)(const ProjectionBackwardJob& job, std::size_t begin, std::size_t end);
-  /// Of blocks, by gradients that were kept.
+  /// Updates blocks by gradients that were kept.
   void (*update)(const UpdateJob& job, const float* gradients, const float* errors,
                  std::size_t begin, std::size_t end);
   /// Row y in pass 0..kLossPasses-1; a pass needs all rows of the pass before. Passes 0 and 2

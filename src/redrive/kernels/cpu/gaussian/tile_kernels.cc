@@ -10,7 +10,7 @@ namespace redrive::kernels::REDRIVE_ISA {
 namespace {
 
 constexpr int kBlocksAcross = kTilePixels / kBlockColumns;
-constexpr float kNothing = -80;  ///< log distance where nothing is
+constexpr float kNothing = -80;  ///< log distance where there is nothing
 
 REDRIVE_INLINE int clamped(int x, int low, int high) { return x < low ? low : x > high ? high : x; }
 
@@ -132,8 +132,8 @@ REDRIVE_INLINE void forward(const TileForwardJob& job) {
   }
 }
 
-/// Front to back once more. With S the part of d_rgb . rgb that lies behind a Gaussian, the
-/// derivative by its alpha is t d_rgb . c - S / (1 - alpha).
+/// Front to back once more. With S the part of d_rgb . rgb behind a Gaussian, the derivative by its
+/// alpha is t d_rgb . c - S / (1 - alpha).
 template <bool kRange>
 REDRIVE_INLINE void backward(const TileBackwardJob& job) {
   Gathered tile;
@@ -213,7 +213,7 @@ REDRIVE_INLINE void backward(const TileBackwardJob& job) {
 
 std::size_t bin(RasterRecord* records, const std::uint64_t* keys, std::size_t n, int tiles_x,
                 int tiles_y, const std::uint8_t* wanted, TilePair* pairs) {
-  constexpr int kVectors = kBlocksPerTile / kLanes;  // a tile has so many vectors of blocks
+  constexpr int kVectors = kBlocksPerTile / kLanes;  // vectors of blocks in a tile
   Vf left[kVectors], top[kVectors];
   for (int v = 0; v < kVectors; ++v)
     for (int i = 0; i < kLanes; ++i) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Kernels of gaussian_kernels.h that have files of their own, and the layout of a tile. Only for
-// files with ISA flags.
+// Kernels of gaussian_kernels.h that have their own files, and the layout of a tile. Only for files
+// with ISA flags.
 #pragma once
 
 #include "redrive/kernels/cpu/gaussian/gaussian_kernels.h"
