@@ -26,7 +26,7 @@ inline void check_rasterise(const GaussianCamera& camera, const Gaussians& gauss
   REDRIVE_CHECK(options.log_range.empty() || options.log_range.size() == size.plane());
 }
 
-/// `camera`, `gaussians` and `options`: of the forward pass.
+/// `camera`, `gaussians` and `options`: the forward pass's.
 inline void check_rasterise_backward(const GaussianCamera& camera, const Gaussians& gaussians,
                                      const RasterOptions& options, const RasterGradient& gradient,
                                      const GaussianDerivatives& to, std::size_t d_poses) {

@@ -142,15 +142,15 @@ struct GaussianUpdate {
   float min_log_scale = -20, max_log_scale = 20;
   std::span<float> numbers;          ///< Gaussians::numbers
   std::span<std::uint32_t> moments;  ///< as numbers (optim/packed_moments.h)
-  std::span<float> errors;           ///< by Gaussian, in whole blocks; added to
+  std::span<float> errors;           ///< one per Gaussian, in whole blocks; added to
 };
 
-/// Where derivatives with respect to the Gaussians go: gradients and errors, errors alone, or an
+/// Where derivatives with respect to the Gaussians go: gradients and errors, only errors, or an
 /// update.
 struct GaussianDerivatives {
   std::span<float> gradients;  ///< added to; laid out as the Gaussians
-  /// RasterGradient::error times the blending weight, summed over pixels: by Gaussian, in whole
-  /// blocks; added to.
+  /// RasterGradient::error times the blending weight, summed over pixels: one per Gaussian, in
+  /// whole blocks; added to.
   std::span<float> errors;
   const GaussianUpdate* update =
       nullptr;  ///< applied block by block, so that no gradients are kept

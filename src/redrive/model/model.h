@@ -185,7 +185,7 @@ class Model : public Configurable {
   std::size_t errors() const {
     return numbers_per_error() == 0 ? 0 : updated_in_step() / numbers_per_error();
   }
-  /// Size of step()'s gradients; without an update errors follow those of all parameters.
+  /// Size of step()'s gradients; without an update the errors follow all parameters' gradients.
   std::size_t gradients_size(bool with_update) const {
     return with_update ? size() - updated_in_step() : size() + errors();
   }

@@ -34,7 +34,7 @@ class ExposureTimes {
   ExposureGaps gaps(const Exposure& at) const;
 
  private:
-  std::vector<std::vector<float>> t_s_;  ///< by camera, ascending
+  std::vector<std::vector<float>> t_s_;  ///< one list per camera, ascending
 };
 
 struct ImageGains {

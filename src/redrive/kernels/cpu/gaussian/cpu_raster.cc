@@ -13,11 +13,11 @@
 namespace redrive::kernels {
 namespace {
 
-constexpr std::size_t kPairRanges = 16;  // visible Gaussians are cut into so many
+constexpr std::size_t kPairRanges = 16;  // number of ranges into which visible Gaussians are cut
 constexpr std::size_t kTilesPerRange = 4;
-constexpr int kKeyBits = 11;  // a pass of the radix sort handles so many
-// The lowest bits of a key's distance, which do not sort, hold the number of tiles that the
-// Gaussian may meet, kManyTiles for as many and more.
+constexpr int kKeyBits = 11;  // bits that a pass of the radix sort handles
+// The lowest bits of a key's distance, which do not take part in sorting, hold the number of tiles
+// that the Gaussian may meet, kManyTiles for that many and more.
 constexpr int kTileBits = 9, kTileShift = 32;
 constexpr std::uint64_t kManyTiles = (1 << kTileBits) - 1;
 constexpr std::size_t kPrefetched = 12;  // records ahead
@@ -25,8 +25,8 @@ constexpr std::size_t kPrefetched = 12;  // records ahead
 constexpr std::size_t kMostPairs = std::numeric_limits<std::uint32_t>::max();
 constexpr std::size_t kBuckets = std::size_t{1} << kKeyBits;
 
-/// Sorts keys by their upper half, ascending and stable, by the bits that positive floats up to
-/// 2^-14 of their value differ in.
+/// Sorts keys by their upper half, ascending and stable, by the bits in which positive floats
+/// differ down to 2^-14 of their value.
 void sort_by_distance(std::uint64_t* keys, std::uint64_t* memory, std::size_t n) {
   for (const int shift : {kTileShift + kTileBits, kTileShift + kTileBits + kKeyBits}) {
     std::array<std::uint32_t, kBuckets> next{};
@@ -34,7 +34,7 @@ void sort_by_distance(std::uint64_t* keys, std::uint64_t* memory, std::size_t n)
     std::uint32_t before = 0;
     for (std::uint32_t& count : next) before += std::exchange(count, before);
     for (std::size_t i = 0; i < n; ++i) memory[next[keys[i] >> shift & (kBuckets - 1)]++] = keys[i];
-    std::swap(keys, memory);  // after both passes they are where they were
+    std::swap(keys, memory);  // after both passes they are back in place
   }
 }
 
@@ -255,7 +255,7 @@ void CpuRaster::bin() {
   struct Range {
     std::size_t begin, end, place, made = 0;
     std::uint32_t slot = 0;
-    std::vector<std::uint32_t> next;  ///< by tile: counts, then places
+    std::vector<std::uint32_t> next;  ///< one per tile: counts, then places
   };
   std::vector<Range> ranges(kPairRanges);
   pool_.run(static_cast<int>(kPairRanges), [&](int r) {  // upper bounds of the pairs

@@ -15,7 +15,7 @@ namespace redrive::kernels {
 
 constexpr std::size_t kBlocksPerRange = 256;  ///< 4096 Gaussians
 
-/// Returns `buffer` with at least n numbers of any value. spare: what is allocated beyond.
+/// Returns `buffer` with at least n numbers of any value. spare: additional capacity.
 template <class T>
 T* grown(Buffer<T>* buffer, std::size_t n, std::size_t spare = 0) {
   if (buffer->size() < n) {
@@ -34,7 +34,7 @@ UpdateJob update_job(const GaussianUpdate& update);
 struct Segment {
   std::size_t begin, end;   ///< blocks
   ShutterKeys shutter;      ///< n = 0: not drawn
-  std::vector<float> keys;  ///< of the shutter
+  std::vector<float> keys;  ///< keys of the shutter
 };
 
 class CpuRaster final : public RasterPass {
@@ -70,9 +70,10 @@ class CpuRaster final : public RasterPass {
   GaussianCamera camera_;
   Gaussians gaussians_;
   RasterOptions options_;
-  Buffer<RasterRecord> records_;   ///< by Gaussian
-  Buffer<std::uint16_t> visible_;  ///< by block
-  Buffer<std::uint64_t> keys_;     ///< of the visible Gaussians: distance, tiles (kTileBits), index
+  Buffer<RasterRecord> records_;   ///< one per Gaussian
+  Buffer<std::uint16_t> visible_;  ///< one per block
+  /// keys of the visible Gaussians: distance, tiles (kTileBits), index
+  Buffer<std::uint64_t> keys_;
   Buffer<TilePair> pairs_;
   /// In turn: keys between two passes of their sort, pairs in the order of their making, sums
   /// [pairs, kRecordFloats] of floats.

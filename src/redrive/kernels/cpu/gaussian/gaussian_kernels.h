@@ -98,8 +98,8 @@ struct ProjectionBackwardJob : ProjectionJob {
   const RasterRecord* records = nullptr;
   const std::uint16_t* visible = nullptr;  ///< a bit for each Gaussian of a block
   const float* sums = nullptr;
-  float* gradients = nullptr;         ///< blocks, added to; null: for `update`, or errors alone
-  float* errors = nullptr;            ///< by Gaussian, added to; null: for `update`
+  float* gradients = nullptr;         ///< blocks, added to; null: for `update`, or only errors
+  float* errors = nullptr;            ///< one per Gaussian, added to; null: for `update`
   const UpdateJob* update = nullptr;  ///< applied to each block once its derivatives are complete
   double* d_pose = nullptr;           ///< [6]: translation, rotation; added to; may be null
 };
