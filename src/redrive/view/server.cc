@@ -55,8 +55,7 @@ struct Shared {
 };
 
 void report(const std::exception& error) {
-  std::fprintf(stderr, "redrive: the viewer closed a connection: %s
-", error.what());
+  std::fprintf(stderr, "redrive: the viewer closed a connection: %s\n", error.what());
 }
 
 /// Reports the bytes that a stream reads, as its rate policy, without limiting them.
