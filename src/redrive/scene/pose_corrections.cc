@@ -138,6 +138,7 @@ std::vector<double> gradient_of_corrections(const Scene& scene, const PoseCorrec
     for (int k = 0; k < 6; ++k) out[at + k] += six[k];
   };
   for (std::size_t v = 0; v < views.size(); ++v) {
+    if (views[v].d_translation.isZero(0) && views[v].d_rotation.isZero(0)) continue;
     const View& view = scene.views[v];
     const RigCamera& camera = scene.rig[view.camera];
     const Eigen::Matrix3d camera_from_world = scene.world_from_camera(view).linear().transpose();
