@@ -43,7 +43,12 @@ TEST(SplatModel, TheReferenceTakesTheSameSteps) {
     b.gradients(*ref, known.data(), request);
     EXPECT_NEAR(a.loss(), b.loss(), 1e-4 * b.loss());
     EXPECT_NEAR(a.buffers.workspace.sums().opacity, b.buffers.workspace.sums().opacity, 2e-3);
-    for (int row = 0; row < kGaussianRows; ++row) {
+    const std::span<const float> errors = a.buffers.gradients.span().last(a.model.errors()),
+                                 of_ref = b.buffers.gradients.span().last(b.model.errors());
+    EXPECT_GT(std::ranges::max(of_ref), 0);
+    for (std::size_t i = 0; i < 40; ++i)
+      EXPECT_NEAR(errors[i], of_ref[i], 0.01 * double(std::ranges::max(of_ref))) << i;
+    for (int row = 0; row < kDistanceRow; ++row) {
       double most = 0;
       for (std::size_t i = 0; i < 40; ++i)
         most = std::max(most, std::fabs(double(b.buffers.gradients[gaussian_slot(i, row)])));
@@ -68,13 +73,14 @@ TEST(SplatModel, GradientsThatAreKeptGiveTheSameGaussians) {
   for (; kept.step < kept.steps; ++kept.step) {
     const StepRequest request = kept.request();
     const StepOutput out = kept.gradients(*backend, known.data(), request);
-    ASSERT_EQ(kept.buffers.gradients.size(), kept.model.size());
+    ASSERT_EQ(kept.buffers.gradients.size(), kept.model.size() + kept.model.errors());
     kept.model.update(*backend, kept.model.learning_rate({kept.step, kept.steps, request.progress}),
                       kept.step + 1, kept.buffers.gradients, &kept.adam);
     kept.model.finish_step(*backend, request, out, kept.step + 1, &kept.adam);
   }
   EXPECT_TRUE(std::ranges::equal(in_step.model.parameters.span(), kept.model.parameters.span()));
   EXPECT_TRUE(std::ranges::equal(in_step.adam.packed.span(), kept.adam.packed.span()));
+  EXPECT_TRUE(std::ranges::equal(in_step.adam.errors.span(), kept.adam.errors.span()));
 }
 
 TEST(SplatModel, DensifiesToItsLimitWhileItTrains) {
