@@ -197,8 +197,9 @@ TEST(TrainOptions, DefaultsAreThoseOfTheMethod) {
   EXPECT_EQ(value_of(options, "width"), "32");
   EXPECT_EQ(value_of(options, "error_rays"), "0.5");
   options = {};
+  options.method = "grid";
   options.preset = "fast";
-  apply_preset(&options, {});
+  apply_preset(&options, {"method"});
   EXPECT_EQ(options.method, "grid");
   EXPECT_EQ(options.max_seconds, 60);
   options = {};
@@ -283,6 +284,7 @@ TEST(Set, ReportsTheRuleOrTheKnownNames) {
 
 TEST(Set, ReachesModelAndPoseRefinement) {
   TrainOptions options;
+  options.method = "grid";
   field("set").parse(options, "range_weight=0.25");
   field("set").parse(options, "width=64");
   field("set").parse(options, "pose_refinement.steps_per_update=8");
@@ -294,6 +296,7 @@ TEST(Set, ReachesModelAndPoseRefinement) {
 
 TEST(Set, IsInTheConfigUnderItsOptionOrUnderSet) {
   TrainOptions options;
+  options.method = "grid";
   options.recording = "drive";
   for (const char* text : {"range_weight=0.25", "width=64"}) field("set").parse(options, text);
   const nlohmann::json json = options_to_json(options);
@@ -355,6 +358,7 @@ TEST(TrainOptions, GreyCamerasAreLeftOutBesideColourOnes) {
 TEST(TrainOptions, RejectsHyperparametersOfAnotherMethod) {
   EXPECT_THAT(error_message("error-rays", "0.25"), HasSubstr("belongs to --method grid"));
   TrainOptions options;
+  options.method = "grid";
   options.recording = "drive";
   options.set("fine_samples", 8);
   EXPECT_THROW(validate(options), UsageError);
