@@ -76,6 +76,7 @@ TEST_F(TrainCommand, HasPresetsHyperparametersAndTheBoundsThatWereGiven) {
   recording_.metric = false;
   recording_.bounds = {recording_.frames[0].global_from_body.translation(), 10};
   options = TrainOptions();
+  options.method = "grid";
   EXPECT_EQ(command(options, {}), "redrive train '/data/drive 7' --method grid --out /runs/a");
   options.far_m = 50;
   EXPECT_EQ(command(options, {"far"}),
