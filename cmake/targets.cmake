@@ -70,16 +70,16 @@ endif()
 
 # Unit tests sit beside the source:
 #   redrive_test(camera SOURCES mei_test.cc DEPENDS redrive::camera
-#     [SANITIZE address|thread|none...] [THREAD_TESTS FILTER])
+#     [SANITIZE address|thread|none...] [THREAD_TESTS FILTER] [APART])
 # makes the program test_camera. A build with a sanitizer has only the tests that name it. SANITIZE
 # is `address` if it is not given: it is for what parses or indexes, `thread` for what runs on
 # several threads, and `none` for optimisations and trainings as a whole, whose parts have tests of
 # their own. THREAD_TESTS is a filter of GoogleTest: which of them run with ThreadSanitizer, where
-# others have one thread or the same threads again. The paths of the shipped samples and of the
-# optional private recordings are compiled in; a test that needs the latter skips visibly where they
-# are not.
+# others have one thread or the same threads again. APART: its files, whose names are alike, are
+# never compiled together. The paths of the shipped samples and of the optional private recordings
+# are compiled in; a test that needs the latter skips visibly where they are not.
 function(redrive_test name)
-  cmake_parse_arguments(ARG "" "THREAD_TESTS" "SOURCES;DEPENDS;SANITIZE" ${ARGN})
+  cmake_parse_arguments(ARG "APART" "THREAD_TESTS" "SOURCES;DEPENDS;SANITIZE" ${ARGN})
   if(ARG_UNPARSED_ARGUMENTS)
     message(FATAL_ERROR "redrive_test(${name}): unknown arguments ${ARG_UNPARSED_ARGUMENTS}")
   endif()
@@ -91,6 +91,9 @@ function(redrive_test name)
     return()
   endif()
   add_executable(test_${name} ${ARG_SOURCES})
+  if(ARG_APART)
+    set_target_properties(test_${name} PROPERTIES UNITY_BUILD OFF)
+  endif()
   target_link_libraries(test_${name} PRIVATE ${ARG_DEPENDS} GTest::gtest GTest::gmock
     GTest::gtest_main)
   target_compile_options(test_${name} PRIVATE ${redrive_test_options})
