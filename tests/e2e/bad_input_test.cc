@@ -240,7 +240,7 @@ TEST_F(EndToEnd, TheShareOfDamagedRecordsIsTheRunsUnlessGiven) {
     expect_ends(command, "", kExitOk);
   }
   const std::vector<std::string> exported = {
-      "export", drive_.string(), "--to", "aimotive", "--out", (folder_ / "drive").string()};
+      "export", drive_.string(), "--to", "aimotive", "--out", (folder_ / "exported").string()};
   expect_ends(exported, "", kExitBadInput);
   expect_ends(exported, "80", kExitOk);
 }

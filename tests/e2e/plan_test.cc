@@ -65,7 +65,7 @@ TEST_F(Plan, PrintsATable) {
   const ProgramResult ended = planned({}, "1000:1003");
   ASSERT_EQ(ended.exit_code, kExitOk) << ended.err;
   for (const char* line :
-       {"drive ", "blocks ", "rates ", "machines ", "time ", "memory ", "disk ", "traffic "})
+       {"drive ", "rates ", "machines ", "time ", "memory ", "disk ", "traffic "})
     EXPECT_THAT(ended.out, HasSubstr(line));
 }
 
@@ -80,7 +80,7 @@ TEST_F(Plan, RefusesWhatTrainingWouldRefuse) {
 TEST_F(Plan, ImagesThatDoNotFitAreDecodedWhenNeeded) {
   const auto train = [&](const std::string& name, const std::string& memory) {
     return redrive({"train", street_.string(), "--out", (folder_ / name).string(), "--frames",
-                    "1000:1015", "--max-steps", "30", "--threads", "2", "--max-gaussians", "5000",
+                    "1000:1029", "--max-steps", "30", "--threads", "2", "--max-gaussians", "5000",
                     "--truth-poses", "--memory", memory});
   };
   const ProgramResult refused = train("refused", "50000000");
