@@ -53,7 +53,7 @@ ExposureTimes::ExposureTimes(const Scene& scene) : t_s_(scene.rig.size()) {
 ExposureGaps ExposureTimes::gaps(const Exposure& at) const {
   constexpr float kEver = std::numeric_limits<float>::infinity();
   const std::vector<float>& times = t_s_[at.camera];
-  const auto [same, later] = std::ranges::equal_range(times, at.t_s);
+  const auto [same, later] = std::equal_range(times.begin(), times.end(), at.t_s);
   return {same == times.begin() ? kEver : at.t_s - *(same - 1),
           later == times.end() ? kEver : *later - at.t_s};
 }
