@@ -10,6 +10,7 @@
 #include <cstdio>
 #include <functional>
 #include <limits>
+#include <mutex>
 #include <optional>
 #include <span>
 #include <string>
@@ -31,6 +32,14 @@
 
 namespace redrive {
 namespace {
+
+/// Returns what preparation has freed to the system. One thread at a time: where another allocator
+/// stands in for glibc's, as a sanitizer's does, the first call sets glibc's up, without a lock.
+void trim_memory() {
+  static std::mutex one_at_a_time;
+  const std::lock_guard lock(one_at_a_time);
+  malloc_trim(0);
+}
 
 constexpr int kStepsPerRow =
     25;  // per row of metrics.jsonl: 25 x 1024 rays average out the noise of a batch
@@ -72,7 +81,7 @@ class Trainer {
     steps_ = total_steps(options_, steps_per_epoch_);
     check_same_begin();
     adapt_state();
-    malloc_trim(0);  // returns what preparation has freed to the system
+    trim_memory();
   }
 
   TrainEnd run(const std::atomic<bool>& stop) {
