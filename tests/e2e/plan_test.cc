@@ -62,10 +62,10 @@ TEST_F(Plan, CountsMemoryForTheCoresOfAMachine) {
 }
 
 TEST_F(Plan, PrintsATable) {
-  const ProgramResult ended = planned({}, "1000:1003");
+  const ProgramResult ended = planned({"--blocks", "5"}, "1000:1019");
   ASSERT_EQ(ended.exit_code, kExitOk) << ended.err;
   for (const char* line :
-       {"drive ", "rates ", "machines ", "time ", "memory ", "disk ", "traffic "})
+       {"drive ", "blocks ", "rates ", "machines ", "time ", "memory ", "disk ", "traffic "})
     EXPECT_THAT(ended.out, HasSubstr(line));
 }
 

@@ -32,7 +32,7 @@ void leave_out_of_other_times(const std::vector<FramePose>& recorded, const Dama
       if (std::abs(pose.t_ns - frame->t_ns) > kSameTime_ns)
         throw InputError(poses->frames_file, std::to_string(pose.id) + ".time",
                          std::to_string(pose.t_ns) + " ns",
-                         "the recording's frame is of " + std::to_string(frame->t_ns) +
+                         "the recording's frame is at " + std::to_string(frame->t_ns) +
                              " ns: a pose of another drive");
     });
   });

@@ -70,7 +70,7 @@ class LasFile {
     if (compressed_ && kind > kMostCompressed)
       refuse("point data format", format,
              "is format " + std::to_string(kind) +
-                 " compressed, and of compressed ones 0 to 3 alone are read; laszip, las2las or "
+                 " compressed, and only 0 to 3 are read compressed; laszip, las2las or "
                  "pdal translate write the file as .las, which is read");
     format_ = kPointFormats[kind];
     record_bytes_ = at<std::uint16_t>(105);
@@ -219,7 +219,7 @@ class LasFile {
     points_per_chunk_ = little_endian<std::uint32_t>(record, 12);
     if (points_per_chunk_ == 0 || points_per_chunk_ == UINT32_MAX)
       refuse("LASzip chunk size", points_per_chunk_, "must be a fixed number of points");
-    expect("number of items", 32, items.size(), "those of the point format");
+    expect("number of items", 32, items.size(), "the items of the point format");
     for (std::size_t i = 0; i < items.size(); ++i) {
       const std::string item = "item " + std::to_string(i);
       const std::size_t begin = kFixedBytes + i * kItemBytes;
