@@ -28,11 +28,8 @@ struct Candidate {
   std::optional<Isa> isa;  ///< instruction set of the cpu backend
 
   bool is_oracle() const { return name == "ref"; }
-  double roundoff() const {
-    return isa == Isa::kAmxBf16 || isa == Isa::kAvx512Bf16 ? kBf16Roundoff : kFp32Roundoff;
-  }
-  /// Unit roundoff of the grid's networks, which have no AMX path.
-  double grid_roundoff() const { return isa == Isa::kAvx512Bf16 ? kBf16Roundoff : kFp32Roundoff; }
+  /// Unit roundoff of the networks.
+  double roundoff() const { return isa == Isa::kAvx512Bf16 ? kBf16Roundoff : kFp32Roundoff; }
   /// Most multiply-adds of a batch. Plain loops take seconds where other backends take
   /// milliseconds.
   double most_macs() const { return is_oracle() ? 1e8 : 1e300; }

@@ -406,13 +406,13 @@ bool too_slow(const Candidate& candidate, const GridCase& grid, BatchSize size) 
 
 TEST_P(GridStagesTest, NetworkForward) {
   const auto backend = make();
-  const bool bf16 = GetParam().grid_roundoff() == kBf16Roundoff;
+  const bool bf16 = GetParam().roundoff() == kBf16Roundoff;
   for (const GridCase& grid : cases())
     for (const BatchSize& size : network_batch_sizes()) {
       if (too_slow(GetParam(), grid, size)) continue;
       SCOPED_TRACE(trace(grid) + ", " + trace(size));
       const GridBatch batch(grid, size.n_rays, size.per_ray);
-      const GridExpected expected = GridOracle(grid, GetParam().grid_roundoff()).compute(batch);
+      const GridExpected expected = GridOracle(grid, GetParam().roundoff()).compute(batch);
       std::vector<float> raw(4 * batch.samples(), NAN);
       backend->grid().network_forward(grid.network(), size.n_rays, size.per_ray, batch.features,
                                       batch.harmonics, raw);
@@ -441,13 +441,13 @@ TEST_P(GridStagesTest, NetworkForward) {
 
 TEST_P(GridStagesTest, NetworkBackward) {
   const auto backend = make();
-  const bool bf16 = GetParam().grid_roundoff() == kBf16Roundoff;
+  const bool bf16 = GetParam().roundoff() == kBf16Roundoff;
   for (const GridCase& grid : cases())
     for (const BatchSize& size : network_batch_sizes()) {
       if (too_slow(GetParam(), grid, size)) continue;
       SCOPED_TRACE(trace(grid) + ", " + trace(size));
       const GridBatch batch(grid, size.n_rays, size.per_ray);
-      const GridExpected expected = GridOracle(grid, GetParam().grid_roundoff()).compute(batch);
+      const GridExpected expected = GridOracle(grid, GetParam().roundoff()).compute(batch);
       const float before = 0x1p-12f;  // gradients are added to
       std::vector<float> d_weights(grid.weights.size(), before),
           d_features(batch.features.size(), NAN);

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The networks of the cpu backend one by one, at the level of tiles and chunks. Includes the AMX
-// path with emulated tile instructions, which no backend offers.
+// The networks of the cpu backend one by one, at the level of tiles and chunks.
 #include <cmath>
 #include <memory>
 #include <string>
@@ -35,10 +34,7 @@ INSTANTIATE_TEST_SUITE_P(
     Networks, EveryNetwork,
     testing::Values(Network{"avx2", Isa::kAvx2, kFp32Roundoff, make_nerf_avx2},
                     Network{"avx512", Isa::kAvx512, kFp32Roundoff, make_nerf_avx512},
-                    Network{"avx512_bf16", Isa::kAvx512Bf16, kBf16Roundoff, make_nerf_avx512_bf16},
-                    Network{"amx_bf16", Isa::kAmxBf16, kBf16Roundoff, make_nerf_amx_bf16},
-                    Network{"amx_emulated", Isa::kAvx512Bf16, kBf16Roundoff,
-                            make_nerf_amx_emulated}),
+                    Network{"avx512_bf16", Isa::kAvx512Bf16, kBf16Roundoff, make_nerf_avx512_bf16}),
     [](const auto& info) { return info.param.name; });
 
 /// Returns a case whose points are exact as floats in the unit cube, as in tiles: multiples of
@@ -119,14 +115,12 @@ TEST_P(EveryNetwork, TwoChunksOfTiles) {
       for (int chunk = 0; chunk < 2; ++chunk)
         chunks.push_back(network->make_chunk((n_rays - 2) * per_ray));
       pool.run(2, [&](int chunk) {
-        chunks[chunk]->begin();
         chunks[chunk]->clear_gradients();
         for (const int tile : chunk == 0 ? std::vector<int>{0, 1} : std::vector<int>{2}) {
           TileData& data = tiles[tile];
           chunks[chunk]->forward(data.tile, true, data.raw.data(), data.stride);
           chunks[chunk]->backward(data.d_raw.data(), data.stride, data.d_position.data());
         }
-        chunks[chunk]->end();
       });
       std::vector<float> gradients(nerf.parameters.size());
       network->reduce(chunks, gradients, pool);
@@ -165,9 +159,7 @@ TEST_P(EveryNetwork, TwoChunksOfTiles) {
       TileData again = tiles[2];
       again.tile.position = again.position.data();
       again.tile.direction = again.direction.data();
-      chunks[0]->begin();
       chunks[0]->forward(again.tile, false, again.raw.data(), again.stride);
-      chunks[0]->end();
       for (int k = 0; k < 4; ++k)
         ASSERT_TRUE(
             bit_equal(std::span(again.raw).subspan(k * again.stride, again.point.size()),

@@ -8,8 +8,6 @@
 
 #include <cpuid.h>
 #include <sched.h>
-#include <sys/syscall.h>
-#include <unistd.h>
 
 namespace redrive {
 namespace {
@@ -46,7 +44,6 @@ constexpr Feature kAvx512Bf16Features[] = {{"avx512_bf16", 7, 1, kEax, 5},
                                            {"avx512_vbmi", 7, 0, kEcx, 1},
                                            {"avx512_vbmi2", 7, 0, kEcx, 6},
                                            {"gfni", 7, 0, kEcx, 8}};
-constexpr Feature kAmxFeatures[] = {{"amx_tile", 7, 0, kEdx, 24}, {"amx_bf16", 7, 0, kEdx, 22}};
 
 /// Register states that the operating system saves (XGETBV with ECX = 0). Only where osxsave is
 /// set.
@@ -84,18 +81,6 @@ std::optional<std::string> avx512_bf16_obstacle() {
   return lacks(kAvx512Bf16Features);
 }
 
-std::optional<std::string> amx_obstacle() {
-  if (auto why = avx512_bf16_obstacle()) return why;
-  if (auto why = lacks(kAmxFeatures)) return why;
-  if (auto why = state_not_saved(0x60000, "AMX tile"))
-    return why;  // tile configuration (17), tile data (18)
-  constexpr long kArchReqXcompPerm = 0x1023, kXfeatureTileData = 18;
-  if (syscall(SYS_arch_prctl, kArchReqXcompPerm, kXfeatureTileData) != 0)
-    return "the kernel refused AMX tile data (arch_prctl ARCH_REQ_XCOMP_PERM; Linux 5.16 or later "
-           "grants it)";
-  return std::nullopt;
-}
-
 bool is_intel() {
   const auto r = cpuid(0, 0);
   return r[kEbx] == signature_INTEL_ebx && r[kEcx] == signature_INTEL_ecx &&
@@ -109,7 +94,6 @@ std::string_view isa_name(Isa isa) {
     case Isa::kAvx2: return "avx2";
     case Isa::kAvx512: return "avx512";
     case Isa::kAvx512Bf16: return "avx512-bf16";
-    case Isa::kAmxBf16: return "amx-bf16";
   }
   return "unknown";
 }
@@ -121,7 +105,7 @@ std::optional<Isa> isa_from_name(std::string_view name) {
 }
 
 const std::vector<Isa>& all_isas() {
-  static const std::vector<Isa> isas{Isa::kAvx2, Isa::kAvx512, Isa::kAvx512Bf16, Isa::kAmxBf16};
+  static const std::vector<Isa> isas{Isa::kAvx2, Isa::kAvx512, Isa::kAvx512Bf16};
   return isas;
 }
 
@@ -130,13 +114,12 @@ std::optional<std::string> isa_obstacle(Isa isa) {
     case Isa::kAvx2: return avx2_obstacle();
     case Isa::kAvx512: return avx512_obstacle();
     case Isa::kAvx512Bf16: return avx512_bf16_obstacle();
-    case Isa::kAmxBf16: return amx_obstacle();
   }
   return "unknown ISA";
 }
 
 std::optional<Isa> best_isa() {
-  for (const Isa isa : {Isa::kAmxBf16, Isa::kAvx512Bf16, Isa::kAvx512, Isa::kAvx2}) {
+  for (const Isa isa : {Isa::kAvx512Bf16, Isa::kAvx512, Isa::kAvx2}) {
     if (isa == Isa::kAvx512Bf16 && is_intel()) continue;
     if (!isa_obstacle(isa)) return isa;
   }

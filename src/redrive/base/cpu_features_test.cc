@@ -10,7 +10,7 @@ namespace redrive {
 namespace {
 
 TEST(CpuFeatures, NamesRoundTrip) {
-  EXPECT_EQ(all_isas().size(), 4u);
+  EXPECT_EQ(all_isas().size(), 3u);
   for (const Isa isa : all_isas()) EXPECT_EQ(isa_from_name(isa_name(isa)), isa);
   EXPECT_EQ(isa_from_name("neon"), std::nullopt);
 }
@@ -35,9 +35,6 @@ TEST(CpuFeatures, AgreesWithTheKernel) {
   EXPECT_EQ(!isa_obstacle(Isa::kAvx2), avx2);
   EXPECT_EQ(!isa_obstacle(Isa::kAvx512), avx512);
   EXPECT_EQ(!isa_obstacle(Isa::kAvx512Bf16), bf16);
-  if (!flag("amx_bf16")) {
-    EXPECT_TRUE(isa_obstacle(Isa::kAmxBf16));
-  }
 }
 
 TEST(CpuFeatures, TheFastestIsaIsUsable) {

@@ -20,7 +20,6 @@ Loop loop_of(std::optional<Isa> isa) {
     case Isa::kAvx2: return avx2_multiply_add;
     case Isa::kAvx512: return avx512_multiply_add;
     case Isa::kAvx512Bf16: return avx512_bf16_multiply_add;
-    case Isa::kAmxBf16: return amx_bf16_multiply_add;
   }
   return sse2_multiply_add;
 }

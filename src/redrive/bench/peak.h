@@ -11,8 +11,8 @@
 namespace redrive::bench {
 
 /// GFLOP/s of all threads together (a multiply-add is two), the sum of each thread's best of many
-/// runs of 2 ms. Measured with 256- or 512-bit fp32 FMA, vdpbf16ps or tdpbf16ps; without an ISA
-/// with SSE2, which any x86-64 has. The ISA must be usable on this machine.
+/// runs of 2 ms. Measured with 256- or 512-bit fp32 FMA or vdpbf16ps; without an ISA with
+/// SSE2, which any x86-64 has. The ISA must be usable on this machine.
 double measure_peak_gflops(std::optional<Isa> isa, ThreadPool& pool);
 
 /// Returns the best rate, in 1e9 bytes per second read and written, at which all threads together
@@ -25,6 +25,5 @@ double sse2_multiply_add(long iterations);
 double avx2_multiply_add(long iterations);
 double avx512_multiply_add(long iterations);
 double avx512_bf16_multiply_add(long iterations);
-double amx_bf16_multiply_add(long iterations);
 
 }  // namespace redrive::bench

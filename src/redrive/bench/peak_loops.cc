@@ -1,29 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 // In assembly, so that nothing is optimised away, spilled or reordered by any flags, and for every
 // ISA. All operands are zero: these instructions take the same time for all but denormal values.
-#include <cstdint>
-
 #include "redrive/bench/peak.h"
 
 namespace redrive::bench {
-namespace {
-
-/// Operand of ldtilecfg (Intel SDM volume 1, 18.2): all eight tiles 16 rows of 64 bytes.
-struct alignas(64) TileConfig {
-  std::uint8_t palette = 1, start_row = 0, reserved[14] = {};
-  std::uint16_t bytes_per_row[16] = {64, 64, 64, 64, 64, 64, 64, 64};
-  std::uint8_t rows[16] = {16, 16, 16, 16, 16, 16, 16, 16};
-};
-static_assert(sizeof(TileConfig) == 64);
-
 #define REDRIVE_CLOBBERS                                                                   \
   "xmm0", "xmm1", "xmm2", "xmm3", "xmm4", "xmm5", "xmm6", "xmm7", "xmm8", "xmm9", "xmm10", \
       "xmm11", "xmm12", "xmm13", "xmm14", "xmm15"
 #define REDRIVE_0_TO_11 "0,1,2,3,4,5,6,7,8,9,10,11"
 #define REDRIVE_16_TO_27 "16,17,18,19,20,21,22,23,24,25,26,27"
 #define REDRIVE_0_TO_15 REDRIVE_0_TO_11 ",12,13,14,15"
-
-}  // namespace
 
 // Multiplies into six registers, adds into six others: 2 units of each kind on most processors, 4
 // cycles of latency.
@@ -72,22 +58,6 @@ double avx512_bf16_multiply_add(long iterations) {
                          : REDRIVE_CLOBBERS);
   __asm__ volatile("vzeroupper" ::: REDRIVE_CLOBBERS);
   return static_cast<double>(iterations) * 24 * 32 * 2;
-}
-
-// Four sums of 16 x 16: one tdpbf16ps starts every 16 cycles and takes 52.
-double amx_bf16_multiply_add(long iterations) {
-  const TileConfig config;
-  __asm__ volatile(
-      "ldtilecfg %0\n"
-      ".irp r,0,1,2,3,4,5,6,7\n tilezero %%tmm\\r\n .endr\n" ::"m"(config)
-      : "memory");
-  for (long i = 0; i < iterations; ++i)
-    __asm__ volatile(
-        "tdpbf16ps %%tmm6, %%tmm4, %%tmm0\n tdpbf16ps %%tmm7, %%tmm4, %%tmm1\n"
-        "tdpbf16ps %%tmm6, %%tmm5, %%tmm2\n tdpbf16ps %%tmm7, %%tmm5, %%tmm3\n" ::
-            : "memory");
-  __asm__ volatile("tilerelease" ::: "memory");
-  return static_cast<double>(iterations) * 4 * (16 * 16 * 32 * 2);
 }
 
 }  // namespace redrive::bench

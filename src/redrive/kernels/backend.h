@@ -104,7 +104,7 @@ class Backend {
 /// --backend and --isa. `name` "auto": cpu where the processor has AVX2, else ref.
 struct BackendChoice {
   std::string name = "auto";  ///< auto, ref, cpu
-  std::string isa = "auto";   ///< auto, avx2, avx512, avx512-bf16, amx-bf16
+  std::string isa = "auto";   ///< auto, avx2, avx512, avx512-bf16
   int threads = 0;            ///< 0: all that the process may use
 };
 /// UsageError: the choice is impossible, and why.
@@ -113,7 +113,7 @@ std::unique_ptr<Backend> make_backend(const BackendChoice& choice);
 std::unique_ptr<Backend> make_ref_backend();
 std::unique_ptr<Backend> make_cpu_backend(Isa isa, int threads);
 
-/// "backend=cpu isa=amx-bf16 threads=2": printed at start-up.
+/// "backend=cpu isa=avx512 threads=2": printed at start-up.
 std::string describe(const Backend& backend);
 
 }  // namespace redrive::kernels

@@ -408,7 +408,7 @@ std::vector<TrainField> resource_fields() {
             "bytes, a number of GiB such as 6GiB, or a percentage of the machine's or control "
             "group's"),
        text("backend", "NAME", &O::backend, {"auto", "ref", "cpu"}, "backend that computes"),
-       text("isa", "NAME", &O::isa, {"auto", "avx2", "avx512", "avx512-bf16", "amx-bf16"},
+       text("isa", "NAME", &O::isa, {"auto", "avx2", "avx512", "avx512-bf16"},
             "instruction set of the cpu backend")});
 }
 

@@ -178,7 +178,7 @@ TEST_P(CpuBackendTest, RejectsMismatchedShapes) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Isa, CpuBackendTest,
-                         testing::Values(Isa::kAvx2, Isa::kAvx512, Isa::kAvx512Bf16, Isa::kAmxBf16),
+                         testing::Values(Isa::kAvx2, Isa::kAvx512, Isa::kAvx512Bf16),
                          [](const auto& info) {
                            std::string name(isa_name(info.param));
                            for (char& c : name)

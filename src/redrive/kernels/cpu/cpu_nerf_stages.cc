@@ -27,7 +27,6 @@ std::unique_ptr<NerfNetwork> make_network(Isa isa, const NerfConfig& config) {
     case Isa::kAvx2: return make_nerf_avx2(config);
     case Isa::kAvx512: return make_nerf_avx512(config);
     case Isa::kAvx512Bf16: return make_nerf_avx512_bf16(config);
-    case Isa::kAmxBf16: return make_nerf_amx_bf16(config);
     default: throw UsageError("--isa", isa_name(isa), "not in this build");
   }
 }
@@ -187,10 +186,8 @@ class CpuNerfStages final : public PlainNerfStages {
       const int end = std::min(
           n_rays, static_cast<int>(tiles * (chunk + 1) / kChunksPerBatch) * engine.rays_per_tile);
       if (begin >= end) return;
-      engine.chunks[chunk]->begin();
       for (int first = begin; first < end; first += block_rays)
         visit(chunk, RayRange{first, std::min(block_rays, end - first)});
-      engine.chunks[chunk]->end();
     });
   }
 

@@ -25,10 +25,6 @@ struct NerfTile {
 class NerfChunk {
  public:
   virtual ~NerfChunk() = default;
-  /// Call on the thread that runs the chunk, before its first tile of a batch (AMX: loads the tile
-  /// configuration).
-  virtual void begin() = 0;
-  virtual void end() = 0;  ///< after the last tile (AMX: releases the tiles)
   virtual void clear_gradients() = 0;
   /// Writes raw [4, stride]: r, g, b, density of sample i at raw[k * stride + i], linear outputs.
   /// `keep`: keeps the activations for backward.
@@ -58,9 +54,5 @@ class NerfNetwork {
 std::unique_ptr<NerfNetwork> make_nerf_avx2(const NerfConfig& config);
 std::unique_ptr<NerfNetwork> make_nerf_avx512(const NerfConfig& config);
 std::unique_ptr<NerfNetwork> make_nerf_avx512_bf16(const NerfConfig& config);
-std::unique_ptr<NerfNetwork> make_nerf_amx_bf16(const NerfConfig& config);
-/// The AMX path with its tile instructions replaced by loops: tests the AMX layouts on processors
-/// without AMX (needs AVX-512 with BF16 for the conversions).
-std::unique_ptr<NerfNetwork> make_nerf_amx_emulated(const NerfConfig& config);
 
 }  // namespace redrive::kernels

@@ -1,49 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
-// For the tests: the engines by name, conversions of bf16, and plain accessors of the block forms
-// of layout.h.
+// For the tests: conversions of bf16, and plain accessors of the block forms of layout.h.
 #pragma once
 
 #include <bit>
 #include <cstdint>
-#include <optional>
-#include <ostream>
-#include <string>
-#include <vector>
 
 #include <gtest/gtest.h>
 
 #include "redrive/base/cpu_features.h"
 #include "redrive/kernels/cpu/bf16/plan.h"
-#include "redrive/kernels/cpu/nerf_tile.h"
 
 namespace redrive::kernels::bf16 {
 
-enum class SumOrder {
-  kPairs,  ///< VDPBF16PS: per pair of k a fused multiply-add of the odd member, then of the even
-           ///< one
-  kTiles   ///< TDPBF16PS: per 32 k separate sums of the even and the odd members, then their sum
-           ///< added
-};
-
-struct EngineCase {
-  const char* name;
-  Isa isa;  ///< required of the processor
-  SumOrder order;
-  const Stages& (*stages)();
-  std::unique_ptr<NerfNetwork> (*make)(const NerfConfig&);
-};
-inline void PrintTo(const EngineCase& engine, std::ostream* out) { *out << engine.name; }
-
-inline std::vector<EngineCase> engine_cases() {
-  return {{"avx512", Isa::kAvx512Bf16, SumOrder::kPairs, avx512_stages, make_nerf_avx512_bf16},
-          {"amx_emulated", Isa::kAvx512Bf16, SumOrder::kTiles, amx_emulated_stages,
-           make_nerf_amx_emulated},
-          {"amx", Isa::kAmxBf16, SumOrder::kTiles, amx_stages, make_nerf_amx_bf16}};
-}
-
-/// Skips a test of an engine that this processor cannot run.
-#define SKIP_WITHOUT(isa) \
-  if (const auto obstacle = isa_obstacle(isa)) GTEST_SKIP() << *obstacle
+/// Skips a test where this processor cannot run the kernels.
+#define SKIP_WITHOUT_BF16() \
+  if (const auto obstacle = isa_obstacle(Isa::kAvx512Bf16)) GTEST_SKIP() << *obstacle
 
 inline float from_bf16(Bf16 x) { return std::bit_cast<float>(std::uint32_t{x} << 16); }
 /// Rounds a finite x to the nearest bf16, ties to even.

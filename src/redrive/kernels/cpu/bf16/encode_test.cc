@@ -19,9 +19,9 @@ double tolerance(double value) { return std::abs(value) * 0x1p-8 + 5e-6; }
 class EncodeTest : public testing::TestWithParam<NerfConfig> {};
 
 TEST_P(EncodeTest, MatchesTheFormulaInBothLayouts) {
-  SKIP_WITHOUT(Isa::kAvx512Bf16);
+  SKIP_WITHOUT_BF16();
   const NerfConfig config = GetParam();
-  Network network(config, avx512_stages());
+  Network network(config);
   const Plan& plan = network.plan();
   for (const auto& [n_rays, per_ray] : {std::pair{1, 1}, {3, 11}, {17, 5}, {2, 48}, {70, 1}}) {
     const int samples = n_rays * per_ray, n = (samples + 31) / 32;
@@ -34,8 +34,7 @@ TEST_P(EncodeTest, MatchesTheFormulaInBothLayouts) {
 
     Chunk chunk(network, samples);
     const ChunkMemory& memory = chunk.memory();
-    network.stages().encode(plan, memory,
-                            TileInput{n_rays, per_ray, position.data(), direction.data()}, true);
+    encode_tile(plan, memory, TileInput{n_rays, per_ray, position.data(), direction.data()}, true);
 
     const auto check = [&](const Bf16* next, const Bf16* keep, int blocks, int octaves,
                            auto&& point_of) {

@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Epilogue of a finished fp32 block C, run between two products: activation, mask, bias gradient,
-// packing to bf16. It runs a few rows at a time, so that an engine can interleave it with the
-// products of the next block: on AMX the vector units and the tiles would otherwise wait for each
-// other (390 -> 277 ns per block of k = 256).
+// Epilogue of a finished fp32 block C: activation, mask, bias gradient, packing to bf16.
 #pragma once
+
+#include <cstring>
 
 #include "redrive/kernels/cpu/bf16/plan.h"
 #include "redrive/kernels/cpu/bf16/vector.h"
@@ -34,125 +33,95 @@ struct PassOutput {
   int head_rows = 0, head_samples = 0;
 };
 
-/// The epilogue of the block computed last, to be run while the next one is computed.
+constexpr bool is_masked(Epilogue kind) { return kind == Epilogue::kMaskedGradient; }
+/// The rows of C are samples.
+constexpr bool is_backward(Epilogue kind) {
+  return is_masked(kind) || kind == Epilogue::kInputGradient;
+}
+constexpr bool keeps(Epilogue kind) { return is_masked(kind) || kind == Epilogue::kReluKeep; }
+
+/// The block of `keep` that the epilogue of (output block ob, sample block n) writes, or null.
 template <Epilogue kind>
-class Pending {
- public:
-  static constexpr bool kActivates = kind == Epilogue::kReluKeep || kind == Epilogue::kRelu;
-  static constexpr bool kMasked = kind == Epilogue::kMaskedGradient;
-  static constexpr bool kBackward =
-      kMasked || kind == Epilogue::kInputGradient;  ///< rows are samples
-  static constexpr bool kKeeps = kMasked || kind == Epilogue::kReluKeep;
+REDRIVE_INLINE Bf16* keep_of(const PassOutput& output, int n_blocks, int ob, int n) {
+  return keeps(kind) ? output.keep + (std::ptrdiff_t(ob) * n_blocks + n) * kBlockSize : nullptr;
+}
 
-  Pending(const PassOutput& output, int n_blocks, const float* c)
-      : output_(output), n_blocks_(n_blocks), c_(c) {}
-
-  bool exists() const { return exists_; }
-
-  /// The cache lines that the next block's epilogue writes first.
-  REDRIVE_INLINE const Bf16* keep_of(int ob, int n) const {
-    return kKeeps ? output_.keep + (std::ptrdiff_t(ob) * n_blocks_ + n) * kBlockSize : nullptr;
+/// The fp32 outputs of a block: row r in output.head, its first head_samples columns.
+REDRIVE_INLINE void write_head(const PassOutput& output, int n, const float* c) {
+  const __mmask16 valid0 = first_lanes(output.head_samples - n * kBlock),
+                  valid1 = first_lanes(output.head_samples - n * kBlock - 16);
+  float* head = output.head + std::ptrdiff_t(n) * kBlock;
+  for (int r = 0; r < output.head_rows; ++r, head += output.head_stride) {
+    const float* row = c + (r / 16) * 2 * kTileFloats + (r % 16) * 16;
+    _mm512_mask_storeu_ps(head, valid0, _mm512_load_ps(row));
+    _mm512_mask_storeu_ps(head + 16, valid1, _mm512_load_ps(row + kTileFloats));
   }
+}
 
-  REDRIVE_INLINE void set(int ob, int n) {
-    exists_ = true;
-    if constexpr (kind == Epilogue::kHead) {
-      head_ = output_.head + std::ptrdiff_t(n) * kBlock;
-      valid0_ = first_lanes(output_.head_samples - n * kBlock);
-      valid1_ = first_lanes(output_.head_samples - n * kBlock - 16);
-    } else if constexpr (kind == Epilogue::kInputGradient) {
-      to_ = output_.c + (std::ptrdiff_t(n) * output_.c_stride + ob) * kBlockSize;
-    } else {
-      Bf16* next = output_.next + (std::ptrdiff_t(n) * output_.next_stride + ob) * kBlockSize;
-      Bf16* keep = const_cast<Bf16*>(keep_of(ob, n));
-      pairs_ = kMasked ? keep : next;
-      rows_ = kMasked ? next : keep;
-      if constexpr (kKeeps) {
-        mask_ = output_.mask + (std::ptrdiff_t(ob) * n_blocks_ + n) * kBlock;
-      }
-      if constexpr (kMasked) d_bias_ = output_.d_bias + std::ptrdiff_t(ob) * kBlock;
+/// Packs a block of activations or of their gradients.
+template <Epilogue kind>
+REDRIVE_INLINE void pack_block(const PassOutput& output, int n_blocks, int ob, int n,
+                               const float* c) {
+  const std::ptrdiff_t at = std::ptrdiff_t(ob) * n_blocks + n;
+  Bf16* next = output.next + (std::ptrdiff_t(n) * output.next_stride + ob) * kBlockSize;
+  Bf16* keep = keep_of<kind>(output, n_blocks, ob, n);
+  Bf16 *pairs = is_masked(kind) ? keep : next, *rows = is_masked(kind) ? next : keep;
+  std::uint32_t* mask = keeps(kind) ? output.mask + at * kBlock : nullptr;
+  alignas(64) std::uint32_t active[kBlock];  // per neuron, bit = sample
+  const __m512 zero = _mm512_setzero_ps();
+  __m512 sum0 = zero, sum1 = zero;
+  for (int r = 0; r < kBlock; r += 2) {
+    const float* row = c + (r / 16) * 2 * kTileFloats + (r % 16) * 16;
+    __m512 even0 = _mm512_load_ps(row), even1 = _mm512_load_ps(row + kTileFloats);
+    __m512 odd0 = _mm512_load_ps(row + 16), odd1 = _mm512_load_ps(row + kTileFloats + 16);
+    if constexpr (is_masked(kind)) {
+      const std::uint32_t even = mask[r], odd = mask[r + 1];
+      even0 = _mm512_maskz_mov_ps(static_cast<__mmask16>(even), even0);
+      even1 = _mm512_maskz_mov_ps(static_cast<__mmask16>(even >> 16), even1);
+      odd0 = _mm512_maskz_mov_ps(static_cast<__mmask16>(odd), odd0);
+      odd1 = _mm512_maskz_mov_ps(static_cast<__mmask16>(odd >> 16), odd1);
+      sum0 = _mm512_add_ps(sum0, _mm512_add_ps(even0, odd0));
+      sum1 = _mm512_add_ps(sum1, _mm512_add_ps(even1, odd1));
+    } else {  // max(0, NaN) = NaN: the second operand is returned
+      even0 = _mm512_max_ps(zero, even0);
+      even1 = _mm512_max_ps(zero, even1);
+      odd0 = _mm512_max_ps(zero, odd0);
+      odd1 = _mm512_max_ps(zero, odd1);
     }
+    if constexpr (keeps(kind)) {
+      const __m512i even = to_bf16(even0, even1), odd = to_bf16(odd0, odd1);
+      Bf16* packed = rows + (r / 16) * kTileSize + (r % 16) * kBlock;
+      store(packed, even);
+      store(packed + kBlock, odd);
+      if constexpr (kind == Epilogue::kReluKeep) {  // active: > 0 as a signed 16-bit number, so
+                                                    // neither 0 nor -0
+        active[r] = _mm512_cmpgt_epi16_mask(even, _mm512_setzero_si512());
+        active[r + 1] = _mm512_cmpgt_epi16_mask(odd, _mm512_setzero_si512());
+      }
+    }
+    store(pairs + r / 2 * kBlock, to_bf16_pairs(even0, odd0));
+    store(pairs + kTileSize + r / 2 * kBlock, to_bf16_pairs(even1, odd1));
   }
-
-  /// Rows first .. first + count of the block; count even; in ascending order, 32 in all.
-  REDRIVE_INLINE void rows(int first, int count) {
-    const __m512 zero = _mm512_setzero_ps();
-    __m512 sum0 = zero, sum1 = zero;
-    for (int r = first; r < first + count; r += 2) {
-      const float* c = c_ + (r / 16) * 2 * kTileFloats + (r % 16) * 16;
-      __m512 even0 = _mm512_load_ps(c), even1 = _mm512_load_ps(c + kTileFloats);
-      __m512 odd0 = _mm512_load_ps(c + 16), odd1 = _mm512_load_ps(c + kTileFloats + 16);
-      if constexpr (kind == Epilogue::kHead) {
-        store_head(r, even0, even1);
-        store_head(r + 1, odd0, odd1);
-        continue;
-      }
-      if constexpr (kind == Epilogue::kInputGradient) {
-        float* to = to_ + (c - c_);
-        _mm512_store_ps(to, even0);
-        _mm512_store_ps(to + 16, odd0);
-        _mm512_store_ps(to + kTileFloats, even1);
-        _mm512_store_ps(to + kTileFloats + 16, odd1);
-        continue;
-      }
-      if constexpr (kActivates) {  // max(0, NaN) = NaN: the second operand is returned
-        even0 = _mm512_max_ps(zero, even0);
-        even1 = _mm512_max_ps(zero, even1);
-        odd0 = _mm512_max_ps(zero, odd0);
-        odd1 = _mm512_max_ps(zero, odd1);
-      }
-      if constexpr (kMasked) {
-        const std::uint32_t even = mask_[r], odd = mask_[r + 1];
-        even0 = _mm512_maskz_mov_ps(static_cast<__mmask16>(even), even0);
-        even1 = _mm512_maskz_mov_ps(static_cast<__mmask16>(even >> 16), even1);
-        odd0 = _mm512_maskz_mov_ps(static_cast<__mmask16>(odd), odd0);
-        odd1 = _mm512_maskz_mov_ps(static_cast<__mmask16>(odd >> 16), odd1);
-      }
-      if constexpr (kMasked) {
-        sum0 = _mm512_add_ps(sum0, _mm512_add_ps(even0, odd0));
-        sum1 = _mm512_add_ps(sum1, _mm512_add_ps(even1, odd1));
-      }
-      if constexpr (kKeeps) {
-        const __m512i even = to_bf16(even0, even1), odd = to_bf16(odd0, odd1);
-        Bf16* row = rows_ + (r / 16) * kTileSize + (r % 16) * kBlock;
-        store(row, even);
-        store(row + kBlock, odd);
-        if constexpr (kind == Epilogue::kReluKeep) {  // active: > 0 as a signed 16-bit number, so
-                                                      // neither 0 nor -0
-          active_[r] = _mm512_cmpgt_epi16_mask(even, _mm512_setzero_si512());
-          active_[r + 1] = _mm512_cmpgt_epi16_mask(odd, _mm512_setzero_si512());
-        }
-      }
-      store(pairs_ + r / 2 * kBlock, to_bf16_pairs(even0, odd0));
-      store(pairs_ + kTileSize + r / 2 * kBlock, to_bf16_pairs(even1, odd1));
-    }
-    if constexpr (kMasked) {
-      _mm512_store_ps(d_bias_, _mm512_add_ps(_mm512_load_ps(d_bias_), sum0));
-      _mm512_store_ps(d_bias_ + 16, _mm512_add_ps(_mm512_load_ps(d_bias_ + 16), sum1));
-    }
-    if constexpr (kind == Epilogue::kReluKeep) {
-      if (first + count == kBlock) transpose_bits_32(active_, mask_);
-    }
+  if constexpr (is_masked(kind)) {
+    float* d_bias = output.d_bias + std::ptrdiff_t(ob) * kBlock;
+    _mm512_store_ps(d_bias, _mm512_add_ps(_mm512_load_ps(d_bias), sum0));
+    _mm512_store_ps(d_bias + 16, _mm512_add_ps(_mm512_load_ps(d_bias + 16), sum1));
   }
+  if constexpr (kind == Epilogue::kReluKeep) transpose_bits_32(active, mask);
+}
 
- private:
-  REDRIVE_INLINE void store_head(int r, __m512 low, __m512 high) const {
-    if (r >= output_.head_rows) return;
-    _mm512_mask_storeu_ps(head_ + r * output_.head_stride, valid0_, low);
-    _mm512_mask_storeu_ps(head_ + r * output_.head_stride + 16, valid1_, high);
+template <Epilogue kind>
+REDRIVE_INLINE void finish_block(const PassOutput& output, int n_blocks, int ob, int n,
+                                 const float* c) {
+  if constexpr (kind == Epilogue::kHead) {
+    write_head(output, n, c);
+  } else if constexpr (kind == Epilogue::kInputGradient) {
+    std::memcpy(output.c + (std::ptrdiff_t(n) * output.c_stride + ob) * kBlockSize, c,
+                kBlockSize * sizeof(float));
+  } else {
+    pack_block<kind>(output, n_blocks, ob, n, c);
   }
-
-  alignas(64) std::uint32_t active_[kBlock];  ///< per neuron, bit = sample
-  const PassOutput& output_;
-  int n_blocks_;
-  const float* c_;
-  bool exists_ = false;
-  Bf16 *rows_ = nullptr, *pairs_ = nullptr;
-  std::uint32_t* mask_ = nullptr;
-  float* d_bias_ = nullptr;
-  float *head_ = nullptr, *to_ = nullptr;
-  __mmask16 valid0_ = 0, valid1_ = 0;
-};
+}
 
 }  // namespace
 }  // namespace redrive::kernels::bf16

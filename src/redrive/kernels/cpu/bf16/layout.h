@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Memory layouts of matrices for bf16 products with fp32 sums. Everything is cut into blocks of 32
-// x 32: an AMX tile is 16 rows x 64 bytes, there are eight of them, and 2 x 2 accumulators + 2 + 2
-// operands use them all: 4 tile products per 4 tile loads, twice as good as 1 x 1. vdpbf16ps reads
-// the same layouts.
+// Memory layouts of matrices for bf16 products with fp32 sums (vdpbf16ps). Everything is cut into
+// blocks of 32 x 32, two vectors of 16 columns wide.
 //
 // A block of 32 x 32 bf16 is two tiles of 16 x 32 (1 KiB each, 2 KiB a block), in one of two forms:
 //

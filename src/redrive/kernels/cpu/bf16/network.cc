@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The portable half of the bf16 network: sizes, memory and threads. The arithmetic is in
-// network_stages.h, compiled once per ISA behind the table of functions of plan.h.
+// network_avx512.cc, encode.cc and pack.cc.
 #include "redrive/kernels/cpu/bf16/network.h"
 
 #include <algorithm>
@@ -146,9 +146,6 @@ Chunk::Chunk(const Network& network, int max_samples)
   memory_ = carve(network.plan(), blocks_of(max_samples), carver);
 }
 
-void Chunk::begin() { network_.stages().begin(); }
-void Chunk::end() { network_.stages().end(); }
-
 void Chunk::clear_gradients() {
   memory_.fresh = true;
   std::fill_n(memory_.d_bias, network_.plan().d_bias_size, 0.0f);
@@ -160,23 +157,22 @@ void Chunk::forward(const NerfTile& tile, bool keep, float* raw, int stride) {
   REDRIVE_CHECK_OP(stride, >=, tile.samples());
   kept_samples_ = keep ? tile.samples() : 0;
   const TileInput input{tile.n_rays, tile.per_ray, tile.position, tile.direction};
-  network_.stages().forward(network_.plan(), network_.weights(), memory_, input, keep, raw, stride);
+  forward_tile(network_.plan(), network_.weights(), memory_, input, keep, raw, stride);
 }
 
 void Chunk::backward(const float* d_raw, int stride, float* d_position) {
   REDRIVE_CHECK_OP(kept_samples_, >=, 1);
   REDRIVE_CHECK_OP(stride, >=, kept_samples_);
-  network_.stages().backward(network_.plan(), network_.weights(), memory_, kept_samples_, d_raw,
-                             stride, d_position);
+  backward_tile(network_.plan(), network_.weights(), memory_, kept_samples_, d_raw, stride,
+                d_position);
   memory_.fresh = false;
 }
 
-Network::Network(const NerfConfig& config, const Stages& stages)
+Network::Network(const NerfConfig& config)
     : config_(config),
       plan_(make_plan(config)),
       folded_(config),
       rows_(make_block_rows(config, plan_, folded_.shape())),
-      stages_(stages),
       packed_(plan_.packed_size),
       bias_(plan_.bias_size),
       weights_{packed_.data(), bias_.data()} {}
@@ -186,8 +182,8 @@ void Network::pack(std::span<const float> parameters, ThreadPool& pool) {
   folded_.fold(parameters, pool);
   pool.run_ranges(rows_.size(), 2, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
-      stages_.pack(rows_[i], rows_[i].folded ? folded_.parameters().data() : parameters.data(),
-                   weights_);
+      pack_row(rows_[i], rows_[i].folded ? folded_.parameters().data() : parameters.data(),
+               weights_);
     }
   });
 }
@@ -208,7 +204,7 @@ void Network::reduce(std::span<const std::unique_ptr<NerfChunk>> chunks, std::sp
   pool.run_ranges(rows_.size(), 2, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       float* sums = rows_[i].folded ? folded_.gradients().data() : gradients.data();
-      stages_.reduce(rows_[i], used.data(), static_cast<int>(used.size()), sums);
+      reduce_row(rows_[i], used.data(), static_cast<int>(used.size()), sums);
     }
   });
   folded_.unfold(gradients, pool);
@@ -219,13 +215,7 @@ void Network::reduce(std::span<const std::unique_ptr<NerfChunk>> chunks, std::sp
 namespace redrive::kernels {
 
 std::unique_ptr<NerfNetwork> make_nerf_avx512_bf16(const NerfConfig& config) {
-  return std::make_unique<bf16::Network>(config, bf16::avx512_stages());
-}
-std::unique_ptr<NerfNetwork> make_nerf_amx_bf16(const NerfConfig& config) {
-  return std::make_unique<bf16::Network>(config, bf16::amx_stages());
-}
-std::unique_ptr<NerfNetwork> make_nerf_amx_emulated(const NerfConfig& config) {
-  return std::make_unique<bf16::Network>(config, bf16::amx_emulated_stages());
+  return std::make_unique<bf16::Network>(config);
 }
 
 }  // namespace redrive::kernels

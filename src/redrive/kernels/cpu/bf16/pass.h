@@ -3,8 +3,8 @@
 // (k = 256: 16 KiB) and streams the tile's samples.
 #pragma once
 
+#include "redrive/kernels/cpu/bf16/block_product.h"
 #include "redrive/kernels/cpu/bf16/epilogue.h"
-#include "redrive/kernels/cpu/bf16/product.h"
 
 namespace redrive::kernels::bf16 {
 namespace {
@@ -22,16 +22,13 @@ struct Pass {
   int out_blocks = 0, n_blocks = 0;
   const float* bias = nullptr;  ///< [out_blocks][kBiasTile], or null
   PassOutput output;
-  Prefetch prefetch;
 };
 
 /// forward: C[neurons, samples] = W X; backward: C[samples, inputs] = D W. `out_blocks` blocks for
 /// each block of samples.
-template <class Engine, Epilogue kind>
+template <Epilogue kind>
 void run_pass(const Pass& pass) {
   alignas(64) float c[kBlockSize];
-  Pending<kind> pending(pass.output, pass.n_blocks, c);
-  Prefetch prefetch = pass.prefetch;
   for (int ob = 0; ob < pass.out_blocks; ++ob) {
     const Bf16* w0 = pass.weights + std::ptrdiff_t(ob) * pass.weight_stride * kBlockSize;
     const Bf16* w1 = w0 + std::ptrdiff_t(pass.in.blocks) * kBlockSize;
@@ -41,15 +38,13 @@ void run_pass(const Pass& pass) {
       const Bf16* x1 = pass.extra.blocks
                            ? pass.extra.data + std::ptrdiff_t(n) * pass.extra.stride * kBlockSize
                            : nullptr;
-      const Product product = Pending<kind>::kBackward
+      const Product product = is_backward(kind)
                                   ? Product{x0, w0, pass.in.blocks, x1, w1, pass.extra.blocks}
                                   : Product{w0, x0, pass.in.blocks, w1, x1, pass.extra.blocks};
-      prefetch.written = reinterpret_cast<const char*>(pending.keep_of(ob, n));
-      Engine::product(product, bias, c, pending, prefetch);
-      pending.set(ob, n);
+      write_product(product, bias, c, keep_of<kind>(pass.output, pass.n_blocks, ob, n));
+      finish_block<kind>(pass.output, pass.n_blocks, ob, n, c);
     }
   }
-  pending.rows(0, kBlock);
 }
 
 /// dW^T of a layer: [out_blocks][x blocks] C blocks += keep of the inputs times keep of the
@@ -63,8 +58,7 @@ struct WeightGradient {
   float* d_weight = nullptr;
 };
 
-template <class Engine>
-void add_weight_gradient(const WeightGradient& g) {
+inline void add_weight_gradient(const WeightGradient& g) {
   const std::ptrdiff_t panel = std::ptrdiff_t(g.n_blocks) * kBlockSize;
   const int k_blocks = g.x_blocks + g.extra_blocks;
   const auto left = [&](int ib) {
@@ -77,11 +71,7 @@ void add_weight_gradient(const WeightGradient& g) {
     for (int ob = 0; ob < g.out_blocks; ++ob) {
       for (int ib = 0; ib < k_blocks; ++ib) {
         float* c = g.d_weight + (std::ptrdiff_t(ob) * k_blocks + ib) * kBlockSize;
-        PanelPrefetch prefetch{reinterpret_cast<const char*>(c + kBlockSize), nullptr};
-        if (ob == 0 && ib + 1 < k_blocks)
-          prefetch.next_a = reinterpret_cast<const char*>(left(ib + 1) + offset);
-        Engine::accumulate(left(ib) + offset, g.d + ob * panel + offset, chunk,
-                           g.clear && first == 0, c, prefetch);
+        add_product(left(ib) + offset, g.d + ob * panel + offset, chunk, g.clear && first == 0, c);
       }
     }
   }

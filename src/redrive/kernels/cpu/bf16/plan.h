@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Interface between the ISA-specific files and the portable network.cc: plain structs of sizes,
-// offsets and pointers, and a table of functions. The ISA-specific files include nothing else of
-// the project and keep all they define in unnamed namespaces, so that no inline function compiled
-// with AVX-512 can be linked into code that runs anywhere.
+// Interface between the files that are compiled for AVX-512 and the portable network.cc: plain
+// structs of sizes, offsets and pointers, and functions. The files compiled for AVX-512 include
+// nothing else of the project and define everything else in unnamed namespaces, so that no inline
+// function of theirs can be linked into code that runs anywhere.
 #pragma once
 
 #include <cstddef>
@@ -80,33 +80,39 @@ struct TileInput {
   const float* direction = nullptr;
 };
 
-/// The functions of one instruction set.
-struct Stages {
-  int tile_samples = 0;  ///< preferred (nerf_tile.h)
-  void (*begin)();
-  void (*end)();
-  /// gamma(x) and gamma(d) of a tile into position_* and direction_*; samples past the tile's are
-  /// zero (keep: *_keep too).
-  void (*encode)(const Plan& plan, const ChunkMemory& memory, const TileInput& tile, bool keep);
-  /// encode, then the network. raw [4, stride].
-  void (*forward)(const Plan& plan, const Weights& weights, const ChunkMemory& memory,
-                  const TileInput& tile, bool keep, float* raw, int stride);
-  /// Adds to memory.d_weight (overwrites it if memory.fresh) and memory.d_bias. d_position [3,
-  /// samples], unless null: written.
-  void (*backward)(const Plan& plan, const Weights& weights, const ChunkMemory& memory, int samples,
-                   const float* d_raw, int stride, float* d_position);
-  void (*pack)(const BlockRow& row, const float* parameters, const Weights& weights);
-  /// gradients += sum over chunks, in their order.
-  void (*reduce)(const BlockRow& row, const ChunkMemory* const* chunks, int n_chunks,
-                 float* gradients);
-  /// One block: c = bias (kBiasTile, or null: 0) + sum_k a_k b_k. For tests.
-  void (*product)(const Bf16* a, const Bf16* b, int k_blocks, const float* bias, float* c);
-  /// c = (clear ? 0 : c) + sum_k a_k b_k. For tests.
-  void (*accumulate)(const Bf16* a, const Bf16* b, int k_blocks, bool clear, float* c);
-};
+// The functions below are compiled for Isa::kAvx512Bf16 and must only be called where it is usable.
 
-const Stages& avx512_stages();
-const Stages& amx_stages();
-const Stages& amx_emulated_stages();
+/// gamma(x) and gamma(d) of a tile into position_* and direction_*; samples past the tile's are
+/// zero (keep: *_keep too).
+void encode_tile(const Plan& plan, const ChunkMemory& memory, const TileInput& tile, bool keep);
+
+/// Writes d_position [3, samples], the adjoint of gamma(x) (positional_encoding_adjoint in
+/// field/positional_encoding.h) of the sum of memory.d_gamma. Sines and cosines are the network's
+/// rounded inputs (memory.position_keep).
+void encode_positions_backward(const Plan& plan, const ChunkMemory& memory, int samples,
+                               float* d_position);
+
+/// encode_tile, then the network. raw [4, stride].
+void forward_tile(const Plan& plan, const Weights& weights, const ChunkMemory& memory,
+                  const TileInput& tile, bool keep, float* raw, int stride);
+
+/// Adds to memory.d_weight (overwrites it if memory.fresh) and memory.d_bias. d_position [3,
+/// samples], unless null: written.
+void backward_tile(const Plan& plan, const Weights& weights, const ChunkMemory& memory, int samples,
+                   const float* d_raw, int stride, float* d_position);
+
+/// Rows in row form for the forward pass, in pair form (pairs of outputs) for the backward pass,
+/// and the bias tile. Outputs past row.rows and inputs past row.columns are zero, so padded neurons
+/// are 0 and get no gradient.
+void pack_row(const BlockRow& row, const float* parameters, const Weights& weights);
+
+/// gradients += ((chunk 0 + chunk 1) + chunk 2) + ...
+void reduce_row(const BlockRow& row, const ChunkMemory* const* chunks, int n_chunks,
+                float* gradients);
+
+/// One block, for tests: c = bias (kBiasTile, or null: 0) + sum_k a_k b_k.
+void multiply_blocks(const Bf16* a, const Bf16* b, int k_blocks, const float* bias, float* c);
+/// One block, for tests: c = (clear ? 0 : c) + sum_k a_k b_k.
+void accumulate_blocks(const Bf16* a, const Bf16* b, int k_blocks, bool clear, float* c);
 
 }  // namespace redrive::kernels::bf16

@@ -4,7 +4,7 @@
 // gradients between layers. Biases and their gradients are not. Feature and colour are one layer
 // (folded_colour.h), whose weights are rounded as a whole.
 //
-// Sums that are rounded to bf16 follow the documented order of the instructions, so that the
+// Sums that are rounded to bf16 follow the documented order of the instruction, so that the
 // results are equal bit for bit. In another order a few activations would round to the other side,
 // and differences would grow to the rounding noise itself, which allows no tight tolerance.
 // Gradients of parameters are not rounded further: double.
@@ -22,8 +22,8 @@ namespace redrive::kernels::bf16 {
 
 class ReferenceNetwork {
  public:
-  ReferenceNetwork(const NerfConfig& config, std::span<const float> parameters, SumOrder order)
-      : config_(config), order_(order), exact_(parameters.begin(), parameters.end()) {
+  ReferenceNetwork(const NerfConfig& config, std::span<const float> parameters)
+      : config_(config), exact_(parameters.begin(), parameters.end()) {
     fold();
     for (const float p : exact_) rounded_.push_back(round_bf16(p));
   }
@@ -131,22 +131,12 @@ class ReferenceNetwork {
     exact_.insert(exact_.end(), bias.begin(), bias.end());
   }
 
-  /// init + sum a(k) b(k)
+  /// init + sum a(k) b(k), summed as VDPBF16PS does: per pair of k a fused multiply-add of the odd
+  /// member, then of the even one.
   template <class A, class B>
-  float dot(float init, int n, const A& a, const B& b) const {
+  static float dot(float init, int n, const A& a, const B& b) {
     const auto times = [&](int k, float sum) { return k < n ? std::fma(a(k), b(k), sum) : sum; };
-    if (order_ == SumOrder::kPairs) {
-      for (int k = 0; k < n; k += 2) init = times(k, times(k + 1, init));
-      return init;
-    }
-    for (int first = 0; first < n; first += 32) {
-      float even = 0, odd = 0;
-      for (int k = first; k < first + 32; k += 2) {
-        even = times(k, even);
-        odd = times(k + 1, odd);
-      }
-      init += even + odd;
-    }
+    for (int k = 0; k < n; k += 2) init = times(k, times(k + 1, init));
     return init;
   }
 
@@ -179,7 +169,7 @@ class ReferenceNetwork {
   /// of the common inputs.
   std::vector<float> adjoint(const Trace& trace, const std::vector<int>& layers,
                              const std::vector<float>& d, std::span<double> gradients) const {
-    std::vector<float> d_rounded;  // whole blocks of outputs, as kTiles sums them
+    std::vector<float> d_rounded;  // whole blocks of outputs
     std::vector<const float*> rows;
     std::size_t output = 0;
     for (const int layer : layers) {
@@ -205,7 +195,6 @@ class ReferenceNetwork {
   }
 
   NerfConfig config_;
-  SumOrder order_;
   std::vector<float> exact_, rounded_;
 };
 

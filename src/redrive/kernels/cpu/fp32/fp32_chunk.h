@@ -12,8 +12,6 @@ class Fp32Chunk final : public NerfChunk {
  public:
   Fp32Chunk(const Fp32Network& network, int max_samples);
 
-  void begin() override {}
-  void end() override {}
   void clear_gradients() override;
   void forward(const NerfTile& tile, bool keep, float* raw, int stride) override;
   void backward(const float* d_raw, int stride, float* d_position) override;

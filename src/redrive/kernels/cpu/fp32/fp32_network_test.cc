@@ -122,7 +122,6 @@ TEST_P(Fp32NetworkTest, MatchesTheOracle) {
 
     std::vector<float> raw(4 * problem.samples, NAN), exact(raw);
     const Problem::Part all = problem.part(0, c.n_rays);
-    chunks[0]->begin();
     chunks[0]->forward(all.tile, false, raw.data(), problem.samples);
     EXPECT_LT(relative_error(raw.data(), problem.raw.data(), raw.size()), kTolerance);
 
@@ -149,7 +148,6 @@ TEST_P(Fp32NetworkTest, MatchesTheOracle) {
                   kTolerance)
             << "coordinate " << k;
     }
-    chunks[0]->end();
     std::vector<float> gradients(problem.parameters.size(), 0.0f);
     network->reduce(chunks, gradients, pool);
     for (const NerfTensor& tensor : nerf_tensors(c.config))

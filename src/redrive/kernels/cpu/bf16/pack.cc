@@ -1,18 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // Converts between the flat fp32 parameters (field/nerf_field.h) and the packed blocks, 32 outputs
 // of a layer at a time.
-#pragma once
-
 #include "redrive/kernels/cpu/bf16/plan.h"
 #include "redrive/kernels/cpu/bf16/vector.h"
 
 namespace redrive::kernels::bf16 {
-namespace {
 
-/// Rows in row form for the forward pass, in pair form (pairs of outputs) for the backward pass,
-/// and the bias tile. Outputs past row.rows and inputs past row.columns are zero, so padded neurons
-/// are 0 and get no gradient.
-inline void pack_row(const BlockRow& row, const float* parameters, const Weights& weights) {
+void pack_row(const BlockRow& row, const float* parameters, const Weights& weights) {
   for (int o = 0; o < kBlock; o += 2) {
     const float* even = parameters + row.weight + std::ptrdiff_t(o) * row.columns;
     const float* odd = even + row.columns;
@@ -41,10 +35,9 @@ inline void pack_row(const BlockRow& row, const float* parameters, const Weights
   }
 }
 
-/// gradients += ((chunk 0 + chunk 1) + chunk 2) + ...; the C blocks (inputs x outputs) are
-/// transposed 16 x 16 in the process.
-inline void reduce_row(const BlockRow& row, const ChunkMemory* const* chunks, int n_chunks,
-                       float* gradients) {
+// The C blocks (inputs x outputs) are transposed 16 x 16 in the process.
+void reduce_row(const BlockRow& row, const ChunkMemory* const* chunks, int n_chunks,
+                float* gradients) {
   for (int quarter = 0; quarter < row.k_blocks * 4; ++quarter) {
     const int k = quarter / 4 * kBlock + quarter / 2 % 2 * 16, o = quarter % 2 * 16;
     const __mmask16 columns = first_lanes(row.columns - k);
@@ -71,5 +64,4 @@ inline void reduce_row(const BlockRow& row, const ChunkMemory* const* chunks, in
   }
 }
 
-}  // namespace
 }  // namespace redrive::kernels::bf16

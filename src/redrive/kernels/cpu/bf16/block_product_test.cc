@@ -10,15 +10,9 @@
 namespace redrive::kernels::bf16 {
 namespace {
 
-class EngineTest : public testing::TestWithParam<EngineCase> {
+class BlockProductTest : public testing::Test {
  protected:
-  void SetUp() override {
-    SKIP_WITHOUT(GetParam().isa);
-    GetParam().stages().begin();
-  }
-  void TearDown() override {
-    if (!IsSkipped()) GetParam().stages().end();
-  }
+  void SetUp() override { SKIP_WITHOUT_BF16(); }
 
   /// Fills the operands for k_blocks blocks and `expected` [32][32] with their product.
   void make_operands(int k_blocks, std::uint64_t key) {
@@ -45,10 +39,10 @@ class EngineTest : public testing::TestWithParam<EngineCase> {
   Buffer<float> c_{kBlockSize};
 };
 
-TEST_P(EngineTest, ProductIsExactOnWholeNumbers) {
+TEST_F(BlockProductTest, ProductIsExactOnWholeNumbers) {
   for (const int k_blocks : {1, 2, 3, 4, 8, 10}) {
     make_operands(k_blocks, 7);
-    GetParam().stages().product(a_.data(), b_.data(), k_blocks, nullptr, c_.data());
+    multiply_blocks(a_.data(), b_.data(), k_blocks, nullptr, c_.data());
     for (int i = 0; i < 32; ++i) {
       for (int j = 0; j < 32; ++j)
         ASSERT_EQ(c_[c_form(i, j)], expected_[i * 32 + j]) << k_blocks << ' ' << i << ' ' << j;
@@ -56,40 +50,37 @@ TEST_P(EngineTest, ProductIsExactOnWholeNumbers) {
   }
 }
 
-TEST_P(EngineTest, BiasStartsTheSum) {
+TEST_F(BlockProductTest, BiasStartsTheSum) {
   make_operands(2, 8);
   Buffer<float> bias(kBiasTile);
   for (int i = 0; i < 32; ++i) {
     for (int j = 0; j < 16; ++j) bias[i * 16 + j] = static_cast<float>(1000 * i);
   }
-  GetParam().stages().product(a_.data(), b_.data(), 2, bias.data(), c_.data());
+  multiply_blocks(a_.data(), b_.data(), 2, bias.data(), c_.data());
   for (int i = 0; i < 32; ++i) {
     for (int j = 0; j < 32; ++j)
       ASSERT_EQ(c_[c_form(i, j)], expected_[i * 32 + j] + 1000 * i) << i << ' ' << j;
   }
 }
 
-TEST_P(EngineTest, AccumulateAddsOrOverwrites) {
+TEST_F(BlockProductTest, AccumulateAddsOrOverwrites) {
   make_operands(3, 9);
   for (std::size_t i = 0; i < c_.size(); ++i) c_[i] = 12345;
-  GetParam().stages().accumulate(a_.data(), b_.data(), 3, true, c_.data());
-  GetParam().stages().accumulate(a_.data(), b_.data(), 3, false, c_.data());
+  accumulate_blocks(a_.data(), b_.data(), 3, true, c_.data());
+  accumulate_blocks(a_.data(), b_.data(), 3, false, c_.data());
   for (int i = 0; i < 32; ++i) {
     for (int j = 0; j < 32; ++j)
       ASSERT_EQ(c_[c_form(i, j)], 2 * expected_[i * 32 + j]) << i << ' ' << j;
   }
 }
 
-TEST_P(EngineTest, DenormalsCountAsZero) {
+TEST_F(BlockProductTest, DenormalsCountAsZero) {
   make_operands(1, 10);
   for (std::size_t i = 0; i < a_.size(); ++i) a_[i] = 0x0040;  // 2^-127
   for (std::size_t i = 0; i < b_.size(); ++i) b_[i] = to_bf16(0x1p127f);
-  GetParam().stages().product(a_.data(), b_.data(), 1, nullptr, c_.data());
+  multiply_blocks(a_.data(), b_.data(), 1, nullptr, c_.data());
   for (std::size_t i = 0; i < c_.size(); ++i) ASSERT_EQ(c_[i], 0.0f);
 }
-
-INSTANTIATE_TEST_SUITE_P(Engines, EngineTest, testing::ValuesIn(engine_cases()),
-                         [](const auto& test) { return std::string(test.param.name); });
 
 }  // namespace
 }  // namespace redrive::kernels::bf16

@@ -5,8 +5,6 @@
 // sin(2^l pi p), cos(2^l pi p) by doubling the angle, sin 2a = 2 sin a cos a, cos 2a = 1 - 2 sin^2
 // a, from l = 0 and again from l = 5: four doublings multiply the initial error of 1e-7 by at most
 // 2^4 (measured 4e-6; bf16 near 1 rounds by 2e-3). 32 p is exact.
-#pragma once
-
 #include "redrive/kernels/cpu/bf16/plan.h"
 #include "redrive/kernels/cpu/bf16/vector.h"
 
@@ -66,8 +64,8 @@ REDRIVE_INLINE void encode_16(const __m512 point[3], int octaves, float* out, in
 
 /// gamma(x) of every sample; n = samples rounded up to blocks of 32, points past the tile's are the
 /// origin.
-inline void encode_positions(const Plan& plan, const ChunkMemory& memory, const float* position,
-                             int samples, bool keep) {
+void encode_positions(const Plan& plan, const ChunkMemory& memory, const float* position,
+                      int samples, bool keep) {
   constexpr int kMaxRows = 64;  // 3 + 6 * 10, rounded up to blocks
   alignas(64) float code[kMaxRows * kBlock];
   const int blocks = plan.position_blocks, rows = 3 + 6 * plan.position_octaves,
@@ -100,53 +98,10 @@ inline void encode_positions(const Plan& plan, const ChunkMemory& memory, const 
   }
 }
 
-/// Writes d_position [3, samples], the adjoint of gamma(x) (positional_encoding_adjoint in
-/// field/positional_encoding.h) of the sum of memory.d_gamma. Sines and cosines are the network's
-/// rounded inputs (memory.position_keep).
-inline void encode_positions_backward(const Plan& plan, const ChunkMemory& memory, int samples,
-                                      float* d_position) {
-  constexpr int kMaxRows = 64;
-  alignas(64) float d_code[kMaxRows * 16];
-  const int blocks = plan.position_blocks, octaves = plan.position_octaves,
-            n = (samples + kBlock - 1) / kBlock;
-  for (int first = 0; first < samples; first += 16) {
-    const int b = first / kBlock, half = first / 16 % 2;
-    for (int column = 0; column < 2 * blocks; ++column) {  // 16 rows of gamma
-      const std::ptrdiff_t at = std::ptrdiff_t(b * blocks + column / 2) * kBlockSize +
-                                (2 * half + column % 2) * kTileFloats;
-      __m512 v[16];
-      for (int r = 0; r < 16; ++r)
-        v[r] = _mm512_add_ps(_mm512_load_ps(memory.d_gamma[0] + at + r * 16),
-                             _mm512_load_ps(memory.d_gamma[1] + at + r * 16));
-      transpose_16x16(v);
-      for (int r = 0; r < 16; ++r) _mm512_store_ps(d_code + (column * 16 + r) * 16, v[r]);
-    }
-    const auto code = [&](int row) {
-      const Bf16* kept = memory.position_keep + std::ptrdiff_t(row / kBlock * n + b) * kBlockSize +
-                         row % kBlock * kBlock;
-      const __m256i bits = _mm256_load_si256(reinterpret_cast<const __m256i*>(kept + 16 * half));
-      return (__m512)_mm512_slli_epi32(_mm512_cvtepu16_epi32(bits), 16);
-    };
-    for (int d = 0; d < 3; ++d) {
-      __m512 sum = _mm512_load_ps(d_code + d * 16);
-      float frequency = 3.14159265358979f;
-      for (int l = 0; l < octaves; ++l, frequency *= 2) {
-        const int sine = 3 + 2 * (d * octaves + l), cosine = sine + 1;
-        const __m512 turn =
-            _mm512_fmsub_ps(code(cosine), _mm512_load_ps(d_code + sine * 16),
-                            _mm512_mul_ps(code(sine), _mm512_load_ps(d_code + cosine * 16)));
-        sum = _mm512_fmadd_ps(_mm512_set1_ps(frequency), turn, sum);
-      }
-      _mm512_mask_storeu_ps(d_position + std::ptrdiff_t(d) * samples + first,
-                            first_lanes(samples - first), sum);
-    }
-  }
-}
-
 /// gamma(d), computed once per ray, then copied to its samples: memory.ray_code holds a row of 32
 /// bf16 per ray.
-inline void encode_directions(const Plan& plan, const ChunkMemory& memory, const TileInput& tile,
-                              bool keep) {
+void encode_directions(const Plan& plan, const ChunkMemory& memory, const TileInput& tile,
+                       bool keep) {
   alignas(64) float code[kBlock * 16];
   const int rows = 3 + 6 * plan.direction_octaves, samples = tile.n_rays * tile.per_ray;
   for (int i = 0; i < kBlock * 16; ++i) code[i] = 0.0f;
@@ -197,4 +152,50 @@ inline void encode_directions(const Plan& plan, const ChunkMemory& memory, const
 }
 
 }  // namespace
+
+void encode_tile(const Plan& plan, const ChunkMemory& memory, const TileInput& tile, bool keep) {
+  encode_positions(plan, memory, tile.position, tile.n_rays * tile.per_ray, keep);
+  encode_directions(plan, memory, tile, keep);
+}
+
+void encode_positions_backward(const Plan& plan, const ChunkMemory& memory, int samples,
+                               float* d_position) {
+  constexpr int kMaxRows = 64;
+  alignas(64) float d_code[kMaxRows * 16];
+  const int blocks = plan.position_blocks, octaves = plan.position_octaves,
+            n = (samples + kBlock - 1) / kBlock;
+  for (int first = 0; first < samples; first += 16) {
+    const int b = first / kBlock, half = first / 16 % 2;
+    for (int column = 0; column < 2 * blocks; ++column) {  // 16 rows of gamma
+      const std::ptrdiff_t at = std::ptrdiff_t(b * blocks + column / 2) * kBlockSize +
+                                (2 * half + column % 2) * kTileFloats;
+      __m512 v[16];
+      for (int r = 0; r < 16; ++r)
+        v[r] = _mm512_add_ps(_mm512_load_ps(memory.d_gamma[0] + at + r * 16),
+                             _mm512_load_ps(memory.d_gamma[1] + at + r * 16));
+      transpose_16x16(v);
+      for (int r = 0; r < 16; ++r) _mm512_store_ps(d_code + (column * 16 + r) * 16, v[r]);
+    }
+    const auto code = [&](int row) {
+      const Bf16* kept = memory.position_keep + std::ptrdiff_t(row / kBlock * n + b) * kBlockSize +
+                         row % kBlock * kBlock;
+      const __m256i bits = _mm256_load_si256(reinterpret_cast<const __m256i*>(kept + 16 * half));
+      return (__m512)_mm512_slli_epi32(_mm512_cvtepu16_epi32(bits), 16);
+    };
+    for (int d = 0; d < 3; ++d) {
+      __m512 sum = _mm512_load_ps(d_code + d * 16);
+      float frequency = 3.14159265358979f;
+      for (int l = 0; l < octaves; ++l, frequency *= 2) {
+        const int sine = 3 + 2 * (d * octaves + l), cosine = sine + 1;
+        const __m512 turn =
+            _mm512_fmsub_ps(code(cosine), _mm512_load_ps(d_code + sine * 16),
+                            _mm512_mul_ps(code(sine), _mm512_load_ps(d_code + cosine * 16)));
+        sum = _mm512_fmadd_ps(_mm512_set1_ps(frequency), turn, sum);
+      }
+      _mm512_mask_storeu_ps(d_position + std::ptrdiff_t(d) * samples + first,
+                            first_lanes(samples - first), sum);
+    }
+  }
+}
+
 }  // namespace redrive::kernels::bf16
