@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Points of a COLMAP model, as text and as binary: parses any bytes or throws an InputError, and what
-// it parsed comes back from a file that is written of it.
+// Points of a COLMAP model, as text and as binary: parses any bytes or throws an InputError, and
+// what it parsed comes back from a file that is written of it.
 #include <cstddef>
 #include <cstdint>
 #include <string_view>

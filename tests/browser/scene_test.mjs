@@ -86,6 +86,14 @@ try {
     (x) => Math.abs(window.redriveScene.camera.position.x - x) > 0.2, {}, before[0]);
   await page.keyboard.up("w");
   assert.ok((await at())[0] > before[0], "W moves ahead: x of the first body pose");
+  const cdp = await page.createCDPSession();
+  const touch = (type, points) => cdp.send("Input.dispatchTouchEvent",
+    {type, touchPoints: points.map(([x, y], id) => ({x, y, id}))});
+  const still = await at();
+  await touch("touchStart", [[140, 90], [180, 90]]);
+  await touch("touchMove", [[110, 90], [210, 90]]);
+  await touch("touchEnd", []);
+  await page.waitForFunction((x) => window.redriveScene.camera.position.x - x > 0.5, {}, still[0]);
 
   // A world whose direction up is not z, as in sets of photographs: R moves and the mouse turns so.
   const up = [0, 0.6, 0.8];

@@ -13,6 +13,7 @@
 #include "redrive/kernels/grid_stages.h"
 #include "redrive/kernels/nerf_stages.h"
 #include "redrive/render/renderer.h"
+#include "redrive/train/pose_refiner.h"
 #include "redrive/train/step.h"
 
 namespace redrive::bench {
@@ -210,6 +211,31 @@ void time_splats(Runner& runner, kernels::Backend& backend, const SyntheticDrive
   time_step(traffic, with_actors, kGaussians);
 }
 
+/// Times an update of the poses of a long drive after a step that drew one image: the corrections
+/// from the derivatives, then the scene's poses from the corrections. A sample is a frame.
+void time_pose_update(Runner& runner) {
+  constexpr int kFrames = 10'000, kCameras = 6;
+  constexpr const char* kName = "pose-update/10000-frames-6-cameras";
+  if (!runner.wanted(kName)) return;
+  Scene scene;
+  scene.rig.resize(kCameras);
+  for (RigCamera& camera : scene.rig) {
+    camera.body_from_sensor = Rigid3d::Identity();
+    camera.readout_ns = 30'000'000;
+  }
+  for (int f = 0; f < kFrames; ++f)
+    scene.add_frame({f, f * 100'000'000ll, Rigid3d(Eigen::Translation3d(0.5 * f, 0, 0))});
+  for (int c = 0; c < kCameras; ++c)
+    for (int f = 0; f < kFrames; ++f) scene.views.push_back({c, f, ""});
+  PoseState state(scene);
+  std::vector<ViewGradient> gradients(scene.views.size());
+  gradients[kFrames / 2] = {Eigen::Vector3d(1, 2, 3), Eigen::Vector3d(3, 2, 1)};
+  runner.time(kName, kFrames, {0, 0}, [&] {
+    refine_poses(scene, gradients, pose_rates(1e-3), PoseRefinement(), &state);
+    scene.correct(state.corrections);
+  });
+}
+
 void time_kernels(Runner& runner, kernels::Backend& backend, const SyntheticDrive& drive) {
   const NerfConfig config;
   KernelBatch b(drive, config, 96);
@@ -308,6 +334,7 @@ Report run(kernels::Backend& backend, const Options& options,
   time_step(runner, backend, drive, "step/nerf-128x48", narrow, narrow_macs);
   time_step(runner, backend, drive, "step/grid-32x24", grid, grid_macs);
   time_splats(runner, backend, drive);
+  time_pose_update(runner);
   time_kernels(runner, backend, drive);
   time_grid_kernels(runner, backend, drive);
   time_render(runner, backend, drive, "render/nerf-256x96-1280x704", wide, wide_macs,

@@ -28,13 +28,8 @@ SyntheticDrive make_synthetic_drive() {
   drive.scene.global_from_world = Rigid3d::Identity();
   drive.scene.unit_from_world = {{1, 0, 0}, 1.0f / 12};
   for (int i = 0; i < kViews; ++i) {
-    Frame frame;
-    frame.id = i;
-    frame.t_ns = i * 100'000'000;
-    frame.world_from_body = Rigid3d::Identity();
-    frame.world_from_body.translation().x() = 0.5 * i;
-    drive.scene.frames.push_back(frame);
-    drive.scene.views.push_back({0, i, "", false, frame.world_from_body});
+    drive.scene.add_frame({i, i * 100'000'000, Rigid3d(Eigen::Translation3d(0.5 * i, 0, 0))});
+    drive.scene.views.push_back({0, i, "", false, {}});
     Image8 image{kWidth, kHeight, {}};
     image.rgb.reserve(3 * kWidth * kHeight);
     for (int y = 0; y < kHeight; ++y)

@@ -210,7 +210,8 @@ void print(const Scene& scene, const TrainingPlan& plan, const TrainingRates& ra
   for (const View& view : scene.views) images += !view.held_out;
   if (scene.metric)
     std::printf("drive      %s over %.0f m, %s, %lld images for training\n",
-                counted(scene.frames.size(), "frame").c_str(), way_driven(scene.frames).back(),
+                counted(scene.frames.size(), "frame").c_str(),
+                way_driven(scene.posed_frames()).back(),
                 counted(scene.rig.size(), "camera").c_str(), static_cast<long long>(images));
   else
     std::printf("photos     %lld images for training\n", static_cast<long long>(images));
@@ -292,7 +293,7 @@ int run_plan(const PlanArguments& arguments) {
   json["recording"] = options.recording;
   json["method"] = options.method;
   json["frames"] = scene.frames.size();
-  json["length_m"] = way_driven(scene.frames).back();
+  json["length_m"] = way_driven(scene.posed_frames()).back();
   json["machines"] = {{"machines", machines.machines},
                       {"cores", machines.cores},
                       {"memory_bytes", machines.memory}};

@@ -145,7 +145,7 @@ int train_blocks(ProcessGroup& group, DividedRun* whole) {
   for (Block& block : whole->blocks)  // its folder was removed by somebody, since it was damaged
     block.finished &= std::filesystem::exists(RunPaths{whole->folder(block)}.checkpoint());
   std::vector<int> jobs;
-  for (const int block : longest_first(whole->blocks, whole->scene.frames))
+  for (const int block : longest_first(whole->blocks, whole->scene.posed_frames()))
     if (!whole->blocks[block].finished) jobs.push_back(block);
   if (const int threads = block_resources(group, whole->options).threads; group.size() > 1)
     std::printf("%d processes, %d on this machine, %d thread%s each\n", group.size(),

@@ -96,7 +96,8 @@ void set_speed(double speed, const Scene& scene, MovingObject* actor) {
 
 /// Returns the axes of the drive at its frame nearest to a point: x forward, y left, z up.
 Eigen::Matrix3d road_axes(const Scene& scene, const Eigen::Vector3d& at) {
-  const auto nearest = std::ranges::min_element(scene.frames, {}, [&](const Frame& frame) {
+  const std::vector<PosedFrame> frames = scene.posed_frames();
+  const auto nearest = std::ranges::min_element(frames, {}, [&](const PosedFrame& frame) {
     return (frame.world_from_body.translation() - at).squaredNorm();
   });
   return nearest->world_from_body.linear();

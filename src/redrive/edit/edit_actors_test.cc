@@ -31,7 +31,7 @@ Scene two_cars() {
     }
     scene.actors.push_back(car);
   }
-  for (int i = 0; i <= 20; ++i) scene.frames.push_back({i, 100'000'000ll * i, Rigid3d::Identity()});
+  for (int i = 0; i <= 20; ++i) scene.add_frame({i, 100'000'000ll * i, Rigid3d::Identity()});
   return scene;
 }
 
@@ -98,10 +98,10 @@ TEST(EditActors, MovesAlongTheRoadWhicheverWayTheObjectFaces) {
   Scene scene = two_cars();
   for (MovingObject::Key& key : scene.actors[1].keys)  // it comes towards us
     key.world_from_box.linear() = Eigen::AngleAxisd(std::numbers::pi, Vector3d::UnitZ()).matrix();
-  for (Frame& frame : scene.frames) {  // the road turns to the left behind x = 10
-    frame.world_from_body.translation().x() = static_cast<double>(frame.id);
+  for (FramePose& frame : scene.trajectory) {  // the road turns to the left behind x = 10
+    frame.global_from_body.translation().x() = static_cast<double>(frame.id);
     if (frame.id > 10)
-      frame.world_from_body.linear() =
+      frame.global_from_body.linear() =
           Eigen::AngleAxisd(std::numbers::pi / 2, Vector3d::UnitZ()).matrix();
   }
   edit_actors(parse_traffic_edit(

@@ -17,8 +17,9 @@ ObjectSummary summary_of(const Scene& scene, const MovingObject& object, bool mo
   out.nearest_m = std::numeric_limits<double>::infinity();
   for (const Frame& frame : scene.frames)
     if (const auto pose = object.world_from_box(frame.t_ns))
-      out.nearest_m = std::min(out.nearest_m,
-                               (pose->translation() - frame.world_from_body.translation()).norm());
+      out.nearest_m =
+          std::min(out.nearest_m,
+                   (pose->translation() - scene.world_from_body(frame.t_ns).translation()).norm());
   for (const View& view : scene.views) {
     const RigCamera& rig = scene.rig[view.camera];
     const auto pose = object.world_from_box(scene.frames[view.frame].t_ns + rig.time_offset_ns);

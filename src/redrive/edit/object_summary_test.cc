@@ -24,7 +24,7 @@ TEST(ObjectSummary, CountsBoxesImagesAndMetres) {
   std::vector<FramePose> frames;
   std::vector<Box> boxes;
   for (int i = 0; i < 11; ++i) {
-    scene.frames.push_back({i, 100'000'000ll * i, Rigid3d::Identity()});
+    scene.add_frame({i, 100'000'000ll * i, Rigid3d::Identity()});
     frames.push_back({i, 100'000'000ll * i, Rigid3d::Identity()});
     View view;
     view.frame = i;

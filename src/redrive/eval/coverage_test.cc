@@ -36,7 +36,7 @@ class CoverageTest : public testing::Test {
  protected:
   CoverageTest() {
     run_.scene.rig = {{"A", front_camera(), front_camera(), Rigid3d::Identity()}};
-    run_.scene.frames = {{0, 0, Rigid3d::Identity()}};
+    run_.scene.add_frame({0, 0, Rigid3d::Identity()});
     run_.scene.views = {{0, 0, "", false}};  // at the origin
     run_.scene.far_m = 100;
     auto own = std::make_unique<NerfModel>();
@@ -116,7 +116,7 @@ TEST_F(CoverageTest, MaskedPixelsAreNotSeen) {
 // From 5 m to the left the same points of the wall lie ten columns further right.
 TEST_F(CoverageTest, AnotherViewSeesMaskedPixels) {
   mask_below(10);
-  run_.scene.views.push_back({0, 0, "", false, Rigid3d(Eigen::Translation3d(-5, 0, 0))});
+  run_.scene.views.push_back({0, 0, "", false, {}, Rigid3d(Eigen::Translation3d(-5, 0, 0))});
   EXPECT_EQ(seen_from(0), std::vector<std::uint8_t>(kColumns, 1));
 }
 
@@ -132,8 +132,8 @@ TEST_F(CoverageTest, MasksHaveTheSizeOfTheFullImage) {
 
 // The board hides the middle of the wall from the origin, not from 5 m to the left.
 TEST_F(CoverageTest, FindsTheTrainingImagesThatSawAPoint) {
-  run_.scene.views.push_back({0, 0, "", false, Rigid3d(Eigen::Translation3d(-5, 0, 0))});
-  run_.scene.views.push_back({0, 0, "", true, Rigid3d(Eigen::Translation3d(-5, 0, 0))});
+  run_.scene.views.push_back({0, 0, "", false, {}, Rigid3d(Eigen::Translation3d(-5, 0, 0))});
+  run_.scene.views.push_back({0, 0, "", true, {}, Rigid3d(Eigen::Translation3d(-5, 0, 0))});
   PointObservers observers(run_, walls_);
   EXPECT_EQ(observers.training_views(), 2u);
   const auto seen_by = [&](double x_m, double z_m) {
@@ -163,7 +163,7 @@ TEST_F(CoverageTest, ASurfaceOfAnObjectIsSoughtWhereTheObjectWas) {
     Scene scene = run_.scene;
     scene.actors[0].keys[0].world_from_box.translation().x() = car_x_m;
     View view = scene.views[0];
-    view.world_from_body.translation().x() = 2;
+    view.motion = Rigid3d(Eigen::Translation3d(2, 0, 0));
     const ShutterPoses poses = scene.shutter_poses(view);
     const RenderedImage image = render_image(walls_, *run_.state.model, front_camera(), poses);
     const auto seen = coverage.seen(front_camera(), poses, image);

@@ -43,14 +43,17 @@ class EvaluateTest : public testing::Test {
     for (int f = 0; f < 4; ++f) {
       Rigid3d pose = Rigid3d::Identity();
       pose.translation().x() = f;
-      scene.frames.push_back({100 + f, f, pose});
+      scene.add_frame({100 + f, f, pose});
       run_.recording.frames.push_back({100 + f, f, pose});
     }
     for (int c = 0; c < 2; ++c)
       for (int f = 0; f < 4; ++f)
         scene.views.push_back(
-            {c, f, grey(scene.rig[c].name + std::to_string(f) + ".png", c == 0 ? 51 * f : 255),
-             false, scene.frames[f].world_from_body});
+            {c,
+             f,
+             grey(scene.rig[c].name + std::to_string(f) + ".png", c == 0 ? 51 * f : 255),
+             false,
+             {}});
     auto own = std::make_unique<NerfModel>();
     NerfModel& model = *own;
     run_.state.model = std::move(own);

@@ -52,7 +52,7 @@ class MovingScoresTest : public ::testing::Test {
     scene.rig = {camera};
     scene.global_from_world = Rigid3d::Identity();
     for (int f = 0; f < 3; ++f) {
-      scene.frames.push_back({f, 100'000'000ll * f, Rigid3d::Identity()});
+      scene.add_frame({f, 100'000'000ll * f, Rigid3d::Identity()});
       run_.recording.frames.push_back({f, 100'000'000ll * f, Rigid3d::Identity()});
       View view;
       view.frame = f;

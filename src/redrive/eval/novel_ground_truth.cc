@@ -39,13 +39,13 @@ GroundTruthView NovelGroundTruth::load(std::size_t index) const {
   scene.downscale = run_.scene.downscale;
   scene.undistort = run_.scene.undistort && camera.recorded.info().perspective;
   scene.background = run_.scene.background;
-  scene.views = {
-      {0, 0, image, false,
-       view.global_from_body
-           ? ground_truth_global_from_world_.inverse(Eigen::Isometry) * *view.global_from_body
-           : requested_world_from_body(poses_, views_[index], camera, run_.recording, run_.scene,
-                                       false)}};
-  const Rigid3d world_from_camera = scene.world_from_camera(scene.views[0]);
+  scene.views = {{0, 0, image}};
+  const Rigid3d world_from_body =
+      view.global_from_body
+          ? ground_truth_global_from_world_.inverse(Eigen::Isometry) * *view.global_from_body
+          : requested_world_from_body(poses_, views_[index], camera, run_.recording, run_.scene,
+                                      false);
+  const Rigid3d world_from_camera = world_from_body * camera.body_from_sensor;
   GroundTruthView ground_truth{
       view.file,
       camera.camera,

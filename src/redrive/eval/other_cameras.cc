@@ -67,7 +67,6 @@ OtherScene scene_of(const Run& run, const std::string& name, const EvalOptions& 
     View view = views[v];
     view.camera = other.camera;
     view.held_out = false;
-    update_view_pose(run.recording.frames, scene, &view);
     scene.views.push_back(std::move(view));
   }
   return other;

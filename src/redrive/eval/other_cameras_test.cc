@@ -63,7 +63,7 @@ TEST_F(OtherCameras, AreMountedToTheTrainedCamera) {
   options.max_images = 1;  // the middle one: frame 3
   score_other_cameras(run_, paint, {"FISHEYE"}, options);
   const Eigen::Vector3d expected =
-      run_.scene.frames[3].world_from_body * correction *
+      run_.scene.world_from_body(run_.scene.frames[3].t_ns) * correction *
       run_.recording.find_camera("FISHEYE")->calibration.body_from_sensor.translation();
   for (int k = 0; k < 3; ++k) EXPECT_NEAR(seen[k], expected[k], 1e-5) << k;
 }

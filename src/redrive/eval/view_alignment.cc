@@ -16,8 +16,7 @@ constexpr int kSteps = 80, kRaysOfView = 128;
 constexpr double kFirstRate_m = 1e-2, kLastRate = 0.02;  // rate of a step; its factor at the end
 
 View moved(View view, const Rigid3d& motion, bool held_out) {
-  view.world_from_body = view.world_from_body * motion;
-  for (Rigid3d& row : view.by_row) row = row * motion;
+  view.motion = view.motion.value_or(Rigid3d::Identity()) * motion;
   view.held_out = held_out;
   return view;
 }

@@ -72,14 +72,13 @@ void expect_to_be_found(const std::function<std::unique_ptr<Model>(const Scene&)
 
   const Scene ground_truth = run.scene;
   const float aside[6] = {0.06f, -0.05f, 0.04f, 0.012f, -0.01f, 0.015f};
-  for (View& view : run.scene.views)
-    view.world_from_body = view.world_from_body * rigid_from_vector(aside);
+  for (View& view : run.scene.views) view.motion = rigid_from_vector(aside);
   Scene scene = run.scene;
   const ViewAlignment found = align_views(run, *backend, held_out, left_out, &scene);
   EXPECT_EQ(found.views, 4);
   const auto off = [&](const Scene& of, std::size_t v) {
-    const Rigid3d residual =
-        ground_truth.views[v].world_from_body.inverse() * of.views[v].world_from_body;
+    const Rigid3d residual = ground_truth.world_from_body(ground_truth.views[v]).inverse() *
+                             of.world_from_body(of.views[v]);
     return residual.translation().norm() +
            5 * Eigen::AngleAxisd(residual.linear()).angle();  // at 5 m
   };

@@ -132,7 +132,7 @@ FieldMesh field_mesh(const Run& run, kernels::Backend& backend, const MeshOption
   images.clear();
   if (run.scene.metric) {
     std::vector<Eigen::Vector3d> driven;
-    for (const Frame& frame : run.scene.frames)
+    for (const PosedFrame& frame : run.scene.posed_frames())
       driven.emplace_back(frame.world_from_body.translation());
     out.filled_m2 = static_cast<double>(fill_ground(driven, &volume)) * out.voxel_m * out.voxel_m;
   }

@@ -6,49 +6,20 @@
 
 namespace redrive {
 
-/// A Rigid3d (math/rigid3.h): its rotation, row-major, and its translation.
-struct PlainTransform {
+/// A Rigid3d (math/rigid3.h, plain): its rotation, row-major, its translation, and the rotation as
+/// a unit quaternion x, y, z, w.
+struct PlainPose {
   double rotation[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
   double translation[3] = {0, 0, 0};
-};
-
-/// A PlainTransform with its rotation also as a unit quaternion x, y, z, w (math/rigid3.h, plain).
-struct PlainPose : PlainTransform {
   double quaternion[4] = {0, 0, 0, 1};
 };
 
 /// Returns coordinate k of the rotated vector, in Eigen's order of summation, which differs for the
 /// third: bit for bit the same.
-inline double rotated(const PlainTransform& motion, const double* vector, int k) {
+inline double rotated(const PlainPose& motion, const double* vector, int k) {
   const double x = motion.rotation[3 * k] * vector[0], y = motion.rotation[3 * k + 1] * vector[1],
                z = motion.rotation[3 * k + 2] * vector[2];
   return k < 2 ? (x + y) + z : x + (y + z);
-}
-
-/// Returns coordinate k of the transformed point, in Eigen's order of summation.
-inline double transformed(const PlainTransform& motion, const double* point, int k) {
-  const double x = motion.rotation[3 * k] * point[0], y = motion.rotation[3 * k + 1] * point[1],
-               z = motion.rotation[3 * k + 2] * point[2];
-  return ((x + y) + z) + motion.translation[k];
-}
-
-/// Returns a_from_c, from a_from_b and b_from_c.
-inline PlainTransform product(const PlainTransform& a, const PlainTransform& b) {
-  PlainTransform out;
-  for (int column = 0; column < 3; ++column) {
-    const double axis[3] = {b.rotation[column], b.rotation[3 + column], b.rotation[6 + column]};
-    for (int k = 0; k < 3; ++k) out.rotation[3 * k + column] = rotated(a, axis, k);
-  }
-  for (int k = 0; k < 3; ++k) out.translation[k] = rotated(a, b.translation, k) + a.translation[k];
-  return out;
-}
-
-/// Returns b_from_a, from a_from_b.
-inline PlainTransform inverse(const PlainTransform& a) {
-  PlainTransform out;
-  for (int i = 0; i < 9; ++i) out.rotation[i] = a.rotation[3 * (i % 3) + i / 3];
-  for (int k = 0; k < 3; ++k) out.translation[k] = -rotated(out, a.translation, k);
-  return out;
 }
 
 /// Returns the dot product of quaternions, in Eigen's order of summation.

@@ -67,19 +67,5 @@ TEST(PlainPose, RotatesVectorsAsItsMatrix) {
   EXPECT_EQ((rigid(plain(pose)).matrix() - pose.matrix()).cwiseAbs().maxCoeff(), 0);
 }
 
-TEST(PlainTransform, TransformsPointsComposesAndInvertsAsEigen) {
-  for (int i = 0; i < 100; ++i) {
-    Rigid3d a(Eigen::AngleAxisd(0.7 * i,
-                                Eigen::Vector3d(std::sin(i), std::cos(3 * i), 0.3).normalized())),
-        b(Eigen::AngleAxisd(0.3 * i, Eigen::Vector3d(1, -2, std::sin(2 * i)).normalized()));
-    a.translation() = Eigen::Vector3d(6.4e6, 5, i);
-    b.translation() = Eigen::Vector3d(-7, 2e3, i);
-    const Eigen::Vector3d point(0.3 * i, -0.7, 20), expected = a * b.inverse() * point;
-    const PlainTransform motion = product(plain(a), inverse(plain(b)));
-    for (int k = 0; k < 3; ++k)
-      EXPECT_NEAR(transformed(motion, point.data(), k), expected[k], 2e-9) << "a step at 6.4e6";
-  }
-}
-
 }  // namespace
 }  // namespace redrive

@@ -24,7 +24,7 @@
 #include "redrive/rays/lidar_sampler.h"
 #include "redrive/rays/ray_table.h"
 #include "redrive/scene/image_cache.h"
-#include "redrive/scene/pose_corrections.h"
+#include "redrive/scene/pose_gradients.h"
 #include "redrive/scene/scene.h"
 
 namespace redrive {
@@ -38,7 +38,6 @@ struct TrainingSet {
   const LidarReturns& lidar;
   const PixelSampler& pixels;                ///< batches of rays through pixels
   const LidarSampler* lidar_rays = nullptr;  ///< batches of rays to returns; null: no LiDAR
-  const Scene* initial = nullptr;  ///< with the poses that training began with; null: `scene`
 };
 
 /// Adam's moments. The first Model::updated_in_step() parameters have both in one word

@@ -120,7 +120,7 @@ void mask_ego_vehicle(const Scene& scene, int camera, const std::vector<std::siz
   std::vector<GreyView> grey;
   for (const std::size_t i : views) {
     const View& view = scene.views[i];
-    grey.push_back({grey_of(images[i], rows, size), view.world_from_body,
+    grey.push_back({grey_of(images[i], rows, size), scene.world_from_body(view),
                     scene.frames[view.frame].t_ns + rig.time_offset_ns});
   }
   const std::vector<int> outline = find_ego_outline(small, rig.body_from_sensor, grey);

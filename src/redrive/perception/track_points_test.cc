@@ -115,7 +115,11 @@ TEST(TrackPoints, PhotographsMayHaveAnyUnit) {
   const PointCloud cloud = drive.points();
   EXPECT_GT(cloud.n, 4500u);
   for (RigCamera& camera : drive.scene.rig) camera.body_from_sensor.translation() *= kScale;
-  for (View& view : drive.scene.views) view.world_from_body.translation() *= kScale;
+  for (FramePose& frame : drive.scene.trajectory) {
+    frame.global_from_body = drive.scene.global_from_world.inverse() * frame.global_from_body;
+    frame.global_from_body.translation() *= kScale;
+  }
+  drive.scene.global_from_world = Rigid3d::Identity();
   const PointCloud small = drive.points();
   ASSERT_EQ(small.n, cloud.n);
   for (std::size_t i = 0; i < cloud.position.size(); ++i)

@@ -4,33 +4,31 @@
 #pragma once
 
 #include <cstdint>
-#include <vector>
 
-#include "redrive/rays/gather_returns.h"
 #include "redrive/rays/ray_table.h"
 #include "redrive/scene/lidar_returns.h"
 
 namespace redrive {
 
+/// Divergence of a LiDAR beam in rad; data sheets of common sensors give 0.1 to 0.2 degrees.
+constexpr float kLidarBeamAngle_rad = 0.002f;
+
 class LidarSampler {
  public:
-  /// The returns must outlive the sampler and stay unchanged.
-  LidarSampler(const LidarReturns& returns, std::uint64_t seed);
+  /// The returns, in the world of the scene's recorded poses, and the scene must outlive the
+  /// sampler; the returns stay unchanged.
+  LidarSampler(const LidarReturns& returns, const Scene& scene, std::uint64_t seed);
   LidarSampler(const LidarSampler&) = delete;
   LidarSampler& operator=(const LidarSampler&) = delete;
 
-  /// Moves the returns with the frames: from the world by the `recorded` poses to that by the poses
-  /// `now`.
-  void update_poses(const Rigid3d& global_from_world, const std::vector<FramePose>& recorded,
-                    const std::vector<FramePose>& now);
-
-  /// Gathers batch `step` (from 0): n rays with range_m, without colours. There must be returns.
+  /// Gathers batch `step` (from 0): n rays with range_m, without colours, moved with the body by
+  /// the corrections of the scene's poses. There must be returns.
   void gather(std::int64_t step, int n, RayBatch* batch) const;
 
  private:
+  const LidarReturns& returns_;
+  const Scene& scene_;
   std::uint64_t seed_;
-  std::vector<PlainFrame> recorded_, now_;
-  LidarSpans source_;
 };
 
 }  // namespace redrive

@@ -22,7 +22,8 @@ LidarReturns returns(std::size_t n) {
 
 TEST(LidarSampler, VisitsEachReturnOncePerEpoch) {
   const LidarReturns r = returns(60);
-  const LidarSampler sampler(r, 5);
+  const Scene scene;
+  const LidarSampler sampler(r, scene, 5);
   RayBatch batch;
   std::map<float, int> drawn;
   bool in_order = true;
@@ -50,10 +51,11 @@ TEST(LidarSampler, VisitsEachReturnOncePerEpoch) {
 
 TEST(LidarSampler, IsAFunctionOfSeedAndStep) {
   const LidarReturns r = returns(1000);
+  const Scene scene;
   RayBatch a, b, c;
-  LidarSampler(r, 5).gather(3, 64, &a);
-  LidarSampler(r, 5).gather(3, 64, &b);
-  LidarSampler(r, 6).gather(3, 64, &c);
+  LidarSampler(r, scene, 5).gather(3, 64, &a);
+  LidarSampler(r, scene, 5).gather(3, 64, &b);
+  LidarSampler(r, scene, 6).gather(3, 64, &c);
   EXPECT_EQ(a.range_m, b.range_m);
   EXPECT_NE(a.range_m, c.range_m);
 }
@@ -63,25 +65,24 @@ TEST(LidarSampler, IsAFunctionOfSeedAndStep) {
 TEST(LidarSampler, ReturnsMoveWithTheirFrames) {
   LidarReturns r = returns(60);
   for (std::size_t i = 0; i < r.n; ++i) r.t_ns.push_back(static_cast<std::int64_t>(i));
-  Rigid3d global_from_world(Eigen::AngleAxisd(0.9, Eigen::Vector3d(1, -2, 3).normalized()));
-  global_from_world.translation() = Eigen::Vector3d(4e6, 1e6, 5e6);
-  std::vector<FramePose> recorded(2), now;
-  recorded[1].t_ns = 59;
-  recorded[0].global_from_body = recorded[1].global_from_body = global_from_world;
-  recorded[1].global_from_body.translate(Eigen::Vector3d(10, 0, 0));
-  now = recorded;
-  now[1].global_from_body.translate(Eigen::Vector3d(0, 0.2, 0));
-  now[1].global_from_body.rotate(Eigen::AngleAxisd(0.01, Eigen::Vector3d::UnitZ()));
-  LidarSampler sampler(r, 5);
+  Scene scene;
+  scene.global_from_world = Rigid3d(Eigen::AngleAxisd(0.9, Eigen::Vector3d(1, -2, 3).normalized()));
+  scene.global_from_world.translation() = Eigen::Vector3d(4e6, 1e6, 5e6);
+  scene.add_frame({0, 0, Rigid3d::Identity()});
+  scene.add_frame({1, 59, Rigid3d(Eigen::Translation3d(10, 0, 0))});
+  const LidarSampler sampler(r, scene, 5);
   RayBatch before, batch;
   sampler.gather(0, 60, &before);
-  sampler.update_poses(global_from_world, recorded, recorded);
+  PoseCorrections corrections(scene);
+  scene.correct(corrections);
   sampler.gather(0, 60, &batch);
   for (std::size_t i = 0; i < 180; ++i) {
     EXPECT_NEAR(batch.origin[i], before.origin[i], 2e-4);
     EXPECT_NEAR(batch.direction[i], before.direction[i], 1e-6);
   }
-  sampler.update_poses(global_from_world, recorded, now);
+  corrections.values[corrections.frame_slot(1) + 1] = 0.2f;
+  corrections.values[corrections.frame_slot(1) + 5] = 0.01f;
+  scene.correct(corrections);
   sampler.gather(0, 60, &batch);
   EXPECT_EQ(batch.range_m, before.range_m);
   for (std::size_t i = 0; i < 60; ++i) {

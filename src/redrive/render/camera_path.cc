@@ -164,7 +164,8 @@ Exposure path_exposure(const CameraPath& path, const Scene& scene, int camera) {
   double least = std::numeric_limits<double>::infinity();
   for (const Frame& frame : scene.frames) {
     const double distance =
-        ((frame.world_from_body * scene.rig[camera].body_from_sensor).translation() - middle)
+        ((scene.world_from_body(frame.t_ns) * scene.rig[camera].body_from_sensor).translation() -
+         middle)
             .norm();
     if (distance < least) {
       least = distance;

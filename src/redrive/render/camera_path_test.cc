@@ -114,7 +114,7 @@ class PathOfARun : public testing::Test {
     for (int i = 0; i < 3; ++i) {
       Rigid3d body = Rigid3d::Identity();
       body.translation() = Eigen::Vector3d(10 * i, 0, 0);
-      scene.frames.push_back({20 + i, i * 500'000'000LL, body});
+      scene.add_frame({20 + i, i * 500'000'000LL, body});
       recording.frames.push_back({20 + i, i * 500'000'000LL, body});
     }
   }

@@ -73,7 +73,7 @@ std::shared_ptr<const LoadedBlock> make_block(int b, bool walls, bool with_objec
           static_cast<float>((recorded_log(0.1 * f) - kFieldLog[b]) / kLogGainScale);
   block->scene.rig.push_back({.name = "CAM", .camera = small_camera(), .recorded = small_camera()});
   for (int f = first; f <= last; ++f)
-    block->scene.frames.push_back({f, f * 100'000'000ll, Rigid3d(Eigen::Translation3d(f, 0, 0))});
+    block->scene.add_frame({f, f * 100'000'000ll, Rigid3d(Eigen::Translation3d(f, 0, 0))});
   block->bytes = model->parameters.size() * sizeof(float);
   block->model = std::move(model);
   return block;

@@ -76,7 +76,7 @@ Run open_to_render(const fs::path& root, std::optional<double> max_damaged) {
   for (const RigCamera& camera : run.scene.rig) cameras.push_back(camera.name);
   std::vector<std::int64_t> ids, t_ns;
   std::vector<Eigen::Vector3d> positions;
-  for (const Frame& frame : run.scene.frames) {
+  for (const PosedFrame& frame : run.scene.posed_frames()) {
     ids.push_back(frame.id);
     t_ns.push_back(frame.t_ns);
     positions.push_back(frame.world_from_body.translation());

@@ -150,7 +150,7 @@ std::string above_script(const RigImages& images, const std::string& name) {
   std::ostringstream drive, moving, outlines, labels;
   Eigen::AlignedBox2d shown;
   std::size_t labelled = 0;
-  for (const Frame& frame : images.scene.frames) {
+  for (const PosedFrame& frame : images.scene.posed_frames()) {
     const Eigen::Vector2d at = frame.world_from_body.translation().head<2>();
     shown.extend(at);
     drive << at.x() << ' ' << at.y() << '\n';

@@ -29,10 +29,9 @@ class PosesSection : public ::testing::Test {
   }
   /// As open_run does.
   void refine(std::size_t at, float value) {
-    Scene recorded = make_scene(run_.recording, {});
-    if (!run_.state.poses.refines()) run_.state.poses = PoseState(recorded);
+    if (!run_.state.poses.refines()) run_.state.poses = PoseState(run_.scene);
     run_.state.poses.corrections.values[at] = value;
-    apply_corrections(recorded, run_.recording.frames, run_.state.poses.corrections, &run_.scene);
+    run_.scene.correct(run_.state.poses.corrections);
   }
   TemporaryFolder folder_;
   redrive::Run run_;

@@ -264,7 +264,7 @@ std::string drive_script(const RigImages& images, int right, int up, const std::
   constexpr const char* kAxis[] = {"x of the first pose, forward (m)", "y, left (m)", "z, up (m)"};
   std::ostringstream data;
   Eigen::AlignedBox2d shown;
-  for (const Frame& frame : images.scene.frames) {
+  for (const PosedFrame& frame : images.scene.posed_frames()) {
     const Eigen::Vector3d position = frame.world_from_body.translation();
     const Eigen::Vector2d at(position[right], position[up]);
     shown.extend(at);

@@ -92,8 +92,7 @@ ImageRow camera_image_row(const Run& run, kernels::Backend& backend, int camera,
   const RayTable table = make_ray_table(rig.camera);
   const auto render_shifted = [&](ShiftAxes axes, double x_m) {
     std::vector<Rigid3d> keys;  // poses of the image's own shutter
-    for (const Rigid3d& world_from_body :
-         view.by_row.empty() ? std::vector{view.world_from_body} : view.by_row)
+    for (const Rigid3d& world_from_body : run.scene.body_during(view))
       keys.push_back(shifted_camera(run.scene.global_from_world, world_from_body,
                                     rig.body_from_sensor, axes, Eigen::Vector3d(x_m, 0, 0)));
     return render_image(backend, *run.state.model, table,

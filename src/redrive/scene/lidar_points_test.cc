@@ -140,7 +140,7 @@ TEST_F(LidarPointsTest, SkipsHeldOutMaskedAndTransparentPixels) {
 
 TEST_F(LidarPointsTest, LeavesOutReturnsThatNoImageShows) {
   open();
-  add(scene_.frames[2].world_from_body * Vector3d(-20, -5, 1), time(2));
+  add(scene_.world_from_body(time(2)) * Vector3d(-20, -5, 1), time(2));
   add(seen(2, 3, 3, 10), time(2));
   EXPECT_EQ(colours(), std::vector<Colour>{colour(kFront, 2, 3, 3)});
 }

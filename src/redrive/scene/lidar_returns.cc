@@ -136,7 +136,7 @@ LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene,
                                 const LidarSelection& selection) {
   if (recording.lidar_files.empty() && !recording.points_file.empty()) {
     std::vector<CloudOrigin> origins;
-    for (const Frame& frame : scene.frames)
+    for (const PosedFrame& frame : scene.posed_frames())
       origins.push_back(
           {frame.world_from_body * scene.rig[0].body_from_sensor.translation(), frame.t_ns});
     constexpr float kLeastRange_m = 0.5f;  // nearer points are on the car

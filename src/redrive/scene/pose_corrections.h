@@ -1,16 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
-// Small corrections of the initial poses: the body's at each frame, each camera's extrinsics and
-// time offset. Training refines poses by them (train/pose_refiner.h); a checkpoint holds them.
+// Small corrections of recorded poses: the body's at each frame, each camera's extrinsics and time
+// offset. Training refines them (train/pose_refiner.h), a checkpoint holds them, and a scene
+// applies them whenever it is asked for a pose (Scene::correct).
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
-#include <span>
+#include <cstdint>
 #include <vector>
 
-#include "redrive/scene/scene.h"
+#include "redrive/math/rigid3.h"
 
 namespace redrive {
+
+struct Scene;
 
 struct PoseCorrections {
   int frames = 0, cameras = 0;  ///< numbers of frames and cameras of the scene
@@ -20,10 +24,7 @@ struct PoseCorrections {
   std::vector<float> values;
 
   PoseCorrections() = default;
-  explicit PoseCorrections(const Scene& scene)
-      : frames(static_cast<int>(scene.frames.size())),
-        cameras(static_cast<int>(scene.rig.size())),
-        values(size()) {}
+  explicit PoseCorrections(const Scene& scene);
 
   std::size_t size() const {
     return 6 * static_cast<std::size_t>(frames + cameras) + static_cast<std::size_t>(cameras);
@@ -38,30 +39,30 @@ struct PoseCorrections {
 /// The motion of a Vector6d (math/so3.h) in single precision.
 Rigid3d rigid_from_vector(const float* six);
 
-/// Interpolates the corrections of frames without a training image by time between the frames
-/// before and after that have one; beyond the ends the nearest one's.
-void interpolate_held_out(const Scene& scene, PoseCorrections* corrections);
+/// The interval that contains a time among n ascending ones, and the fraction `part` in it, below 0
+/// and above 1 at the ends as in recording/core/trajectory.h. With a single time, both ends are
+/// that one.
+struct Between {
+  std::size_t before = 0;
+  double part = 0;
 
-/// Sets the poses of frames, rig and views of `*corrected`, a copy of `initial`, to the poses of
-/// `initial` with the corrections. `trajectory`: trajectory of the recording that the scene was
-/// made from; returned with the corrections, in the same frame of reference (global_from_body). A
-/// pose at none of the scene's frames is corrected by the interpolated corrections of the frames
-/// around it.
-std::vector<FramePose> apply_corrections(const Scene& initial,
-                                         const std::vector<FramePose>& trajectory,
-                                         const PoseCorrections& corrections, Scene* corrected);
-
-/// Gradient of the loss with respect to one view's pose, in the world: translating its camera by v
-/// and rotating it by w (rad) raises the loss by d_translation v + d_rotation w.
-struct ViewGradient {
-  Eigen::Vector3d d_translation = Eigen::Vector3d::Zero(), d_rotation = Eigen::Vector3d::Zero();
+  Between clamped() const { return {before, std::clamp(part, 0.0, 1.0)}; }
 };
-/// Returns the gradient with respect to the six numbers (rigid_from_vector) of the body that
-/// carries the camera.
-Vector6d in_body(const Scene& scene, const View& view, const ViewGradient& gradient);
-/// Converts the scene's gradients of views to gradients of corrections, at 0 or at the corrections
-/// of `scene`. A view between two frames (with a time offset) depends on both.
-std::vector<double> gradient_of_corrections(const Scene& scene, const PoseCorrections& corrections,
-                                            std::span<const ViewGradient> views);
+template <class TimeOf>
+Between find_interval(std::size_t n, std::int64_t t_ns, const TimeOf& time_of) {
+  if (n == 1) return {};
+  std::size_t after = 1, end = n - 1;  // the first one later than t_ns, or the last one
+  while (after < end) {
+    const std::size_t middle = (after + end) / 2;
+    if (time_of(middle) <= t_ns)
+      after = middle + 1;
+    else
+      end = middle;
+  }
+  const std::int64_t a = time_of(after - 1), b = time_of(after);
+  return {after - 1, static_cast<double>(t_ns - a) / static_cast<double>(b - a)};
+}
+/// Interpolates six numbers; with part = 0 reads only `a`.
+std::array<float, 6> interpolate_vector6(const float* a, const float* b, double part);
 
 }  // namespace redrive

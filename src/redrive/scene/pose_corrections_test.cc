@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include "redrive/base/rng.h"
+#include "redrive/scene/pose_gradients.h"
 #include "redrive/scene/scene_testing.h"
 
 namespace redrive {
@@ -35,7 +36,7 @@ void expect_same(const Rigid3d& a, const Rigid3d& b, double tolerance) {
 TEST_F(PoseCorrectionsTest, ZeroCorrectionsChangeNothing) {
   const Scene scene = scene_of();
   Scene placed = scene;
-  apply_corrections(scene, recording_.frames, PoseCorrections(scene), &placed);
+  placed.correct(PoseCorrections(scene));
   for (std::size_t v = 0; v < scene.views.size(); ++v)
     expect_same(placed.world_from_camera(placed.views[v]), scene.world_from_camera(scene.views[v]),
                 1e-8);
@@ -51,20 +52,18 @@ TEST_F(PoseCorrectionsTest, CorrectFramesExtrinsicsAndTimeOffsetsInTheirOwnAxes)
   std::copy_n(camera, 6, &corrections.values[corrections.camera_slot(1)]);
   corrections.values[corrections.time_slot(0)] = 1 / 30.0f;  // half a frame
   Scene placed = scene;
-  apply_corrections(scene, recording_.frames, corrections, &placed);
+  placed.correct(corrections);
   EXPECT_EQ(placed.rig[0].time_offset_ns, 33'333'335) << "rounded to float seconds";
   for (std::size_t v = 0; v < scene.views.size(); ++v) {
     const View& view = scene.views[v];
-    const Rigid3d body =
-        view.frame == 2 ? view.world_from_body * rigid_from_vector(frame) : view.world_from_body;
+    const Rigid3d recorded = scene.world_from_body(view),
+                  body = view.frame == 2 ? recorded * rigid_from_vector(frame) : recorded;
     if (view.camera == 1) {
       expect_same(placed.world_from_camera(placed.views[v]),
                   body * scene.rig[1].body_from_sensor * rigid_from_vector(camera), 1e-7);
     } else if (view.frame == 3) {  // interpolated half way to the next frame
-      EXPECT_NEAR(
-          (placed.views[v].world_from_body.translation() - view.world_from_body.translation())
-              .norm(),
-          0.5, 1e-5);
+      EXPECT_NEAR((placed.world_from_body(view).translation() - recorded.translation()).norm(), 0.5,
+                  1e-5);
     }
   }
 }
@@ -92,7 +91,7 @@ TEST_F(PoseCorrectionsTest, GradientAgreesWithDifferencesOfViewPoses) {
     }
   const auto loss = [&](const PoseCorrections& corrections) {
     Scene placed = scene;
-    apply_corrections(scene, recording_.frames, corrections, &placed);
+    placed.correct(corrections);
     double sum = 0;
     for (std::size_t v = 0; v < views.size(); ++v) {
       const Rigid3d before = scene.world_from_camera(scene.views[v]),

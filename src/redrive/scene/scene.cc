@@ -123,21 +123,112 @@ Exposure Scene::exposure(int camera, std::int64_t t_ns) const {
   return {camera, static_cast<float>(1e-9 * static_cast<double>(t_ns - frames.front().t_ns))};
 }
 
-Rigid3d Scene::world_from_camera(const View& view) const {
-  return view.world_from_body * rig[view.camera].body_from_sensor;
+void Scene::add_frame(const PosedFrame& frame) {
+  frames.push_back({frame.id, frame.t_ns});
+  trajectory.push_back({frame.id, frame.t_ns, global_from_world * frame.world_from_body});
 }
 
-ShutterPoses Scene::shutter_poses(const View& view) const {
-  const RigCamera& camera = rig[view.camera];
+void Scene::correct(const PoseCorrections& by) {
+  if (recorded_.empty())
+    for (const RigCamera& camera : rig)
+      recorded_.push_back({camera.body_from_sensor, camera.time_offset_ns});
+  corrections = by;
+  const bool none = by.values.empty();
+  REDRIVE_CHECK(none || by.values.size() == by.size());
+  REDRIVE_CHECK(none || frames.size() == static_cast<std::size_t>(by.frames));
+  REDRIVE_CHECK(none || rig.size() == static_cast<std::size_t>(by.cameras));
+  for (int c = 0; c < std::ssize(rig); ++c) {
+    rig[c].body_from_sensor = recorded_[c].body_from_sensor;
+    rig[c].time_offset_ns = recorded_[c].time_offset_ns;
+    if (none) continue;
+    rig[c].body_from_sensor =
+        rig[c].body_from_sensor * rigid_from_vector(&by.values[by.camera_slot(c)]);
+    rig[c].time_offset_ns += std::llround(1e9 * by.values[by.time_slot(c)]);
+  }
+  if (none) recorded_.clear();
+}
+
+Scene::Extrinsics Scene::extrinsics(int camera, Poses which) const {
+  if (which == Poses::kRecorded && !recorded_.empty()) return recorded_[camera];
+  return {rig[camera].body_from_sensor, rig[camera].time_offset_ns};
+}
+
+Rigid3d Scene::corrected(const FramePose& pose) const {
+  const Between at = find_interval(frames.size(), pose.t_ns, [&](std::size_t i) {
+                       return frames[i].t_ns;
+                     }).clamped();
+  const float* const first =
+      &corrections.values[corrections.frame_slot(static_cast<int>(at.before))];
+  const auto six = interpolate_vector6(first, first + 6, at.part);
+  return pose.global_from_body * rigid_from_vector(six.data());
+}
+
+std::vector<FramePose> Scene::corrected_trajectory() const {
+  std::vector<FramePose> poses = trajectory;
+  if (!corrections.values.empty())
+    for (FramePose& pose : poses) pose.global_from_body = corrected(pose);
+  return poses;
+}
+
+std::vector<PosedFrame> Scene::posed_frames() const {
+  std::vector<PosedFrame> posed;
+  for (const Frame& frame : frames)
+    posed.push_back({frame.id, frame.t_ns, world_from_body(frame.t_ns)});
+  return posed;
+}
+
+Rigid3d Scene::world_from_body(std::int64_t t_ns, Poses which) const {
+  const bool corrects = which == Poses::kCorrected && !corrections.values.empty();
+  return global_from_world.inverse() * pose_at(trajectory, t_ns, [&](const FramePose& pose) {
+           return corrects ? corrected(pose) : pose.global_from_body;
+         });
+}
+
+Rigid3d Scene::correction_at(std::int64_t t_ns) const {
+  if (corrections.values.empty()) return Rigid3d::Identity();
+  return world_from_body(t_ns) * world_from_body(t_ns, Poses::kRecorded).inverse(Eigen::Isometry);
+}
+
+std::int64_t Scene::exposed_ns(const View& view, Poses which) const {
+  return frames[view.frame].t_ns + extrinsics(view.camera, which).time_offset_ns;
+}
+
+Rigid3d Scene::world_from_body(const View& view, Poses which) const {
+  const Rigid3d pose = world_from_body(exposed_ns(view, which), which);
+  return view.motion ? pose * *view.motion : pose;
+}
+
+std::vector<Rigid3d> Scene::body_during(const View& view, Poses which) const {
+  constexpr int kKeys = 9;  // rows of a readout of 30 ms have one every 4 ms
+  const std::int64_t readout_ns = rig[view.camera].readout_ns;
+  if (readout_ns == 0) return {world_from_body(view, which)};
   std::vector<Rigid3d> keys;
-  for (const Rigid3d& world_from_body :
-       view.by_row.empty() ? std::vector{view.world_from_body} : view.by_row)
-    keys.push_back(world_from_body * camera.body_from_sensor);
-  return with_actors(ShutterPoses(keys), camera, frames[view.frame].t_ns);
+  for (int key = 0; key < kKeys; ++key) {
+    const double part = key / (kKeys - 1.0) - 0.5;
+    keys.push_back(world_from_body(
+        exposed_ns(view, which) + std::llround(part * static_cast<double>(readout_ns)), which));
+    if (view.motion) keys.back() = keys.back() * *view.motion;
+  }
+  return keys;
 }
 
-ShutterPoses Scene::with_actors(ShutterPoses poses, const RigCamera& camera,
-                                std::int64_t frame_ns) const {
+std::vector<Rigid3d> Scene::camera_during(const View& view, Poses which) const {
+  std::vector<Rigid3d> keys = body_during(view, which);
+  for (Rigid3d& key : keys) key = key * extrinsics(view.camera, which).body_from_sensor;
+  return keys;
+}
+
+Rigid3d Scene::world_from_camera(const View& view) const {
+  return world_from_body(view) * rig[view.camera].body_from_sensor;
+}
+
+ShutterPoses Scene::shutter_poses(const View& view, Poses which) const {
+  return with_actors(ShutterPoses(camera_during(view, which)), exposed_ns(view, which),
+                     rig[view.camera].readout_ns);
+}
+
+ShutterPoses Scene::with_actors(ShutterPoses poses, std::int64_t exposed_ns,
+                                std::int64_t readout_ns) const {
   const std::size_t keys = poses.keys().size();
   std::vector<ShutterPoses::Actor> seen;
   for (const MovingObject& actor : actors) {
@@ -146,8 +237,7 @@ ShutterPoses Scene::with_actors(ShutterPoses poses, const RigCamera& camera,
       const double part =
           keys == 1 ? 0 : static_cast<double>(key) / static_cast<double>(keys - 1) - 0.5;
       const auto world_from_actor =
-          actor.world_from_box(frame_ns + camera.time_offset_ns +
-                               std::llround(part * static_cast<double>(camera.readout_ns)));
+          actor.world_from_box(exposed_ns + std::llround(part * static_cast<double>(readout_ns)));
       if (!world_from_actor) break;
       here.actor_from_camera.push_back(
           plain(world_from_actor->inverse(Eigen::Isometry) * rigid(poses.keys()[key])));
@@ -156,21 +246,6 @@ ShutterPoses Scene::with_actors(ShutterPoses poses, const RigCamera& camera,
   }
   poses.set_actors(std::move(seen));
   return poses;
-}
-
-void update_view_pose(const std::vector<FramePose>& frames, const Scene& scene, View* view) {
-  constexpr int kKeys = 9;  // rows of a readout of 30 ms have one every 4 ms
-  const RigCamera& camera = scene.rig[view->camera];
-  const std::int64_t t_ns = scene.frames[view->frame].t_ns + camera.time_offset_ns;
-  const Rigid3d world_from_global = scene.global_from_world.inverse();
-  view->world_from_body = world_from_global * pose_at(frames, t_ns);
-  view->by_row.clear();
-  for (int key = 0; camera.readout_ns != 0 && key < kKeys; ++key) {
-    const double part = key / (kKeys - 1.0) - 0.5;
-    view->by_row.push_back(
-        world_from_global *
-        pose_at(frames, t_ns + std::llround(part * static_cast<double>(camera.readout_ns))));
-  }
 }
 
 std::array<float, 3> background_colour(Background background) {
@@ -202,13 +277,13 @@ Scene make_scene(const Recording& recording, const SceneOptions& options) {
   if (own_split && options.holdout_every > 0)
     throw UsageError("--holdout-every", std::to_string(options.holdout_every),
                      "this recording has its own split of held-out images; omit the option");
-  const Rigid3d world_from_global = scene.global_from_world.inverse();
+  scene.trajectory = recording.frames;
   const std::vector<const RecordedCamera*> cameras = choose_cameras(recording, options);
   std::vector<FramePose> frames =
       select_frames({options.first_frame, options.last_frame, 1}, recording.frames);
   if (options.shown_only) scene.unseen_frames = leave_out_unseen(cameras, &frames);
   for (const FramePose& frame : select_frames({.step = options.frame_step}, frames))
-    scene.frames.push_back({frame.id, frame.t_ns, world_from_global * frame.global_from_body});
+    scene.frames.push_back({frame.id, frame.t_ns});
 
   for (const RecordedCamera* recorded : cameras) {
     std::vector<View> views;
@@ -217,13 +292,8 @@ Scene make_scene(const Recording& recording, const SceneOptions& options) {
       if (frame < 0) continue;
       const bool held_out =
           image.held_out || (options.holdout_every > 0 && frame % options.holdout_every == 0);
-      views.push_back({static_cast<int>(scene.rig.size()),
-                       frame,
-                       image.path,
-                       held_out,
-                       Rigid3d::Identity(),
-                       image.mask,
-                       {}});
+      views.push_back(
+          {static_cast<int>(scene.rig.size()), frame, image.path, held_out, image.mask});
     }
     if (views.empty()) {
       if (options.cameras.empty()) continue;
@@ -231,7 +301,6 @@ Scene make_scene(const Recording& recording, const SceneOptions& options) {
                        "has no image in the chosen frames");
     }
     scene.rig.push_back(make_rig_camera(recorded->calibration, options));
-    for (View& view : views) update_view_pose(recording.frames, scene, &view);
     scene.views.insert(scene.views.end(), views.begin(), views.end());
   }
   if (scene.views.empty())

@@ -8,6 +8,7 @@
 #include <filesystem>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "redrive/camera/camera.h"
@@ -15,6 +16,7 @@
 #include "redrive/field/unit_from_world.h"
 #include "redrive/recording/core/recording.h"
 #include "redrive/scene/moving_object.h"
+#include "redrive/scene/pose_corrections.h"
 #include "redrive/scene/shutter_poses.h"
 
 namespace redrive {
@@ -32,6 +34,12 @@ struct RigCamera {
 struct Frame {
   std::int64_t id = 0;
   std::int64_t t_ns = 0;
+};
+
+/// A frame and the pose of the body then.
+struct PosedFrame {
+  std::int64_t id = 0;
+  std::int64_t t_ns = 0;
   Rigid3d world_from_body;  ///< metres; see Scene::global_from_world
 };
 
@@ -41,12 +49,13 @@ struct View {
   int frame = 0;   ///< index into Scene::frames
   std::filesystem::path image;
   bool held_out = false;
-  /// pose at the exposure of the image: the frame's unless the camera has an offset
-  Rigid3d world_from_body = Rigid3d::Identity();
   MaskFile mask;
-  /// Poses of a rolling shutter: world_from_body at even times from the upper edge to the lower one
-  std::vector<Rigid3d> by_row;
+  /// motion of the body for this image alone, in its own axes (eval/view_alignment.h)
+  std::optional<Rigid3d> motion = std::nullopt;
 };
+
+/// The poses that a scene is asked for: with its corrections, or as they were recorded.
+enum class Poses { kCorrected, kRecorded };
 
 /// The colour behind transparent pixels, in rendering and evaluation.
 enum class Background {
@@ -73,13 +82,18 @@ struct SceneOptions {
       false;  ///< training: another colour for every ray of every step instead, rays/ray_table.h
 };
 
+/// Poses are evaluated when they are asked for, so that a change of the corrections costs what it
+/// copies. Const functions may be called by several threads.
 struct Scene {
-  std::vector<RigCamera> rig;
-  std::vector<Frame> frames;
-  std::vector<View> views;  ///< ordered by camera, then frame
+  std::vector<RigCamera> rig;  ///< extrinsics and time offsets with the corrections
+  std::vector<Frame> frames;   ///< times increase
+  std::vector<View> views;     ///< ordered by camera, then frame
+  /// Recorded poses of the body, more often or longer than at `frames` as the recording has them.
+  std::vector<FramePose> trajectory;
+  PoseCorrections corrections;  ///< see correct()
   /// The first pose of the recording (E_P,0): the world's axes are the body's there. A bounded
   /// recording keeps the axes of its poses, and the origin is its cube's center.
-  Rigid3d global_from_world;
+  Rigid3d global_from_world = Rigid3d::Identity();
   /// half the side of the cube around the world's origin that holds a bounded scene
   std::optional<double> half_side;
   UnitFromWorld unit_from_world;  ///< [-1, 1]^3 holds every point within far_m of a camera centre
@@ -95,22 +109,59 @@ struct Scene {
 
   int camera_index(const std::string& name) const;  ///< -1 if there is none
   int frame_index(std::int64_t id) const;           ///< -1 if there is none
+
+  /// Adds a frame to `frames` and its pose to `trajectory`; both must be earlier.
+  void add_frame(const PosedFrame& frame);
+  /// Applies corrections of the recorded poses instead of those applied before; empty ones: none.
+  /// A pose at none of the scene's frames has the interpolated corrections of the frames around it.
+  void correct(const PoseCorrections& corrections);
+  /// Returns the trajectory with the corrections.
+  std::vector<FramePose> corrected_trajectory() const;
+  /// Returns the frames with their poses.
+  std::vector<PosedFrame> posed_frames() const;
+
+  /// Returns the pose of the body at a time, interpolated (recording/core/trajectory.h).
+  Rigid3d world_from_body(std::int64_t t_ns, Poses which = Poses::kCorrected) const;
+  /// Returns the motion in the world by which the corrections move the body at a time, and what is
+  /// fixed to it.
+  Rigid3d correction_at(std::int64_t t_ns) const;
+  /// Returns the pose of the body when the middle row of an image is exposed.
+  Rigid3d world_from_body(const View& view, Poses which = Poses::kCorrected) const;
+  /// Returns the poses of the body during the exposure of an image: one, or, for a rolling shutter,
+  /// nine at even times from the upper edge to the lower one.
+  std::vector<Rigid3d> body_during(const View& view, Poses which = Poses::kCorrected) const;
+  /// Returns the time at which the middle row of an image is exposed.
+  std::int64_t exposed_ns(const View& view, Poses which = Poses::kCorrected) const;
+  /// Returns the poses of the camera then.
+  std::vector<Rigid3d> camera_during(const View& view, Poses which = Poses::kCorrected) const;
   Rigid3d world_from_camera(
       const View& view) const;  ///< E_P,0^-1 E_P,n E_C of the report's equation (2)
   /// Returns world_from_camera of each row, with the actors.
-  ShutterPoses shutter_poses(const View& view) const;
+  ShutterPoses shutter_poses(const View& view, Poses which = Poses::kCorrected) const;
   /// Returns the poses with the actors where `camera` sees them at its exposure of a frame at this
   /// time.
   ShutterPoses with_actors(ShutterPoses poses, const RigCamera& camera,
-                           std::int64_t frame_ns) const;
+                           std::int64_t frame_ns) const {
+    return with_actors(std::move(poses), frame_ns + camera.time_offset_ns, camera.readout_ns);
+  }
   Exposure exposure(int camera, std::int64_t t_ns) const;
   Exposure exposure(const View& view) const {
     return exposure(view.camera, frames[view.frame].t_ns);
   }
-};
 
-/// Sets the pose of a view to the body's pose when its camera exposed it.
-void update_view_pose(const std::vector<FramePose>& frames, const Scene& scene, View* view);
+ private:
+  /// What `corrections` corrects of a camera.
+  struct Extrinsics {
+    Rigid3d body_from_sensor;
+    std::int64_t time_offset_ns = 0;
+  };
+  Extrinsics extrinsics(int camera, Poses which) const;
+  ShutterPoses with_actors(ShutterPoses poses, std::int64_t exposed_ns,
+                           std::int64_t readout_ns) const;
+  Rigid3d corrected(const FramePose& pose) const;
+
+  std::vector<Extrinsics> recorded_;  ///< of the rig; empty where it has no corrections
+};
 
 /// Returns the colour that images are rendered and scored over, rgb in [0, 1].
 std::array<float, 3> background_colour(Background background);

@@ -57,7 +57,7 @@ TEST_F(SceneTest, TheWorldIsTheBodyOfTheFirstFrame) {
   const Scene scene = make_scene(recording_, {});
   Vector3d position(0, 0, 0);
   for (int n = 0; n < 6; ++n) {
-    const Rigid3d& pose = scene.frames[n].world_from_body;
+    const Rigid3d pose = scene.world_from_body(scene.frames[n].t_ns);
     EXPECT_LT((pose.translation() - position).norm(), kGlobalRounding_m) << n;
     EXPECT_LT(
         (pose.linear() * Vector3d::UnitX() - Vector3d(std::cos(0.1 * n), std::sin(0.1 * n), 0))
@@ -87,26 +87,27 @@ TEST_F(SceneTest, WorldDoesNotDependOnTheSelection) {
   ASSERT_EQ(part.frames.size(), 2u);
   EXPECT_EQ(part.frames[0].id, 12);
   EXPECT_EQ(part.frames[1].id, 14);
-  EXPECT_EQ(part.frames[0].world_from_body.matrix(), all.frames[2].world_from_body.matrix());
+  EXPECT_EQ(part.posed_frames()[0].world_from_body.matrix(),
+            all.posed_frames()[2].world_from_body.matrix());
   EXPECT_EQ(part.global_from_world.matrix(), recording_.frames[0].global_from_body.matrix());
 }
 
 // Half a frame late at 1 m and 0.1 rad a frame: half way along, and on beyond the last frame.
 TEST_F(SceneTest, ViewsHaveThePoseAtTheirExposure) {
-  const Scene plain = make_scene(recording_, {});
+  const std::vector<PosedFrame> frames = make_scene(recording_, {}).posed_frames();
   const std::int64_t interval_ns = recording_.frames[1].t_ns - recording_.frames[0].t_ns;
   recording_.cameras[1].calibration.time_offset_ns = interval_ns / 2;
   const Scene scene = make_scene(recording_, {});
   for (int n = 0; n < 6; ++n) {
-    EXPECT_EQ(scene.views[n].world_from_body.matrix(), plain.frames[n].world_from_body.matrix())
+    EXPECT_EQ(scene.world_from_body(scene.views[n]).matrix(), frames[n].world_from_body.matrix())
         << "the other camera";
-    const Rigid3d& late = scene.views[6 + n].world_from_body;
+    const Rigid3d late = scene.world_from_body(scene.views[6 + n]);
     const Eigen::AngleAxisd turn(0.1 * (n + 0.5), Vector3d::UnitZ());
     EXPECT_LT((late.linear() - turn.toRotationMatrix()).norm(), 1e-7)
         << n;  // interval_ns / 2 is rounded
-    const Vector3d step = plain.frames[std::min(n + 1, 5)].world_from_body.translation() -
-                          plain.frames[std::min(n, 4)].world_from_body.translation();
-    const Vector3d expected = plain.frames[n].world_from_body.translation() + 0.5 * step;
+    const Vector3d step = frames[std::min(n + 1, 5)].world_from_body.translation() -
+                          frames[std::min(n, 4)].world_from_body.translation();
+    const Vector3d expected = frames[n].world_from_body.translation() + 0.5 * step;
     EXPECT_LT((late.translation() - expected).norm(), 1e-7) << n;
   }
 }
@@ -156,7 +157,7 @@ TEST_F(SceneTest, ABoundedWorldIsCentredOnItsCube) {
   recording_.bounds = BoundingCube{{4081000, 1405000, 4679000}, 2000};
   const Scene scene = make_scene(recording_, {});
   EXPECT_EQ(scene.half_side, 2000);
-  const Rigid3d& pose = scene.frames[0].world_from_body;
+  const Rigid3d pose = scene.world_from_body(scene.frames[0].t_ns);
   EXPECT_EQ(pose.linear(), recording_.frames[0].global_from_body.linear());
   EXPECT_LT((pose.translation() - Vector3d(775.25, 467.5, 608.75)).norm(), kGlobalRounding_m);
 }

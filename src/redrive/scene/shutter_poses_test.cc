@@ -5,6 +5,7 @@
 
 #include "redrive/recording/core/trajectory.h"
 #include "redrive/scene/pose_corrections.h"
+#include "redrive/scene/scene.h"
 #include "redrive/scene/scene_testing.h"
 
 namespace redrive {
@@ -23,10 +24,7 @@ TEST(ShutterPoses, EachRowHasItsOwnTime) {
   recording.cameras[1].calibration.time_offset_ns = kOffset_ns;
   Scene scene = make_scene(recording, {});
   for (const bool again : {false, true}) {  // as corrections set them
-    if (again) {
-      const Scene initial = scene;
-      apply_corrections(initial, recording.frames, PoseCorrections(initial), &scene);
-    }
+    if (again) scene.correct(PoseCorrections(scene));
     for (const View& view : scene.views) {
       const ShutterPoses poses = scene.shutter_poses(view);
       EXPECT_EQ(poses.is_rolling(), view.camera == 1);

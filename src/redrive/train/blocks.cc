@@ -83,12 +83,12 @@ Block block_from_json(const JsonField& json, std::size_t index) {
 
 double default_overlap_m(double length_m) { return std::min(20.0, length_m / 4); }
 
-std::vector<double> way_driven(const std::vector<Frame>& frames) {
+std::vector<double> way_driven(const std::vector<PosedFrame>& frames) {
   std::vector<double> way;
   if (frames.empty()) return way;
   Eigen::Vector3d from = frames.front().world_from_body.translation();
   double from_m = 0;
-  for (const Frame& frame : frames) {
+  for (const PosedFrame& frame : frames) {
     const Eigen::Vector3d here = frame.world_from_body.translation();
     const double step_m = (here - from).norm();
     way.push_back(std::max(way.empty() ? 0 : way.back(), from_m + step_m));
@@ -99,7 +99,7 @@ std::vector<double> way_driven(const std::vector<Frame>& frames) {
   return way;
 }
 
-std::vector<Block> divide(const std::vector<Frame>& frames, const Division& division) {
+std::vector<Block> divide(const std::vector<PosedFrame>& frames, const Division& division) {
   REDRIVE_CHECK(!frames.empty());
   REDRIVE_CHECK(division.length_m > 0 && division.overlap_m >= 0 && division.frame_multiple >= 1);
   const std::vector<double> way = way_driven(frames);
@@ -119,11 +119,12 @@ std::vector<Block> divide(const std::vector<Frame>& frames, const Division& divi
   return blocks;
 }
 
-std::vector<int> longest_first(const std::vector<Block>& blocks, const std::vector<Frame>& frames) {
+std::vector<int> longest_first(const std::vector<Block>& blocks,
+                               const std::vector<PosedFrame>& frames) {
   std::vector<std::ptrdiff_t> sizes;
   for (const Block& block : blocks)
-    sizes.push_back(std::ranges::upper_bound(frames, block.last_frame, {}, &Frame::id) -
-                    std::ranges::lower_bound(frames, block.first_frame, {}, &Frame::id));
+    sizes.push_back(std::ranges::upper_bound(frames, block.last_frame, {}, &PosedFrame::id) -
+                    std::ranges::lower_bound(frames, block.first_frame, {}, &PosedFrame::id));
   std::vector<int> order(blocks.size());
   std::iota(order.begin(), order.end(), 0);
   std::ranges::stable_sort(order, std::greater<>(), [&](int i) { return sizes[i]; });

@@ -45,16 +45,17 @@ double default_overlap_m(double length_m);
 
 /// Returns the way driven at each frame, in metres from the first one; never decreases. Position
 /// noise below a metre adds nothing, so a standing car does not move on.
-std::vector<double> way_driven(const std::vector<Frame>& frames);
+std::vector<double> way_driven(const std::vector<PosedFrame>& frames);
 
 /// Returns blocks with cores of equal lengths, `length_m` at most, in the order of the drive; one
 /// if the way is no longer. A part of the way without a frame makes no block. Each block but the
 /// first shares at least one frame with the one before.
-std::vector<Block> divide(const std::vector<Frame>& frames, const Division& division);
+std::vector<Block> divide(const std::vector<PosedFrame>& frames, const Division& division);
 
 /// Returns the indices of the blocks in training order: blocks with most of `frames` first, so that
 /// a long one does not begin last.
-std::vector<int> longest_first(const std::vector<Block>& blocks, const std::vector<Frame>& frames);
+std::vector<int> longest_first(const std::vector<Block>& blocks,
+                               const std::vector<PosedFrame>& frames);
 
 std::filesystem::path blocks_file(const std::filesystem::path& run);
 std::filesystem::path block_folder(const std::filesystem::path& run, const Block& block);

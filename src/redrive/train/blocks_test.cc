@@ -17,8 +17,8 @@ using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 
 /// Frames 100, 101, ... at positions.
-std::vector<Frame> frames_at(const std::vector<Eigen::Vector3d>& positions) {
-  std::vector<Frame> frames;
+std::vector<PosedFrame> frames_at(const std::vector<Eigen::Vector3d>& positions) {
+  std::vector<PosedFrame> frames;
   for (const Eigen::Vector3d& position : positions) {
     const auto i = static_cast<std::int64_t>(frames.size());
     frames.push_back({100 + i, 100'000'000 * i, Rigid3d(Eigen::Translation3d(position))});
@@ -27,7 +27,7 @@ std::vector<Frame> frames_at(const std::vector<Eigen::Vector3d>& positions) {
 }
 
 /// n frames along x, each `step_m` from the one before.
-std::vector<Frame> straight(int n, double step_m) {
+std::vector<PosedFrame> straight(int n, double step_m) {
   std::vector<Eigen::Vector3d> positions;
   for (int i = 0; i < n; ++i) positions.push_back({step_m * i, 0, 0});
   return frames_at(positions);
@@ -82,7 +82,7 @@ TEST(Divide, MakesCoresOfEqualLengths) {
 }
 
 TEST(Divide, CoresTileTheFrames) {
-  const std::vector<Frame> frames = straight(97, 0.7);
+  const std::vector<PosedFrame> frames = straight(97, 0.7);
   for (const double length_m : {1.0, 5.0, 13.3, 60.0}) {
     const std::vector<Block> blocks = divide(frames, {length_m, 2, 1});
     std::int64_t next = 100;
@@ -122,7 +122,7 @@ TEST(Divide, BeginsAtFramesThatTheWholeHoldsOut) {
 }
 
 TEST(Divide, OrdersByTheNumberOfFrames) {
-  const std::vector<Frame> frames = straight(100, 1);
+  const std::vector<PosedFrame> frames = straight(100, 1);
   const std::vector<Block> blocks = {{"000", 100, 119}, {"001", 110, 169}, {"002", 160, 199}};
   EXPECT_THAT(longest_first(blocks, frames), ElementsAre(1, 2, 0));
 }

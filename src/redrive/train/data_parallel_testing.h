@@ -143,7 +143,7 @@ struct GroupRun {
     std::fill_n(returns.direction.begin(), 100, 1.0f);
     returns.range_m.assign(100, 3.0f);
     returns.t_ns.assign(100, 0);
-    lidar = std::make_unique<LidarSampler>(returns, 1);
+    lidar = std::make_unique<LidarSampler>(returns, run.scene, 1);
     dynamic_cast<RayModel&>(*run.state.model).lidar_rays = rays;
   }
   StepRequest next() const {

@@ -96,14 +96,14 @@ void check_divisible(const std::string& text, const TrainOptions& options,
 std::vector<Block> divide_as_told(const std::string& text, const DividedRun& whole,
                                   const BlockResources& resources) {
   const auto divided = [&](double length_m) {
-    return divide(whole.scene.frames, {length_m, default_overlap_m(length_m),
-                                       std::max(1, whole.options.holdout_every)});
+    return divide(whole.scene.posed_frames(), {length_m, default_overlap_m(length_m),
+                                               std::max(1, whole.options.holdout_every)});
   };
   if (text != "auto") return divided(length_of(text));
   const Progress progress("dividing the drive");
   for (double length_m = kLongestCore_m;; length_m *= kShrink) {
     std::vector<Block> blocks = divided(length_m);
-    const Block& longest = blocks[longest_first(blocks, whole.scene.frames).front()];
+    const Block& longest = blocks[longest_first(blocks, whole.scene.posed_frames()).front()];
     if (length_m * kShrink < kShortestCore_m ||
         estimate_memory(planned_run(whole, longest), resources.threads).least() <= resources.memory)
       return blocks;

@@ -59,7 +59,7 @@ TEST_F(DividedRunTest, AutoTakes200MetresAndLessWhereMemoryAsksForIt) {
 }
 
 TEST_F(DividedRunTest, SaysWhatTheLargestBlockNeeds) {
-  whole_.blocks = divide(whole_.scene.frames, {100, 20, 1});
+  whole_.blocks = divide(whole_.scene.posed_frames(), {100, 20, 1});
   const MemoryEstimate most = check_blocks(whole_, {2, std::uint64_t{1} << 50});
   EXPECT_EQ(most.total(), need("100").total());
   EXPECT_THROW(check_blocks(whole_, {2, most.least() - 1}), UsageError);
@@ -88,7 +88,7 @@ TEST_F(DividedRunTest, ABlockIsARunOfItsFramesWithTheMasksOfTheWhole) {
   whole.options.max_steps = 10;
   whole.recording = open_recording(whole.options);
   whole.scene = make_scene(whole.recording, scene_options(whole.options));
-  whole.blocks = divide(whole.scene.frames, {13, 3, 1});
+  whole.blocks = divide(whole.scene.posed_frames(), {13, 3, 1});
   ASSERT_EQ(whole.blocks.size(), 2u);
   ThreadPool pool(2);
   create_divided_run(folder_.path / "run", &whole, pool, {});
@@ -122,7 +122,7 @@ TEST_F(DividedRunTest, ABlockIsARunOfItsFramesWithTheMasksOfTheWhole) {
 }
 
 TEST_F(DividedRunTest, RowsAreMeansOfTheBlocksThatGotSoFar) {
-  whole_.blocks = divide(whole_.scene.frames, {100, 20, 1});
+  whole_.blocks = divide(whole_.scene.posed_frames(), {100, 20, 1});
   write_blocks(folder_.path, whole_.blocks);
   EXPECT_TRUE(read_block_metrics(folder_.path).rows.empty());
   const auto append = [&](const char* block, std::int64_t step, double psnr_db, double loss) {

@@ -120,7 +120,7 @@ TEST_F(MemoryEstimateTest, CountsWhatSplatsDeriveFromReturns) {
   options.set("range_weight", 0);
   const MemoryEstimate planes = of(options);
   EXPECT_EQ(planes.of_lidar, surface_planes_bytes(kReturns));
-  EXPECT_EQ(all.of_lidar - planes.of_lidar, 6u * 24 * 16 * sizeof(RangePixel))
+  EXPECT_EQ(all.of_lidar - planes.of_lidar, 6u * 24 * 16 * sizeof(ShownReturn))
       << "returns of about every pixel, one each";
   EXPECT_GT(all.total(), planes.total());
   options.set("surface_rate", 0);

@@ -93,7 +93,7 @@ TrainingSet training_set(const Run& run, const TrainingData& data, const PixelSa
 void begin_from(const TrainingData& data, ThreadPool& pool, Run* run,
                 std::optional<SurfacePlanes>* surfaces) {
   const PixelSampler sampler(run->scene, data.images, run->options.seed);
-  const LidarSampler lidar(data.lidar, run->options.seed);
+  const LidarSampler lidar(data.lidar, run->scene, run->options.seed);
   const TrainingSet set = training_set(*run, data, sampler, lidar);
   Model& model = *run->state.model;
   model.initialize_from(set, run->state.seed, pool);
@@ -184,7 +184,7 @@ TrainingRates measure_rates(Run* run, kernels::Backend& backend,
     fewer_start = clock.measure(cores, [&] { begin_from(part, pool, fewer, &unused); });
   }
   const PixelSampler sampler(run->scene, data->images, run->options.seed);
-  const LidarSampler lidar(data->lidar, run->options.seed);
+  const LidarSampler lidar(data->lidar, run->scene, run->options.seed);
   const TrainingSet set = training_set(*run, *data, sampler, lidar);
   TrainState& state = run->state;
   state.adam = model.zero_moments();

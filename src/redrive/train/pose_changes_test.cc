@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "redrive/scene/scene.h"
 #include "redrive/scene/scene_testing.h"
 #include "redrive/train/pose_refinement.h"
 
@@ -23,7 +24,7 @@ class PoseChangesTest : public ::testing::Test {
   /// Returns the changes of the scene with the corrections applied.
   PoseChanges changes() const {
     Scene placed = scene_;
-    apply_corrections(scene_, recording_.frames, corrections_, &placed);
+    placed.correct(corrections_);
     return pose_changes(placed, corrections_, kBounds);
   }
   TemporaryFolder folder_;
@@ -45,7 +46,7 @@ TEST_F(PoseChangesTest, ReportsCamerasInTheBodysAxes) {
   EXPECT_FALSE(front.pose.at_bound);
   // Equals the change of the extrinsics.
   Scene after = scene_;
-  apply_corrections(scene_, recording_.frames, corrections_, &after);
+  after.correct(corrections_);
   const Rigid3d &was = scene_.rig[1].body_from_sensor, &is = after.rig[1].body_from_sensor;
   EXPECT_LT((is.translation() - was.translation() - front.pose.translation_m).norm(), 1e-7);
   const Eigen::AngleAxisd turn(is.linear() * was.linear().transpose());

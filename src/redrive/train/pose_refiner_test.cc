@@ -107,7 +107,7 @@ std::pair<double, double> refine(const Recording& recording, const Scene& scene,
     refine_poses(now, view_gradients(now, batch, losses.d_origin, losses.d_direction),
                  pose_rates(first_m * std::pow(last_m / first_m, double(step) / steps)),
                  kRefinement, state);
-    apply_corrections(scene, recording.frames, state->corrections, &now);
+    now.correct(state->corrections);
   }
   return {before, landmarks.losses(now, &batch, &losses)};
 }
@@ -121,7 +121,7 @@ TEST_F(PoseRefinerTest, RecoversErrorsOfFramesCamerasAndTimes) {
   wrong.values[wrong.camera_slot(0) + 4] = 0.0f;
   wrong.values[wrong.time_slot(0)] = 0.005f;
   Scene ground_truth = scene_;
-  apply_corrections(scene_, recording_.frames, wrong, &ground_truth);
+  ground_truth.correct(wrong);
   PoseState state(scene_);
   const auto [before, after] = refine(recording_, scene_, ground_truth, 600, 3e-3, 3e-5, &state);
   EXPECT_GT(before, 1e-3);
@@ -154,7 +154,7 @@ TEST_F(PoseRefinerTest, ClampsCorrectionsToTheirBoundsAndReportsIt) {
   PoseCorrections wrong(scene_);
   for (int f = 0; f < wrong.frames; ++f) wrong.values[wrong.frame_slot(f) + 1] = 2;  // metres
   Scene ground_truth = scene_;
-  apply_corrections(scene_, recording_.frames, wrong, &ground_truth);
+  ground_truth.correct(wrong);
   PoseState state(scene_);
   refine(recording_, scene_, ground_truth, 100, 0.02, 0.02, &state);
   for (int f = 0; f < wrong.frames; ++f)

@@ -179,9 +179,8 @@ Run open_run(const std::filesystem::path& root, bool to_resume, std::optional<do
                                     run.scene.actors);
     if (!to_resume) run.state.model->correct_actors(&run.scene.actors);
     if (!to_resume && run.state.poses.refines()) {
-      const Scene initial = run.scene;
-      run.recording.frames =
-          apply_corrections(initial, run.recording.frames, run.state.poses.corrections, &run.scene);
+      run.scene.correct(run.state.poses.corrections);
+      run.recording.frames = run.scene.corrected_trajectory();
     }
   }
   return run;

@@ -143,11 +143,11 @@ TEST(ModelOf, IsBoundedByTheCubeSeenFromOutsideOrOnABackground) {
   scene.half_side = 2;
   scene.rig.resize(1);
   scene.rig[0].body_from_sensor = Rigid3d::Identity();
-  scene.frames.resize(1);
   const auto grid = [&](double x) {
-    View view;
-    view.world_from_body = Eigen::Translation3d(x, 0, 0);
-    scene.views = {view};
+    scene.frames.clear();
+    scene.trajectory.clear();
+    scene.add_frame({0, 0, Rigid3d(Eigen::Translation3d(x, 0, 0))});
+    scene.views = {View()};
     const auto model = make_run_model(options, scene);
     const auto& grid = dynamic_cast<const GridModel&>(*model);
     EXPECT_EQ(grid.contraction.half_m, 2);

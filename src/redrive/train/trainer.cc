@@ -63,18 +63,13 @@ class Trainer {
         observer_(observer),
         state_(run->state),
         options_(run->options),
-        scene_(run->scene),
-        frames_(run->recording.frames),
-        sampler_(data.sampler(scene_, run->options.seed)),
-        lidar_sampler_(data.lidar, run->options.seed),
-        data_{scene_,
-              data.view_images(),
-              data.lidar,
-              sampler_,
-              data.lidar.n > 0 && run->state.model->uses_lidar() ? &lidar_sampler_ : nullptr,
-              &run->scene},
+        sampler_(data.sampler(run->scene, run->options.seed)),
+        lidar_sampler_(data.lidar, run->scene, run->options.seed),
+        data_{run->scene, data.view_images(), data.lidar, sampler_,
+              data.lidar.n > 0 && run->state.model->uses_lidar() ? &lidar_sampler_ : nullptr},
         refinement_(pose_refinement(run->options)),
         saved_seconds_(run->state.seconds) {
+    run_.scene.correct({});
     if (state_.step == 0) begin_from_data();
     find_surfaces();
     steps_per_epoch_ = state_.model->steps_per_epoch(data_, processes ? processes->size() : 1);
@@ -83,6 +78,10 @@ class Trainer {
     adapt_state();
     trim_memory();
   }
+
+  ~Trainer() { run_.scene.correct({}); }
+  Trainer(const Trainer&) = delete;
+  Trainer& operator=(const Trainer&) = delete;
 
   TrainEnd run(const std::atomic<bool>& stop) {
     if (writes_) truncate_metrics(run_.paths, {state_.restarts, state_.rollbacks, state_.step});
@@ -95,7 +94,7 @@ class Trainer {
       while (progress() < 1) {
         if (asked_to(stop)) return end(TrainEnd::kInterrupted);
         step();
-        if (observer_) observer_->between_steps(run_, scene_, frames_);
+        if (observer_) observer_->between_steps(run_);
       }
       if (state_.window.steps > 0) close_window(state_.step);
       if (!loss_rose()) {
@@ -129,6 +128,7 @@ class Trainer {
   void begin_from_data() {
     Model& model = *state_.model;
     const Progress progress("preparing the first parameters");
+    run_.scene.correct({});
     model.initialize_from(data_, state_.seed, backend_.pool());
     if (state_.adam.size() != model.size()) state_.adam = model.zero_moments();
   }
@@ -195,13 +195,11 @@ class Trainer {
     update_poses();
   }
 
-  /// Applies the pose corrections to views and samplers.
+  /// Applies the pose corrections to the scene, and to the sampler if the model draws from it.
   void update_poses() {
     if (!state_.poses.refines()) return;
-    const std::vector<FramePose>& recorded = run_.recording.frames;
-    frames_ = apply_corrections(run_.scene, recorded, state_.poses.corrections, &scene_);
-    sampler_.update_poses();
-    lidar_sampler_.update_poses(scene_.global_from_world, recorded, frames_);
+    run_.scene.correct(state_.poses.corrections);
+    if (!state_.model->streams_images()) sampler_.update_poses();
   }
 
   bool refines() const {
@@ -220,7 +218,7 @@ class Trainer {
     const StepResult result = train_step({backend_, processes_}, data_, request,
                                          learning_rate(number), &state_, &buffers_);
     if (request.pose_gradients && result.finite) {
-      refine_poses(scene_, result.views, pose_rates(pose_rate()), refinement_, &state_.poses);
+      refine_poses(run_.scene, result.views, pose_rates(pose_rate()), refinement_, &state_.poses);
       update_poses();
     }
     const double seconds = of_processes(seconds_since(begin)).front();
@@ -432,8 +430,6 @@ class Trainer {
   StepObserver* observer_;
   TrainState& state_;
   const TrainOptions& options_;
-  Scene scene_;                    // the run's scene with the pose corrections applied
-  std::vector<FramePose> frames_;  // likewise
   PixelSampler sampler_;
   LidarSampler lidar_sampler_;
   TrainingSet data_;

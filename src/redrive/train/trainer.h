@@ -16,10 +16,9 @@ namespace redrive {
 class StepObserver {
  public:
   virtual ~StepObserver() = default;
-  /// `run` is the argument of train(), whose model may be used, not changed; `scene` and `frames`
-  /// are its scene and poses with the corrections so far.
-  virtual void between_steps(Run& run, const Scene& scene,
-                             const std::vector<FramePose>& frames) = 0;
+  /// `run` is the argument of train(), whose model may be used, not changed. Its scene has the pose
+  /// corrections so far.
+  virtual void between_steps(Run& run) = 0;
 };
 
 /// Returns the progress of a run, by the limit that will end it; 1 or more at its end.

@@ -27,7 +27,7 @@ class DividedView : public testing::Test {
     std::vector<std::int64_t> ids, t_ns;
     std::vector<std::size_t> last_core;
     std::vector<std::string> names;
-    for (const Frame& frame : run_.scene.frames) {
+    for (const PosedFrame& frame : run_.scene.posed_frames()) {
       positions.push_back(frame.world_from_body.translation());
       ids.push_back(frame.id);
       t_ns.push_back(frame.t_ns);

@@ -33,7 +33,7 @@ DriveMap::DriveMap(const Scene& scene) : joined_(scene.metric) {
   const Eigen::Vector3d right = (axis - axis.dot(up) * up).normalized();
   plane_from_world_.row(0) = right;
   plane_from_world_.row(1) = up.cross(right);
-  for (const Frame& frame : scene.frames) {
+  for (const PosedFrame& frame : scene.posed_frames()) {
     bodies_.push_back(frame.world_from_body.translation());
     for (const RigCamera& camera : scene.rig)
       ways_[camera.name].push_back(frame.world_from_body * camera.body_from_sensor.translation());

@@ -17,7 +17,7 @@ Scene three_frames() {
   for (int i = 0; i < 3; ++i) {
     Rigid3d pose = Rigid3d::Identity();
     pose.translation() = Vector3d(i, 0, 0);
-    scene.frames.push_back({i, 100'000'000ll * i, pose});
+    scene.add_frame({i, 100'000'000ll * i, pose});
   }
   for (const double y : {0.5, -0.5}) {
     RigCamera camera;
@@ -51,7 +51,7 @@ TEST(DriveMap, IsSeenFromAbove) {
   const DriveMap map(scene);
   EXPECT_EQ(map.frames(), (nlohmann::json{{0, 0}, {1, 0}, {2, 0}}));
   const nlohmann::json at =
-      map.place(scene.frames[2].world_from_body * scene.rig[0].body_from_sensor);
+      map.place(scene.world_from_body(scene.frames[2].t_ns) * scene.rig[0].body_from_sensor);
   EXPECT_EQ(at, (nlohmann::json{2, 0.5, 1, 0}));
 }
 

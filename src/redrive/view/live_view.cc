@@ -65,7 +65,7 @@ void LiveView::correct_actors() {
   shown_->state.model->correct_actors(&shown_->scene.actors);
 }
 
-void LiveView::between_steps(Run& run, const Scene& scene, const std::vector<FramePose>& frames) {
+void LiveView::between_steps(Run& run) {
   take_over();
   if (!viewer_->has_clients()) {
     refresh_at_ = {};  // the first page sees the run as it is
@@ -74,8 +74,8 @@ void LiveView::between_steps(Run& run, const Scene& scene, const std::vector<Fra
   credit_s_ = std::min(credit_s_ + kShare / (1 - kShare) * seconds_since(returned_), kMostCredit_s);
   const bool refreshes = Clock::now() >= refresh_at_;
   if (refreshes && run.state.poses.refines()) {
-    shown_->scene = scene;
-    shown_->recording.frames = frames;
+    shown_->scene = run.scene;
+    shown_->recording.frames = run.scene.corrected_trajectory();
   }
   const Loan loan(&run, shown_.get());
   if (std::exchange(model_, shown_->state.model.get()) != shown_->state.model.get())
@@ -99,8 +99,8 @@ void LiveView::serve(Run& run) {
   take_over();
   if (run.state.poses.refines()) {
     shown_->scene = run.scene;
-    shown_->recording.frames = apply_corrections(run.scene, run.recording.frames,
-                                                 run.state.poses.corrections, &shown_->scene);
+    shown_->scene.correct(run.state.poses.corrections);
+    shown_->recording.frames = shown_->scene.corrected_trajectory();
   }
   const Loan loan(&run, shown_.get());
   correct_actors();

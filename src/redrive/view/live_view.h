@@ -24,7 +24,7 @@ class LiveView : public StepObserver {
   void use(Server& server, Preparation* preparation = nullptr);
 
   /// Makes images for at most kShare of the time, or for as long as a page pauses training.
-  void between_steps(Run& run, const Scene& scene, const std::vector<FramePose>& frames) override;
+  void between_steps(Run& run) override;
 
   /// Shows the run that train() has left, until `stop`.
   void serve(Run& run);

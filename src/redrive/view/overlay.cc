@@ -74,7 +74,8 @@ std::vector<OverlayLine> Overlay::lines(const Placement& placement, const Overla
   const Rigid3d world_from_global = run_.scene.global_from_world.inverse(Eigen::Isometry);
   if (which.trajectory) {
     pen.begin("trajectory");
-    for (const Frame& frame : run_.scene.frames) pen.to(frame.world_from_body.translation());
+    for (const PosedFrame& frame : run_.scene.posed_frames())
+      pen.to(frame.world_from_body.translation());
   }
   if (which.frusta)
     for (const RigCamera& camera : run_.scene.rig) {

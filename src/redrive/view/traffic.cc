@@ -168,7 +168,7 @@ nlohmann::json objects_to_json(const Scene& scene) {
         const auto world_from_box = actor.world_from_box(frame.t_ns + rig.time_offset_ns);
         if (!world_from_box) continue;
         const Eigen::Vector3d in_camera =
-            (frame.world_from_body * rig.body_from_sensor).inverse(Eigen::Isometry) *
+            (scene.world_from_body(frame.t_ns) * rig.body_from_sensor).inverse(Eigen::Isometry) *
             world_from_box->translation();
         const auto pixel = rig.camera.project(in_camera);
         if (!pixel || pixel->minCoeff() < 0 || pixel->x() >= rig.camera.width ||

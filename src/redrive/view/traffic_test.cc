@@ -50,7 +50,7 @@ MovingObject car(std::int64_t id, double x, double y, double heading_deg = 0) {
 
 Scene road(std::vector<MovingObject> cars) {
   Scene scene;
-  for (int i = 0; i <= 10; ++i) scene.frames.push_back({i, 100'000'000ll * i, Rigid3d::Identity()});
+  for (int i = 0; i <= 10; ++i) scene.add_frame({i, 100'000'000ll * i, Rigid3d::Identity()});
   scene.actors = std::move(cars);
   return scene;
 }

@@ -17,7 +17,8 @@ Eigen::MatrixXd without_common_motion(const RigModel& model, const Eigen::Matrix
   constexpr double kArm_m = 30;
   const int n = static_cast<int>(model.initial_frames.size());
   Eigen::Vector3d middle = Eigen::Vector3d::Zero();
-  for (const Frame& frame : model.initial_frames) middle += frame.world_from_body.translation() / n;
+  for (const PosedFrame& frame : model.initial_frames)
+    middle += frame.world_from_body.translation() / n;
   Eigen::MatrixXd g(6 * n, scale_too ? 7 : 6);
   Eigen::VectorXd weights(6 * n);
   for (int f = 0; f < n; ++f) {

@@ -33,7 +33,7 @@ Excitation excitation_across(const RigModel& model, const Eigen::Vector3d& axis)
       model.initial_frames[model.initial_frames.size() / 2].world_from_body.linear().transpose();
   std::vector<Eigen::Vector3d> rotations, positions;
   Eigen::Vector3d mean_rotation = Eigen::Vector3d::Zero(), mean_position = mean_rotation;
-  for (const Frame& frame : model.initial_frames) {
+  for (const PosedFrame& frame : model.initial_frames) {
     rotations.push_back(so3_log(body_from_world * frame.world_from_body.linear()));
     positions.push_back(body_from_world * frame.world_from_body.translation());
     mean_rotation += rotations.back() / n;

@@ -89,7 +89,7 @@ TEST(UnobservableTimeOffsets, IncludeTheErrorThatTiesShare) {
   TimeOffsets offsets({0.1e-3, 0.1e-3, 0.1e-3, 7e-3}, independent({0.1e-3, 0.1e-3, 5e-3, 5e-3}));
   offsets.result.ties_of_camera = {60, 40, 60, 60};
   for (int f = 0; f < 3; ++f) {
-    Frame frame;
+    PosedFrame frame;
     frame.t_ns = 100'000'000 * f;
     frame.world_from_body = Eigen::Translation3d(0.8 * f, 0, 0);
     offsets.model.initial_frames.push_back(frame);

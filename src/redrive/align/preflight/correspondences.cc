@@ -28,11 +28,12 @@ std::vector<cv::Mat> pyramid_of(const cv::Mat& grey) {
 /// Returns the next image, at most options.max_frames away, after min_driven_m; -1 if there is
 /// none.
 int partner(const RigImages& images, int camera, int a, const CorrespondenceOptions& options) {
-  const auto& frames = images.scene.frames;
+  const auto position = [&](int frame) -> Eigen::Vector3d {
+    return images.scene.world_from_body(images.scene.frames[frame].t_ns).translation();
+  };
   for (int b = a + 1; b < images.frames() && b <= a + options.max_frames; ++b) {
     if (images.grey[camera][b].empty()) return -1;
-    const double path_length_m =
-        (frames[b].world_from_body.translation() - frames[a].world_from_body.translation()).norm();
+    const double path_length_m = (position(b) - position(a)).norm();
     if (path_length_m >= options.min_driven_m || b == a + options.max_frames) return b;
   }
   return -1;

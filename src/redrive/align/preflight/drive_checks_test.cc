@@ -21,8 +21,8 @@ Scene one_camera(int frames) {
   camera.width = camera.height = 100;
   scene.rig.push_back({"CAM", camera, camera, Rigid3d::Identity()});
   for (int f = 0; f < frames; ++f) {
-    scene.frames.push_back({f, f * 100'000'000ll, Rigid3d::Identity()});
-    scene.views.push_back({0, f, {}, false, Rigid3d(Eigen::Translation3d(0, 0, 10.0 * f)), {}, {}});
+    scene.add_frame({f, f * 100'000'000ll, Rigid3d(Eigen::Translation3d(0, 0, 10.0 * f))});
+    scene.views.push_back({0, f});
   }
   return scene;
 }

@@ -15,7 +15,7 @@ struct Slope {
   Eigen::Vector3d velocity, angular_velocity;  ///< m/s in the world; rad/s in the body
 };
 
-Slope between_frames(const std::vector<Frame>& frames, int a) {
+Slope between_frames(const std::vector<PosedFrame>& frames, int a) {
   const double h = static_cast<double>(frames[a + 1].t_ns - frames[a].t_ns) * 1e-9;
   return {
       (frames[a + 1].world_from_body.translation() - frames[a].world_from_body.translation()) / h,
@@ -26,7 +26,7 @@ Slope between_frames(const std::vector<Frame>& frames, int a) {
 
 /// Slope of the parabola through the frame and its neighbours, or through the three frames at an
 /// end; of the line through two frames if there are no more.
-Slope slope_at(const std::vector<Frame>& frames, int frame) {
+Slope slope_at(const std::vector<PosedFrame>& frames, int frame) {
   const int last = static_cast<int>(frames.size()) - 1;
   if (last == 1) return between_frames(frames, 0);
   const int middle = std::clamp(frame, 1, last - 1);
@@ -80,8 +80,9 @@ LocalMotion RigModel::motion_at(std::int64_t t_ns) const {
 }
 
 LocalMotion RigModel::smooth_motion_at(std::int64_t t_ns) const {
-  const auto after = std::upper_bound(initial_frames.begin(), initial_frames.end(), t_ns,
-                                      [](std::int64_t t, const Frame& f) { return t < f.t_ns; });
+  const auto after =
+      std::upper_bound(initial_frames.begin(), initial_frames.end(), t_ns,
+                       [](std::int64_t t, const PosedFrame& f) { return t < f.t_ns; });
   LocalMotion motion;
   motion.segment = static_cast<int>(
       std::clamp<std::ptrdiff_t>(after - initial_frames.begin() - 1, 0,
@@ -91,12 +92,12 @@ LocalMotion RigModel::smooth_motion_at(std::int64_t t_ns) const {
             end = std::min(static_cast<int>(initial_frames.size()),
                            std::max(motion.segment + 3, first + 3));
   const int start = std::max(0, std::min(first, end - 3));
-  std::vector<Frame> frames(initial_frames.begin() + start, initial_frames.begin() + end);
+  std::vector<PosedFrame> frames(initial_frames.begin() + start, initial_frames.begin() + end);
   for (int f = start; f < end; ++f)
     frames[f - start].world_from_body =
         initial_frames[f].world_from_body * rigid_from_vector(corrections[f]);
   const int here = motion.segment - start;
-  const Frame &a = frames[here], &b = frames[here + 1];
+  const PosedFrame &a = frames[here], &b = frames[here + 1];
   const double h = static_cast<double>(b.t_ns - a.t_ns) * 1e-9;
   motion.duration_s = h;
   motion.weight = static_cast<double>(t_ns - a.t_ns) * 1e-9 / h;

@@ -51,9 +51,9 @@ struct LocalMotion {
 
 struct RigModel {
   Rigid3d global_from_world = Rigid3d::Identity();
-  std::vector<Frame> initial_frames;    ///< at least two
-  std::vector<Vector6d> corrections;    ///< (rho, phi) by frame, body axes
-  std::vector<RigModelCamera> cameras;  ///< as Recording::cameras
+  std::vector<PosedFrame> initial_frames;  ///< at least two
+  std::vector<Vector6d> corrections;       ///< (rho, phi) by frame, body axes
+  std::vector<RigModelCamera> cameras;     ///< as Recording::cameras
 
   /// The motion that, with the present corrections added, is the smooth motion. Before the first
   /// and after the last frame it continues uniformly.

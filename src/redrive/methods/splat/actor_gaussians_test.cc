@@ -87,10 +87,10 @@ TEST(ActorGaussians, WithoutReturnsLieOnTheBox) {
 // right side, which it does not see, has the colours of the left one, at 11.1 m.
 TEST(ActorGaussians, ASideThatNoImageShowsHasTheColoursOfTheOtherOne) {
   Road road;
-  for (View& view : road.scene.views) {
+  for (FramePose& frame : road.scene.trajectory) {
     // Camera z is -y of the world, x is -x.
-    view.world_from_body.linear() << -1, 0, 0, 0, 0, -1, 0, -1, 0;
-    view.world_from_body.translation() = Eigen::Vector3d(10, 12, 1);
+    frame.global_from_body.linear() << -1, 0, 0, 0, 0, -1, 0, -1, 0;
+    frame.global_from_body.translation() = Eigen::Vector3d(10, 12, 1);
   }
   for (MovingObject::Key& key : road.car.keys) key.world_from_box.translation().x() = 10;
   for (Image8& image : road.images)

@@ -61,6 +61,7 @@ struct HiddenWall : SplatScene {
     if (with_free_image) {
       add_view(0, pose({0, 0, 0}, {0, 0, 0}));
       scene.frames.back().t_ns += 1'000'000'000;
+      scene.trajectory.back().t_ns = scene.frames.back().t_ns;
     }
     scene.metric = false;
     scene.actors = {plate};

@@ -132,15 +132,18 @@ struct KnownScene : SplatScene {
                {45 * f, 45 * f, w / 2 - 0.5, h / 2 - 0.5, 0.03, 0.005, 0, 0}, w, h);
     add_camera("ROLLING", "opencv_pinhole",
                {50 * f, 50 * f, w / 2 - 0.5, h / 2 - 0.5, 0, 0, 0, 0, 0}, w, h);
+    constexpr std::int64_t kReadout_ns = 30'000'000;
+    scene.rig.back().readout_ns = kReadout_ns;
     for (int i = 0; i < 12; ++i) {
       const double at = i / 11.0 - 0.5;
       const Rigid3d here =
           pose({1.6 * at, i % 3 * 0.3 - 0.3, 0.2 * (i % 2)}, {0, -0.3 * at, 0.05 * at});
       add_view(i % 4, here, i == 4 || i == 7);
       if (i % 4 == 3)
-        for (int key = 0; key < 3; ++key)
-          scene.views.back().by_row.push_back(
-              here * pose({0.03 * (key - 1), 0, 0}, {0, 0.02 * (key - 1), 0}));
+        for (const int side : {-1, 1})
+          scene.trajectory.insert(scene.trajectory.end() - (side < 0 ? 1 : 0),
+                                  {i, 100'000'000ll * i + side * kReadout_ns / 2,
+                                   here * pose({0.03 * side, 0, 0}, {0, 0.02 * side, 0})});
     }
     scene.metric = false;  // no exposures
     finish();

@@ -18,6 +18,24 @@ constexpr std::size_t kReturnsOfChunk = 4096;  // some milliseconds of a spinnin
 // maximum time between a return and an image that uses it
 constexpr std::int64_t kApart_ns = 150'000'000;
 
+/// Poses of a view's camera as they project points of the world.
+struct Projection {
+  const Camera& camera;
+  ShutterPoses poses;
+  Rigid3d camera_from_world = poses.at(0.5).inverse(Eigen::Isometry);  // of the middle row
+
+  std::optional<RangePixel> operator()(const Eigen::Vector3d& in_world) const {
+    const auto seen = project_shutter(camera, poses, camera_from_world, in_world);
+    if (!seen) return std::nullopt;
+    const auto index = pixel_index(camera.width, camera.height, seen->pixel);
+    if (!index) return std::nullopt;
+    const auto width = static_cast<std::size_t>(camera.width);
+    return RangePixel{static_cast<std::uint16_t>(*index % width),
+                      static_cast<std::uint16_t>(*index / width),
+                      static_cast<float>(std::log(seen->in_camera.norm()))};
+  }
+};
+
 }  // namespace
 
 ReturnTimes::ReturnTimes(const LidarReturns& lidar) : n_(lidar.n) {
@@ -38,30 +56,22 @@ std::vector<ReturnTimes::Range> ReturnTimes::ranges(std::int64_t first_ns,
   return found;
 }
 
-std::vector<RangePixel> find_range_pixels(const TrainingSet& data, const ReturnTimes& times,
-                                          std::size_t of_view) {
+std::vector<ShownReturn> find_shown_returns(const TrainingSet& data, const ReturnTimes& times,
+                                            std::size_t of_view) {
   constexpr int kCell = 8;  // pixels
   // a return farther by this part of the distance is hidden, as a logarithm
   constexpr float kBehind = 0.14f;
-  // With poses refined meanwhile, the result would depend on when it is computed.
-  const Scene& scene = data.initial ? *data.initial : data.scene;
+  const Scene& scene = data.scene;
   const View& view = scene.views[of_view];
   const RigCamera& rig = scene.rig[view.camera];
-  const std::int64_t t_ns = scene.frames[view.frame].t_ns + rig.time_offset_ns;
-  const ShutterPoses poses = scene.shutter_poses(view);
-  const Rigid3d middle = poses.at(0.5), camera_from_world = middle.inverse(Eigen::Isometry);
+  const std::int64_t t_ns = scene.exposed_ns(view, Poses::kRecorded);
+  const Projection pixel_of{rig.camera, ShutterPoses(scene.camera_during(view, Poses::kRecorded))};
   const LidarReturns& lidar = data.lidar;
-  std::vector<RangePixel> all;
-  const auto pixel_of = [&](const Eigen::Vector3d& at) -> std::optional<RangePixel> {
-    const auto seen = project_shutter(rig.camera, poses, camera_from_world, at);
-    if (!seen) return std::nullopt;
-    const auto index = pixel_index(rig.camera.width, rig.camera.height, seen->pixel);
-    if (!index) return std::nullopt;
-    const auto width = static_cast<std::size_t>(rig.camera.width);
-    return RangePixel{static_cast<std::uint16_t>(*index % width),
-                      static_cast<std::uint16_t>(*index / width),
-                      static_cast<float>(std::log(seen->in_camera.norm()))};
+  struct Shown {
+    RangePixel pixel;
+    ShownReturn in_world;
   };
+  std::vector<Shown> all;
   std::vector<MovingBox> boxes;
   std::vector<std::pair<std::int64_t, Rigid3d>> actors;  // key: id; world_from_actor
   for (const MovingObject& actor : scene.actors)
@@ -69,7 +79,7 @@ std::vector<RangePixel> find_range_pixels(const TrainingSet& data, const ReturnT
       boxes.push_back({actor.id, world_from_actor->inverse(Eigen::Isometry), actor.size_m / 2});
       actors.emplace_back(actor.id, *world_from_actor);
     }
-  const Eigen::Vector3d eye = middle.translation();
+  const Eigen::Vector3d eye = pixel_of.poses.at(0.5).translation();
   const auto add_return = [&](std::size_t i) {
     if (scene.metric && std::abs(lidar.t_ns[i] - t_ns) > kApart_ns) return;
     Eigen::Vector3d at;
@@ -80,7 +90,7 @@ std::vector<RangePixel> find_range_pixels(const TrainingSet& data, const ReturnT
     // An object may by now hide what the sensor saw then.
     if (pixel && std::ranges::none_of(
                      boxes, [&](const MovingBox& box) { return box.intersects(eye, at - eye, 1); }))
-      all.push_back(*pixel);
+      all.push_back({*pixel, at.cast<float>()});
   };
   const auto ranges = scene.metric ? times.ranges(t_ns - kApart_ns, t_ns + kApart_ns)
                                    : std::vector<ReturnTimes::Range>{{0, lidar.n}};
@@ -90,16 +100,17 @@ std::vector<RangePixel> find_range_pixels(const TrainingSet& data, const ReturnT
     if (std::abs(at.t_ns - t_ns) > kApart_ns) continue;
     const auto actor = std::ranges::find(actors, at.id, &std::pair<std::int64_t, Rigid3d>::first);
     if (actor == actors.end()) continue;
-    if (const auto pixel = pixel_of(actor->second * at.in_box.cast<double>()))
-      all.push_back(*pixel);
+    const Eigen::Vector3d in_world = actor->second * at.in_box.cast<double>();
+    if (const auto pixel = pixel_of(in_world)) all.push_back({*pixel, in_world.cast<float>()});
   }
   const int across = rig.camera.width / kCell + 1, down = rig.camera.height / kCell + 1;
   std::vector<float> nearest(static_cast<std::size_t>(across) * down, 1e9f);
-  for (const RangePixel& p : all) {
+  for (const auto& [p, in_world] : all) {
     float& least = nearest[static_cast<std::size_t>(p.y / kCell) * across + p.x / kCell];
     least = std::min(least, p.log_range);
   }
-  std::erase_if(all, [&](const RangePixel& p) {
+  std::erase_if(all, [&](const Shown& shown) {
+    const RangePixel& p = shown.pixel;
     for (int dy = -1; dy <= 1; ++dy)
       for (int dx = -1; dx <= 1; ++dx) {
         const int cx = p.x / kCell + dx, cy = p.y / kCell + dy;
@@ -110,17 +121,36 @@ std::vector<RangePixel> find_range_pixels(const TrainingSet& data, const ReturnT
     return false;
   });
   std::vector<bool> taken(static_cast<std::size_t>(rig.camera.width) * rig.camera.height);
-  std::erase_if(all, [&](const RangePixel& p) {
+  std::vector<ShownReturn> shown;
+  for (const auto& [p, in_world] : all) {
     const std::size_t pixel = static_cast<std::size_t>(p.y) * rig.camera.width + p.x;
-    if (taken[pixel]) return true;
+    if (!taken[pixel]) shown.push_back(in_world);
     taken[pixel] = true;
-    return false;
-  });
-  all.shrink_to_fit();
-  return all;
+  }
+  shown.shrink_to_fit();
+  return shown;
 }
 
-std::uint64_t range_pixel_bytes(const Scene& scene, std::uint64_t returns) {
+std::vector<RangePixel> range_pixels(const Scene& scene, const View& view,
+                                     std::span<const ShownReturn> returns, ThreadPool& pool) {
+  constexpr std::size_t kGrain = 2048;
+  const Projection pixel_of{scene.rig[view.camera].camera, ShutterPoses(scene.camera_during(view))};
+  const Rigid3d motion = scene.metric
+                             ? scene.correction_at(scene.exposed_ns(view, Poses::kRecorded))
+                             : Rigid3d::Identity();
+  std::vector<std::optional<RangePixel>> each(returns.size());
+  pool.run_ranges(returns.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i)
+      each[i] = pixel_of(motion * returns[i].cast<double>());
+  });
+  std::vector<RangePixel> pixels;
+  pixels.reserve(each.size());
+  for (const auto& pixel : each)
+    if (pixel) pixels.push_back(*pixel);
+  return pixels;
+}
+
+std::uint64_t shown_return_bytes(const Scene& scene, std::uint64_t returns) {
   constexpr double kShown = 1.0 / 3;  // share of the returns around the car that an image shows
   constexpr double kSeconds = 2e-9 * kApart_ns;
   const double seconds = scene.exposure(0, scene.frames.back().t_ns).t_s,
@@ -131,7 +161,7 @@ std::uint64_t range_pixel_bytes(const Scene& scene, std::uint64_t returns) {
     const Camera& camera = scene.rig[view.camera].camera;
     if (!view.held_out) pixels += std::min(shown, std::uint64_t(camera.width) * camera.height);
   }
-  return pixels * sizeof(RangePixel);
+  return pixels * sizeof(ShownReturn);
 }
 
 }  // namespace redrive

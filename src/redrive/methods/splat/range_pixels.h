@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
 #include <utility>
 #include <vector>
 
@@ -15,6 +16,9 @@ struct RangePixel {
   std::uint16_t x, y;
   float log_range;  ///< logarithm of its distance from the camera, metres
 };
+
+/// A LiDAR return that an image shows, in the world of the recorded poses.
+using ShownReturn = Eigen::Vector3f;
 
 /// Finds the returns near a time without reading all of them: they come scan by scan, so
 /// neighbouring returns have similar times.
@@ -36,12 +40,19 @@ class ReturnTimes {
 
 /// Returns the LiDAR returns that a view's image shows: returns near the time of its exposure, so
 /// that what moves is where it was, and not behind nearer ones. A pixel has only the first of its
-/// returns. `times`: times of data.lidar. Poses are the poses that training began with
-/// (TrainingSet::initial). Returns on moving objects are where the object is by then.
-std::vector<RangePixel> find_range_pixels(const TrainingSet& data, const ReturnTimes& times,
-                                          std::size_t of_view);
+/// returns. `times`: times of data.lidar. Poses are as recorded, so that the result does not depend
+/// on when it is found. Returns on moving objects are where the object is by then.
+std::vector<ShownReturn> find_shown_returns(const TrainingSet& data, const ReturnTimes& times,
+                                            std::size_t of_view);
 
-/// Estimates the bytes of the range pixels of all training views for this many returns.
-std::uint64_t range_pixel_bytes(const Scene& scene, std::uint64_t returns);
+/// Returns the pixels of a view's returns by the corrected poses, in their order; not those that
+/// have left the image. LiDAR and camera ride on one body, so that corrections of its pose move the
+/// returns of a drive with the image, and those of the camera change the pixels; points of
+/// photographs stay in the world.
+std::vector<RangePixel> range_pixels(const Scene& scene, const View& view,
+                                     std::span<const ShownReturn> returns, ThreadPool& pool);
+
+/// Estimates the bytes of the shown returns of all training views for this many returns.
+std::uint64_t shown_return_bytes(const Scene& scene, std::uint64_t returns);
 
 }  // namespace redrive

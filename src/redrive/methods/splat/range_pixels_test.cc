@@ -38,7 +38,9 @@ struct LidarScene : SplatScene {
       lidar.range_m.push_back(static_cast<float>(at.norm()));
       lidar.t_ns.push_back(t_ns);
     }
-    return find_range_pixels(data(), ReturnTimes(lidar), view);
+    ThreadPool pool(2);
+    return range_pixels(scene, scene.views[view],
+                        find_shown_returns(data(), ReturnTimes(lidar), view), pool);
   }
 
  private:
@@ -77,6 +79,25 @@ TEST(RangePixels, AreOfAboutTheTimeOfTheImage) {
   EXPECT_NE(scene.pixels(0)[0].x, scene.pixels(4)[0].x);
   scene.scene.metric = false;  // photographs have no times
   EXPECT_EQ(scene.pixels(0).size(), 2u);
+}
+
+// LiDAR and camera ride on the body; a photograph's points do not.
+TEST(RangePixels, FollowTheCorrectedPoses) {
+  LidarScene scene;
+  scene.add_return({10, 0, 0}, 0);
+  const int x = scene.pixels(0).at(0).x, y = scene.pixels(0).at(0).y;
+  PoseCorrections corrections(scene.scene);
+  corrections.values[corrections.frame_slot(0)] = 1;  // to the right
+  scene.scene.correct(corrections);
+  EXPECT_EQ(scene.pixels(0).at(0).x, x) << "the body";
+  scene.scene.metric = false;
+  EXPECT_EQ(scene.pixels(0).at(0).x, x - 10) << "1 m at 10 m, by a focal length of 100 pixels";
+  scene.scene.metric = true;
+  corrections = PoseCorrections(scene.scene);
+  corrections.values[corrections.camera_slot(0) + 1] = 0.5f;  // down
+  scene.scene.correct(corrections);
+  EXPECT_EQ(scene.pixels(0).at(0).x, x);
+  EXPECT_EQ(scene.pixels(0).at(0).y, y - 5) << "the camera";
 }
 
 TEST(RangePixels, ATimeIsFoundAmongManyReturns) {

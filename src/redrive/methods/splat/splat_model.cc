@@ -33,7 +33,7 @@ struct SplatBuffers final : MethodBuffers {
   /// Smaller images by level and view, made when first needed; if all are in memory.
   std::vector<std::vector<ImagePointer>> reduced;
   std::optional<ReturnTimes> times;                            ///< made when first needed
-  std::vector<std::optional<std::vector<RangePixel>>> ranges;  ///< one per view, likewise
+  std::vector<std::optional<std::vector<ShownReturn>>> shown;  ///< one per view, likewise
   /// The steps that the images' plan covers.
   struct Plan {
     std::uint64_t seed = 0;
@@ -50,7 +50,7 @@ SplatBuffers& splat_buffers(const TrainingSet& data, int window_pixels, StepBuff
     auto made = std::make_unique<SplatBuffers>(data.scene);
     made->levels = image_levels(data, window_pixels);
     made->reduced.assign(kImageLevels, std::vector<ImagePointer>(data.images.size()));
-    made->ranges.resize(data.images.size());
+    made->shown.resize(data.images.size());
     buffers->method = std::move(made);
   }
   return static_cast<SplatBuffers&>(*buffers->method);
@@ -96,16 +96,16 @@ ImagePointer image_of(const TrainingSet& data, int view, int level, SplatBuffers
 }
 
 /// Finds the LiDAR returns of the views that windows show, unless they are known, in parallel.
-void find_ranges(const TrainingSet& data, std::span<const ImageWindow* const> windows,
-                 ThreadPool& pool, SplatBuffers* own) {
+void find_returns(const TrainingSet& data, std::span<const ImageWindow* const> windows,
+                  ThreadPool& pool, SplatBuffers* own) {
   std::vector<int> views;
   for (const ImageWindow* window : windows)
-    if (!own->ranges[window->view] && std::ranges::find(views, window->view) == views.end())
+    if (!own->shown[window->view] && std::ranges::find(views, window->view) == views.end())
       views.push_back(window->view);
   if (views.empty()) return;
   if (!own->times) own->times.emplace(data.lidar);
   pool.run(static_cast<int>(views.size()),
-           [&](int i) { own->ranges[views[i]] = find_range_pixels(data, *own->times, views[i]); });
+           [&](int i) { own->shown[views[i]] = find_shown_returns(data, *own->times, views[i]); });
 }
 
 /// Returns the mean transmittance of the unmasked pixels; the other tiles are not drawn. Writes its
@@ -264,11 +264,11 @@ StepOutput SplatModel::step(kernels::Backend& backend, const TrainingSet& data,
     constexpr int kAhead = 16;  // steps
     std::vector<const ImageWindow*> coming;
     for (std::size_t w = first; w < end; ++w) coming.push_back(&level.windows[w]);
-    const bool known = own.ranges[coming.front()->view].has_value();
+    const bool known = own.shown[coming.front()->view].has_value();
     for (int k = 1; !all && !known && k < kAhead; ++k)
       coming.push_back(
           &level.windows[drawn_window(request.seed, draw_of(request, request.step + k), n)]);
-    find_ranges(data, coming, backend.pool(), &own);
+    find_returns(data, coming, backend.pool(), &own);
   }
 
   buffers->workspace.begin();
@@ -293,7 +293,7 @@ StepOutput SplatModel::step(kernels::Backend& backend, const TrainingSet& data,
   return out;
 }
 
-int SplatModel::set_ranges(const TrainingSet& data, const WindowStep& step,
+int SplatModel::set_ranges(const TrainingSet& data, const WindowStep& step, ThreadPool& pool,
                            MethodBuffers* buffers) const {
   if (range_weight == 0 || data.lidar.n == 0) return 0;
   SplatBuffers& own = static_cast<SplatBuffers&>(*buffers);
@@ -301,7 +301,8 @@ int SplatModel::set_ranges(const TrainingSet& data, const WindowStep& step,
   own.log_range.assign(size.plane(), kernels::kNoRange);
   own.d_range.assign(size.plane(), 0);
   int n = 0;
-  for (const RangePixel& p : *own.ranges[step.window.view]) {
+  const View& view = data.scene.views[step.window.view];
+  for (const RangePixel& p : range_pixels(data.scene, view, *own.shown[step.window.view], pool)) {
     const int x = p.x / step.factor - step.window.x, y = p.y / step.factor - step.window.y;
     if (x < 0 || y < 0 || x >= step.window.width || y >= step.window.height) continue;
     // Tiles with only masked pixels are not drawn.
@@ -339,7 +340,7 @@ void SplatModel::step_window(kernels::Backend& backend, const TrainingSet& data,
   kernels::RasterOptions options;
   options.tiles = own.tiles;
   std::ranges::copy(step.colour, options.background);
-  const int returns = set_ranges(data, step, &own);
+  const int returns = set_ranges(data, step, backend.pool(), &own);
   if (returns > 0) options.log_range = own.log_range;
   kernels::Raster raster = stages.rasterise(camera, all(), options);
   const kernels::RasterImage& drawn = raster.image();

@@ -158,7 +158,8 @@ struct SplatModel final : Model {
   AdamStep adam_step_of(double learning_rate, std::int64_t step) const;
   kernels::GaussianUpdate gaussian_update(const StepUpdate& at) const;
   /// Sets the planes of ranges of a window; returns their number.
-  int set_ranges(const TrainingSet& data, const WindowStep& step, MethodBuffers* buffers) const;
+  int set_ranges(const TrainingSet& data, const WindowStep& step, ThreadPool& pool,
+                 MethodBuffers* buffers) const;
   /// Adds a window's losses, times `weight`, and gradients, or updates the Gaussians.
   void step_window(kernels::Backend& backend, const TrainingSet& data, const StepRequest& request,
                    const WindowStep& step, std::span<float> gradients, MethodBuffers* buffers,

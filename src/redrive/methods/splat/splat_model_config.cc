@@ -280,7 +280,7 @@ std::uint64_t SplatModel::step_bytes() const {
 std::uint64_t SplatModel::lidar_bytes(const Scene& scene, std::uint64_t returns) const {
   if (lidar_rays == 0 || scene.frames.empty()) return 0;
   return (surface_rate > 0 ? surface_planes_bytes(returns) : 0) +
-         (range_weight > 0 ? range_pixel_bytes(scene, returns) : 0);
+         (range_weight > 0 ? shown_return_bytes(scene, returns) : 0);
 }
 
 }  // namespace redrive

@@ -389,32 +389,28 @@ TEST(SplatModel, PoseGradientsAreThoseOfTheLoss) {
         drawn = v;
       }
     ASSERT_GE(drawn, 0);
-    View& view = known.scene.views[drawn];
+    const View& view = known.scene.views[drawn];
     EXPECT_FALSE(view.held_out);
     if (tested[view.camera]) continue;
     tested[view.camera] = true;
     SCOPED_TRACE(known.scene.rig[view.camera].name);
     request.pose_gradients = false;
-    const View before = view;
+    const std::vector<FramePose> before = known.scene.trajectory;
     constexpr double kStep = 2e-3;
     for (int k = 0; k < 6; ++k) {
       double loss[2];
       for (const int side : {0, 1}) {
         const Eigen::Vector3d by = (side ? kStep : -kStep) * Eigen::Vector3d::Unit(k % 3);
-        const auto moved = [&](Rigid3d world_from_body) {
+        known.scene.trajectory = before;
+        for (FramePose& frame : known.scene.trajectory)
           if (k < 3)
-            world_from_body.translation() += by;
+            frame.global_from_body.translation() += by;
           else
-            world_from_body.linear() = so3_exp(by) * world_from_body.linear();
-          return world_from_body;
-        };
-        view.world_from_body = moved(before.world_from_body);
-        for (std::size_t key = 0; key < view.by_row.size(); ++key)
-          view.by_row[key] = moved(before.by_row[key]);
+            frame.global_from_body.linear() = so3_exp(by) * frame.global_from_body.linear();
         training.gradients(*backend, known.data(), request);
         loss[side] = training.loss();
       }
-      view = before;
+      known.scene.trajectory = before;
       const Eigen::Vector3d& d =
           k < 3 ? out.views[drawn].d_translation : out.views[drawn].d_rotation;
       // Pixels at kMinAlpha come and go, and absolute errors have kinks.

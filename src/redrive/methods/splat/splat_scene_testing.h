@@ -32,12 +32,11 @@ struct SplatScene {
   /// Each view has a frame of its own, 0.1 s after the one before.
   void add_view(int camera, const Rigid3d& world_from_body, bool held_out = false) {
     const auto n = static_cast<int>(scene.frames.size());
-    scene.frames.push_back({n, 100'000'000ll * n, world_from_body});
+    scene.add_frame({n, 100'000'000ll * n, world_from_body});
     View view;
     view.camera = camera;
     view.frame = n;
     view.held_out = held_out;
-    view.world_from_body = world_from_body;
     scene.views.push_back(view);
   }
   void finish() {

@@ -5,7 +5,6 @@
 #include <cstdio>
 
 #include "redrive/base/error.h"
-#include "redrive/math/plain_trajectory.h"
 
 namespace redrive {
 namespace {
@@ -40,7 +39,7 @@ void check_step(const FramePose& a, const FramePose& b, const std::filesystem::p
 
 Rigid3d pose_at(const std::vector<FramePose>& frames, std::int64_t t_ns) {
   REDRIVE_CHECK(!frames.empty());
-  return pose_at(std::span(frames), t_ns);
+  return pose_at(frames, t_ns, [](const FramePose& frame) { return frame.global_from_body; });
 }
 
 Eigen::Vector3d velocity_at(const std::vector<FramePose>& frames, std::int64_t t_ns) {

@@ -3,11 +3,14 @@
 // times, and the check of a file's poses.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <filesystem>
+#include <span>
 #include <string>
 #include <vector>
 
+#include "redrive/math/rigid3.h"
 #include "redrive/recording/core/damaged_text.h"
 #include "redrive/recording/core/recording.h"
 
@@ -18,6 +21,18 @@ namespace redrive {
 /// between the two frames there continues. `frames`: at least one, times increasing; a single one
 /// stands still. At a frame's own time its own pose, bit for bit.
 Rigid3d pose_at(const std::vector<FramePose>& frames, std::int64_t t_ns);
+/// The same for frames whose poses `pose_of` returns; asks for those of the two frames alone.
+template <class PoseOf>
+Rigid3d pose_at(std::span<const FramePose> frames, std::int64_t t_ns, const PoseOf& pose_of) {
+  const auto end = frames.end();
+  auto after = std::ranges::lower_bound(frames, t_ns, {}, &FramePose::t_ns);
+  if (after != end && after->t_ns == t_ns) return pose_of(*after);
+  if (frames.size() == 1) return pose_of(frames.front());
+  after = after == frames.begin() ? after + 1 : after == end ? end - 1 : after;
+  const FramePose &b = *after, &a = *(after - 1);
+  const double u = static_cast<double>(t_ns - a.t_ns) / static_cast<double>(b.t_ns - a.t_ns);
+  return interpolate(pose_of(a), pose_of(b), u);
+}
 
 /// Mean velocity of the body's origin in the global frame over 0.2 s around t_ns, in m/s.
 Eigen::Vector3d velocity_at(const std::vector<FramePose>& frames, std::int64_t t_ns);

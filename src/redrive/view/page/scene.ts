@@ -16,6 +16,7 @@ interface SceneData {
 
 const speed = 3; // metres a second; shift: four times
 const radiansPerPixel = 0.003;
+const metresPerPixel = 0.02; // of two fingers
 const steepest = 0.49 * Math.PI;
 
 function element<T extends HTMLElement>(id: string): T {
@@ -38,6 +39,7 @@ class ScenePage {
   private readonly up = new Vector3(...this.data.up);
   readonly camera: PerspectiveCamera;
   private readonly held = new Set<string>();
+  private readonly pointers = new Map<number, {x: number; y: number}>();
   private readonly poses = this.data.drive.map(({camera_to_world}) => {
     const position = new Vector3();
     const rotation = new Quaternion();
@@ -155,18 +157,38 @@ class ScenePage {
     this.camera.quaternion.multiply(new Quaternion().setFromAxisAngle(new Vector3(1, 0, 0), up));
   }
 
+  /** One pointer turns the camera; two move it aside and up, and ahead as they part. */
+  private drag(event: PointerEvent): void {
+    const from = this.pointers.get(event.pointerId);
+    if (!from) return;
+    const to = {x: event.clientX, y: event.clientY};
+    const [right, down] = [to.x - from.x, to.y - from.y];
+    const other = [...this.pointers].find(([id]) => id !== event.pointerId)?.[1];
+    if (other) {
+      const apart = (at: {x: number; y: number}) => Math.hypot(at.x - other.x, at.y - other.y);
+      const move = new Vector3(-right / 2, down / 2, apart(from) - apart(to));
+      this.play(false);
+      this.camera.position.add(
+        move.multiplyScalar(metresPerPixel).applyQuaternion(this.camera.quaternion));
+    } else {
+      this.turn(radiansPerPixel * right, radiansPerPixel * down);
+    }
+    this.pointers.set(event.pointerId, to);
+  }
+
   private listen(): void {
     element("play").addEventListener("click", () => this.play(!this.playing));
     this.slider.addEventListener("input", () => {
       this.play(false);
       this.seek(Number(this.slider.value));
     });
-    this.canvas.addEventListener("pointerdown", (event) =>
-      this.canvas.setPointerCapture(event.pointerId));
-    this.canvas.addEventListener("pointermove", (event) => {
-      if (this.canvas.hasPointerCapture(event.pointerId))
-        this.turn(radiansPerPixel * event.movementX, radiansPerPixel * event.movementY);
+    this.canvas.addEventListener("pointerdown", (event) => {
+      this.canvas.setPointerCapture(event.pointerId);
+      this.pointers.set(event.pointerId, {x: event.clientX, y: event.clientY});
     });
+    this.canvas.addEventListener("pointermove", (event) => this.drag(event));
+    for (const end of ["pointerup", "pointercancel"] as const)
+      this.canvas.addEventListener(end, (event) => this.pointers.delete(event.pointerId));
     this.canvas.addEventListener("wheel", (event) => {
       event.preventDefault();
       this.play(false);
