@@ -160,7 +160,7 @@ struct Scene {
                            std::int64_t readout_ns) const;
   Rigid3d corrected(const FramePose& pose) const;
 
-  std::vector<Extrinsics> recorded_;  ///< of the rig; empty where it has no corrections
+  std::vector<Extrinsics> recorded_;  ///< one per camera; empty without corrections
 };
 
 /// Returns the colour that images are rendered and scored over, rgb in [0, 1].

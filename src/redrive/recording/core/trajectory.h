@@ -21,7 +21,7 @@ namespace redrive {
 /// between the two frames there continues. `frames`: at least one, times increasing; a single one
 /// stands still. At a frame's own time its own pose, bit for bit.
 Rigid3d pose_at(const std::vector<FramePose>& frames, std::int64_t t_ns);
-/// The same for frames whose poses `pose_of` returns; asks for those of the two frames alone.
+/// The same for frames whose poses `pose_of` returns; asks for two poses at most.
 template <class PoseOf>
 Rigid3d pose_at(std::span<const FramePose> frames, std::int64_t t_ns, const PoseOf& pose_of) {
   const auto end = frames.end();

@@ -16,7 +16,7 @@ interface SceneData {
 
 const speed = 3; // metres a second; shift: four times
 const radiansPerPixel = 0.003;
-const metresPerPixel = 0.02; // of two fingers
+const metresPerPixel = 0.02; // for two fingers
 const steepest = 0.49 * Math.PI;
 
 function element<T extends HTMLElement>(id: string): T {
