@@ -11,7 +11,7 @@
 #include <gtest/gtest.h>
 
 #include "candidates.h"
-#include "redrive/kernels/gaussian_stages.h"
+#include "redrive/kernels/gaussian/gaussian_stages.h"
 #include "redrive/math/rigid3.h"
 #include "redrive/math/so3.h"
 #include "redrive/optim/adam.h"

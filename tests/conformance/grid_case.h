@@ -13,7 +13,7 @@
 
 #include "nerf_case.h"
 
-#include "redrive/kernels/grid_stages.h"
+#include "redrive/kernels/grid/grid_stages.h"
 
 namespace redrive::kernels::conformance {
 

@@ -14,7 +14,7 @@
 #include "all_near.h"
 #include "candidates.h"
 #include "grid_case.h"
-#include "redrive/kernels/grid_stages.h"
+#include "redrive/kernels/grid/grid_stages.h"
 #include "redrive/optim/proposal_loss.h"
 
 namespace redrive::kernels::conformance {

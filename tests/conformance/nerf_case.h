@@ -29,8 +29,8 @@
 
 #include "redrive/base/rng.h"
 #include "redrive/kernels/backend.h"
-#include "redrive/kernels/nerf_stages.h"
-#include "redrive/kernels/ref/nerf_network.h"
+#include "redrive/kernels/nerf/nerf_stages.h"
+#include "redrive/kernels/nerf/ref/nerf_network.h"
 
 namespace redrive::kernels::conformance {
 

@@ -9,7 +9,7 @@
 
 #include "all_near.h"
 #include "nerf_case.h"
-#include "redrive/kernels/cpu/nerf_tile.h"
+#include "redrive/kernels/nerf/cpu/nerf_tile.h"
 
 namespace redrive::kernels::conformance {
 namespace {

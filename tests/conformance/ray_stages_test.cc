@@ -10,7 +10,7 @@
 #include "all_near.h"
 #include "candidates.h"
 #include "redrive/base/rng.h"
-#include "redrive/kernels/grid_stages.h"
+#include "redrive/kernels/grid/grid_stages.h"
 #include "redrive/optim/photometric_loss.h"
 
 namespace redrive::kernels::conformance {

@@ -27,7 +27,7 @@ struct Result {
       0;  ///< samples along rays (kernel/adam: parameters) per second, by the median
   /// Operations of the formulas as published, by the median; exp, division and square root count as
   /// one, a training step as three forward passes. Kernels may need fewer:
-  /// kernels/cpu/folded_colour.h saves a tenth.
+  /// kernels/nerf/cpu/folded_colour.h saves a tenth.
   double gflops = 0;
   double flops = 0,
          /// arithmetic and bytes of one run; bytes: inputs and outputs, each number once

@@ -6,8 +6,8 @@
 
 #include "redrive/base/buffer.h"
 #include "redrive/image/image.h"
-#include "redrive/kernels/grid_stages.h"
-#include "redrive/kernels/nerf_stages.h"
+#include "redrive/kernels/grid/grid_stages.h"
+#include "redrive/kernels/nerf/nerf_stages.h"
 #include "redrive/methods/grid/grid_model.h"
 #include "redrive/methods/nerf/nerf_model.h"
 #include "redrive/methods/splat/splat_model.h"

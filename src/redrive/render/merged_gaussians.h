@@ -3,7 +3,7 @@
 #pragma once
 
 #include "redrive/base/buffer.h"
-#include "redrive/kernels/gaussian_stages.h"
+#include "redrive/kernels/gaussian/gaussian_stages.h"
 
 namespace redrive {
 

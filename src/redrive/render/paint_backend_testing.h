@@ -10,7 +10,7 @@
 #include <gtest/gtest.h>
 
 #include "redrive/kernels/backend.h"
-#include "redrive/kernels/nerf_stages.h"
+#include "redrive/kernels/nerf/nerf_stages.h"
 #include "redrive/methods/nerf/nerf_model.h"
 
 namespace redrive {

@@ -5,7 +5,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "redrive/kernels/gaussian_stages.h"
+#include "redrive/kernels/gaussian/gaussian_stages.h"
 #include "redrive/methods/splat/splat_model.h"
 #include "redrive/train/memory.h"
 #include "redrive/train/train_testing.h"

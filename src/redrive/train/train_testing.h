@@ -12,8 +12,8 @@
 
 #include <gtest/gtest.h>
 
-#include "redrive/kernels/grid_stages.h"
-#include "redrive/kernels/nerf_stages.h"
+#include "redrive/kernels/grid/grid_stages.h"
+#include "redrive/kernels/nerf/nerf_stages.h"
 #include "redrive/methods/grid/grid_model.h"
 #include "redrive/methods/nerf/nerf_model.h"
 #include "redrive/scene/scene_testing.h"

@@ -5,9 +5,9 @@
 #include "redrive/kernels/check_sizes.h"
 #include "redrive/kernels/cpu/composite_range.h"
 #include "redrive/kernels/cpu/cpu_kernels.h"
-#include "redrive/kernels/cpu/cpu_nerf_stages.h"
-#include "redrive/kernels/cpu/gaussian/cpu_gaussian_stages.h"
-#include "redrive/kernels/cpu/grid/cpu_grid_stages.h"
+#include "redrive/kernels/gaussian/cpu/cpu_gaussian_stages.h"
+#include "redrive/kernels/grid/cpu/cpu_grid_stages.h"
+#include "redrive/kernels/nerf/cpu/cpu_nerf_stages.h"
 #include "redrive/optim/photometric_loss.h"
 
 namespace redrive::kernels {

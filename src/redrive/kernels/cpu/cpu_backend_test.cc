@@ -9,7 +9,7 @@
 #include "redrive/base/error.h"
 #include "redrive/base/rng.h"
 #include "redrive/kernels/backend.h"
-#include "redrive/kernels/nerf_stages.h"
+#include "redrive/kernels/nerf/nerf_stages.h"
 
 namespace redrive::kernels {
 namespace {

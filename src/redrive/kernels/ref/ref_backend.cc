@@ -4,9 +4,9 @@
 #include <vector>
 
 #include "redrive/kernels/check_sizes.h"
-#include "redrive/kernels/ref/ref_gaussian_stages.h"
-#include "redrive/kernels/ref/ref_grid_stages.h"
-#include "redrive/kernels/ref/ref_nerf_stages.h"
+#include "redrive/kernels/gaussian/ref/ref_gaussian_stages.h"
+#include "redrive/kernels/grid/ref/ref_grid_stages.h"
+#include "redrive/kernels/nerf/ref/ref_nerf_stages.h"
 #include "redrive/optim/photometric_loss.h"
 #include "redrive/volume/composite.h"
 

@@ -10,7 +10,7 @@
 #include "redrive/field/appearance.h"
 #include "redrive/field/contraction.h"
 #include "redrive/field/grid_field.h"
-#include "redrive/kernels/grid_stages.h"
+#include "redrive/kernels/grid/grid_stages.h"
 #include "redrive/methods/march/ray_model.h"
 #include "redrive/model/method.h"
 #include "redrive/volume/ray_intervals.h"

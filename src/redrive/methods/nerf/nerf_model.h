@@ -5,7 +5,7 @@
 
 #include "redrive/field/nerf_field.h"
 #include "redrive/field/unit_from_world.h"
-#include "redrive/kernels/nerf_stages.h"
+#include "redrive/kernels/nerf/nerf_stages.h"
 #include "redrive/methods/march/ray_model.h"
 #include "redrive/model/method.h"
 

@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "redrive/camera/camera.h"
-#include "redrive/kernels/gaussian_stages.h"
+#include "redrive/kernels/gaussian/gaussian_stages.h"
 #include "redrive/scene/shutter_poses.h"
 
 namespace redrive {

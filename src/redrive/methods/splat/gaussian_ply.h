@@ -6,7 +6,7 @@
 #include <span>
 #include <string>
 
-#include "redrive/kernels/gaussian_stages.h"
+#include "redrive/kernels/gaussian/gaussian_stages.h"
 
 namespace redrive {
 

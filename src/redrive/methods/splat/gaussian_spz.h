@@ -4,7 +4,7 @@
 
 #include <string>
 
-#include "redrive/kernels/gaussian_stages.h"
+#include "redrive/kernels/gaussian/gaussian_stages.h"
 
 namespace redrive {
 

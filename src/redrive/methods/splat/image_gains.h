@@ -10,7 +10,7 @@
 
 #include "redrive/field/appearance.h"
 #include "redrive/field/shading.h"
-#include "redrive/kernels/gaussian_stages.h"
+#include "redrive/kernels/gaussian/gaussian_stages.h"
 #include "redrive/scene/scene.h"
 
 namespace redrive {

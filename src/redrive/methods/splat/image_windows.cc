@@ -5,7 +5,7 @@
 #include <cmath>
 
 #include "redrive/base/rng.h"
-#include "redrive/kernels/gaussian_stages.h"
+#include "redrive/kernels/gaussian/gaussian_stages.h"
 
 namespace redrive {
 namespace {

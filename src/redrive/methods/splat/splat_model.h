@@ -13,7 +13,7 @@
 #include <vector>
 
 #include "redrive/edit/actor_body.h"
-#include "redrive/kernels/gaussian_stages.h"
+#include "redrive/kernels/gaussian/gaussian_stages.h"
 #include "redrive/methods/splat/actor_motion.h"
 #include "redrive/methods/splat/densify_gaussians.h"
 #include "redrive/methods/splat/image_gains.h"

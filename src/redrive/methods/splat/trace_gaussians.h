@@ -7,7 +7,7 @@
 // origin.
 #pragma once
 
-#include "redrive/kernels/gaussian_stages.h"
+#include "redrive/kernels/gaussian/gaussian_stages.h"
 #include "redrive/kernels/rays.h"
 #include "redrive/model/rendered_image.h"
 

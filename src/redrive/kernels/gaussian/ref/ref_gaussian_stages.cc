@@ -1,0 +1,298 @@
+// SPDX-License-Identifier: Apache-2.0
+// Rasterising Gaussians in double, without tiles: every pixel blends every visible Gaussian.
+#include "redrive/kernels/gaussian/ref/ref_gaussian_stages.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <vector>
+
+#include "redrive/kernels/gaussian/check_gaussian_sizes.h"
+#include "redrive/kernels/gaussian/target_window.h"
+#include "redrive/math/shutter_row.h"
+#include "redrive/optim/packed_moments.h"
+#include "redrive/optim/ssim.h"
+#include "redrive/optim/ssim_gradient.h"
+#include "redrive/volume/blend_gaussians.h"
+
+namespace redrive::kernels {
+namespace {
+
+using Math = NumberMath<double>;
+using Projected = ProjectedGaussian<Math>;
+
+/// A drawn Gaussian.
+struct Drawn {
+  std::size_t id, part;  ///< part: 0 in the world, from 1 on an index into GaussianCamera::parts
+  GaussianPose<Math> pose;
+  Projected at;
+  std::array<double, kDistanceRow> rows;
+};
+
+std::span<const PlainPose> poses_of(const GaussianCamera& camera, std::size_t part) {
+  return part == 0 ? camera.world_from_camera : camera.parts[part - 1].part_from_camera;
+}
+
+GaussianPose<Math> pose_at(const GaussianCamera& camera, std::span<const PlainPose> poses,
+                           double v) {
+  const double row =
+      (v + 0.5 + static_cast<double>(camera.first_row)) / static_cast<double>(camera.image_rows);
+  const PlainPose pose = pose_at_row(poses.data(), poses.size(), row);
+  GaussianPose<Math> out;
+  for (int k = 0; k < 9; ++k) out.rotation[k] = pose.rotation[3 * (k % 3) + k / 3];
+  for (int k = 0; k < 3; ++k) out.centre[k] = pose.translation[k];
+  return out;
+}
+
+/// Whether the ellipse in which alpha exceeds kMinAlpha meets the image's rectangle of pixels.
+bool meets_image(const PlainCamera& camera, const Projected& at) {
+  const double reach = 2 * std::log(at.alpha / double(kMinAlpha));
+  const double rx = std::sqrt(reach * at.variance[0]), ry = std::sqrt(reach * at.variance[1]);
+  return at.mean[0] + rx > -0.5 && at.mean[0] - rx < camera.width - 0.5 && at.mean[1] + ry > -0.5 &&
+         at.mean[1] - ry < camera.height - 0.5;
+}
+
+double log_range(const RasterOptions& options, std::size_t pixel) {
+  return options.log_range.empty() ? static_cast<double>(kNoRange)
+                                   : static_cast<double>(options.log_range[pixel]);
+}
+template <class Body>
+void for_pixels(const RasterSize& size, const RasterOptions& options, const Body& body) {
+  for (int y = 0; y < size.rows; ++y)
+    for (int x = 0; x < size.stride; ++x) {
+      const int tile = y / kTileSide * (size.stride / kTileSide) + x / kTileSide;
+      if (!options.tiles.empty() && !options.tiles[tile]) continue;
+      body(x, y, static_cast<std::size_t>(y) * size.stride + static_cast<std::size_t>(x));
+    }
+}
+
+void update_by(const GaussianUpdate& update, std::size_t n, std::span<const float> gradients,
+               std::span<const float> errors) {
+  const std::span<float> numbers = update.numbers;
+  for (std::size_t i = 0; i < n; ++i) {
+    if (gradients[gaussian_slot(i, kOpacityRow)] == 0) continue;
+    const float distance = numbers[gaussian_slot(i, kDistanceRow)];
+    bool finite = true;
+    for (int row = 0; row < kDistanceRow; ++row)
+      finite &= std::isfinite(gradients[gaussian_slot(i, row)]);
+    if (!finite) continue;
+    for (int row = 0; row < kDistanceRow; ++row) {
+      const std::size_t slot = gaussian_slot(i, row);
+      AdamStep step = update.step;
+      step.learning_rate = update.rates[row] * (row < kLogScaleRow ? distance : 1);
+      std::uint32_t& packed = update.moments[slot];
+      float m = unpacked_first(packed), v = unpacked_second(packed);
+      adam_update(step, gradients[slot], numbers[slot], m, v);
+      packed = pack_moments(m, v);
+    }
+    update.errors[i] += errors[i];
+    const float log_distance = std::log(std::max(distance, 1e-6f)),
+                least = update.min_log_scale + log_distance,
+                most = update.max_log_scale + log_distance;
+    const auto scale = [&](int k) -> float& { return numbers[gaussian_slot(i, kLogScaleRow + k)]; };
+    const float smallest = std::min({scale(0), scale(1), scale(2)});
+    for (int k = 0; k < 3; ++k)
+      scale(k) = std::min(scale(k) > smallest ? std::max(scale(k), least) : scale(k), most);
+  }
+}
+
+struct RefRaster final : RasterPass {
+  void forward() {
+    drawn.clear();
+    std::size_t part = 0;
+    for (std::size_t id = 0; id < gaussians.n; ++id) {
+      while (part < camera.parts.size() && camera.parts[part].first_block <= id / kGaussianBlock)
+        ++part;
+      const std::span<const PlainPose> poses = poses_of(camera, part);
+      if (poses.empty()) continue;
+      Drawn d{.id = id, .part = part};
+      for (int row = 0; row < kDistanceRow; ++row)
+        d.rows[row] = static_cast<double>(gaussians.numbers[gaussian_slot(id, row)]);
+      d.at.mean[1] = camera.camera.height / 2.0;
+      const int iterations = poses.size() > 1 ? 3 : 1;
+      for (int i = 0; i < iterations; ++i) {
+        d.pose = pose_at(camera, poses, d.at.mean[1]);
+        project_mean<Math>(camera.camera, d.pose, d.rows.data() + kPositionRow, &d.at);
+      }
+      if (!d.at.visible) continue;
+      project_gaussian<Math>(camera.camera, d.pose, d.rows.data(), &d.at);
+      if (!(d.at.alpha > double(kMinAlpha)) || !meets_image(camera.camera, d.at)) continue;
+      drawn.push_back(d);
+    }
+    std::ranges::stable_sort(drawn, {}, [](const Drawn& d) { return d.at.length; });
+    splats.clear();
+    for (const Drawn& d : drawn) {
+      Splat2d<double> splat{{d.at.mean[0], d.at.mean[1]},
+                            {d.at.conic[0], d.at.conic[1], d.at.conic[2]},
+                            d.at.alpha,
+                            {},
+                            d.at.length,
+                            {d.at.slope[0], d.at.slope[1]}};
+      for (int c = 0; c < 3; ++c) splat.rgb[c] = std::max(d.at.colour[c], 0.0);
+      splats.push_back(splat);
+    }
+    const RasterSize size = raster_size(camera.camera.width, camera.camera.height);
+    image.size = size;
+    for (Buffer<float>* plane : {&image.transmittance, &image.depth, &image.range_error})
+      if (plane->size() < size.plane()) *plane = Buffer<float>(size.plane());
+    if (image.rgb.size() < 3 * size.plane()) image.rgb = Buffer<float>(3 * size.plane());
+    for_pixels(size, options, [&](int x, int y, std::size_t i) {
+      const BlendedPixel<double> pixel =
+          blend_gaussians(splats, x, y, options.background, log_range(options, i));
+      for (int c = 0; c < 3; ++c)
+        image.rgb[c * size.plane() + i] = static_cast<float>(pixel.rgb[c]);
+      image.transmittance[i] = static_cast<float>(pixel.transmittance);
+      image.depth[i] = static_cast<float>(pixel.depth);
+      image.range_error[i] = static_cast<float>(pixel.range_error);
+    });
+    counts = {drawn.size(), drawn.size()};
+  }
+
+  void backward(const RasterGradient& gradient, const GaussianDerivatives& to,
+                std::span<GaussianPoseGradient<Math>> d_poses) override {
+    check_rasterise_backward(camera, gaussians, options, gradient, to, d_poses.size());
+    std::vector<float> to_apply(to.update ? gaussians.numbers.size() : 0),
+        errors_to_apply(to_apply.size() / kGaussianRows);
+    const std::span<float> gradients = to.update ? to_apply : to.gradients,
+                           errors = to.update ? errors_to_apply : to.errors;
+    std::vector<Splat2dGradient> sums(splats.size());
+    const std::size_t plane = image.size.plane();
+    for_pixels(image.size, options, [&](int x, int y, std::size_t i) {
+      double d_rgb[3];
+      for (int c = 0; c < 3; ++c) d_rgb[c] = static_cast<double>(gradient.d_rgb[c * plane + i]);
+      blend_gaussians_adjoint(
+          splats, x, y, options.background, log_range(options, i),
+          {d_rgb, gradient.d_range.empty() ? 0 : static_cast<double>(gradient.d_range[i]),
+           static_cast<double>(gradient.d_transmittance[i])},
+          static_cast<double>(gradient.error[i]), &sums);
+    });
+    std::ranges::fill(d_poses, GaussianPoseGradient<Math>{});
+    for (std::size_t i = 0; i < sums.size(); ++i) {
+      const Drawn& d = drawn[i];
+      const Splat2dGradient& sum = sums[i];
+      errors[d.id] += static_cast<float>(sum.error);
+      if (gradients.empty()) continue;
+      const ProjectedGradient<Math> projected{{sum.mean[0], sum.mean[1]},
+                                              {sum.conic[0], sum.conic[1], sum.conic[2]},
+                                              sum.log_alpha,
+                                              {sum.rgb[0], sum.rgb[1], sum.rgb[2]},
+                                              sum.distance};
+      double d_rows[kDistanceRow];
+      GaussianPoseGradient<Math> of_pose;
+      project_gaussian_adjoint<Math>(camera.camera, d.pose, d.rows.data(), d.at, projected, d_rows,
+                                     &of_pose);
+      for (int row = 0; row < kDistanceRow; ++row)
+        gradients[gaussian_slot(d.id, row)] += static_cast<float>(d_rows[row]);
+      for (int k = 0; !d_poses.empty() && k < 3; ++k) {
+        d_poses[d.part].translation[k] += of_pose.translation[k];
+        d_poses[d.part].rotation[k] += of_pose.rotation[k];
+      }
+    }
+    if (to.update) update_by(*to.update, gaussians.n, gradients, errors);
+  }
+
+  GaussianCamera camera;
+  Gaussians gaussians;
+  RasterOptions options;
+  std::vector<Drawn> drawn;  ///< sorted by distance
+  std::vector<Splat2d<double>> splats;
+};
+
+class RefGaussianStages final : public GaussianStages {
+ public:
+  Raster rasterise(const GaussianCamera& camera, const Gaussians& gaussians,
+                   const RasterOptions& options) override {
+    check_rasterise(camera, gaussians, options);
+    auto raster = arena_.take<RefRaster>([] { return std::make_unique<RefRaster>(); });
+    raster->camera = camera;
+    raster->gaussians = gaussians;
+    raster->options = options;
+    raster->forward();
+    return {std::move(raster), &arena_};
+  }
+  void release() override { arena_.release(); }
+
+  ImageLossOutput image_loss(const ImageLossInput& input, std::span<float> d_rgb,
+                             std::span<float> error) override {
+    check_image_loss(input, d_rgb.size(), error.size());
+    const SsimTaps taps = ssim_taps();
+    const int width = input.size.width, height = input.size.height, stride = input.size.stride;
+    const std::size_t plane = input.size.plane();
+    const auto at = [&](int x, int y) {
+      return static_cast<std::size_t>(y) * stride + static_cast<std::size_t>(x);
+    };
+    std::vector<float> targets(3 * plane), masks(plane);
+    ImageLossOutput out;
+    out.patches.resize(plane / (kPatchSide * kPatchSide));
+    TargetSums all;
+    for (int y = 0; y < height; ++y)
+      all.add(convert_target_row(input, y, targets.data(), masks.data(),
+                                 &out.patches[y / kPatchSide * (stride / kPatchSide)]));
+    const double count = std::max(3 * all.pixels, 1.0);
+    std::vector<double> d(3 * plane), image(3 * plane), target(3 * plane);
+    std::ranges::fill(error.first(plane), 0.0f);
+    for (int y = 0; y < height; ++y)
+      for (int x = 0; x < width; ++x) {
+        const std::size_t i = at(x, y);
+        const double mask = static_cast<double>(masks[i]);
+        double of_pixel = 0;
+        for (int c = 0; c < 3; ++c) {
+          const std::size_t k = c * plane + i;
+          image[k] = mask * static_cast<double>(input.gains[k]) * static_cast<double>(input.rgb[k]);
+          target[k] = mask * static_cast<double>(targets[k]);
+          const double off = image[k] - target[k];
+          d[k] = static_cast<double>(input.l1_weight) / count * mask * ((off > 0) - (off < 0));
+          out.l1 += static_cast<double>(input.l1_weight) / count * std::fabs(off);
+          out.mse += off * off / count;
+          of_pixel += std::fabs(off) / 3;
+        }
+        error[i] = static_cast<float>(of_pixel);
+      }
+    const double per_window = static_cast<double>(input.ssim_weight) / count / 2;
+    for (int c = 0; per_window > 0 && c < 3; ++c)
+      for (int y = 0; y < height; ++y)
+        for (int x = 0; x < width; ++x) {
+          const double mask = static_cast<double>(masks[at(x, y)]);
+          const auto for_window = [&](const auto& body) {
+            for (int j = -kSsimRadius; j <= kSsimRadius; ++j)
+              for (int i = -kSsimRadius; i <= kSsimRadius; ++i)
+                if (x + i >= 0 && x + i < width && y + j >= 0 && y + j < height)
+                  body(taps[i + kSsimRadius] * taps[j + kSsimRadius], c * plane + at(x + i, y + j));
+          };
+          SsimMoments mean;
+          for_window([&](double tap, std::size_t k) { mean.add(tap, image[k], target[k]); });
+          const SsimGradient<Math> s =
+              ssim_gradient<Math>(mean.x, mean.y, mean.xx, mean.yy, mean.xy);
+          out.dssim += mask * per_window * (1 - s.ssim);
+          for_window([&](double tap, std::size_t k) {
+            const double inside = static_cast<double>(masks[k % plane]);
+            d[k] -= inside * mask * per_window * tap *
+                    (s.by_x + 2 * image[k] * s.by_xx + target[k] * s.by_xy);
+          });
+        }
+    for (int c = 0; c < 3; ++c)
+      for (std::size_t i = 0; i < plane; ++i) {
+        const std::size_t k = c * plane + i;
+        d_rgb[k] = static_cast<float>(d[k] * static_cast<double>(input.gains[k]));
+      }
+    all.finish(&out);
+    return out;
+  }
+
+  void update_gaussians(const GaussianUpdate& update, std::size_t n,
+                        std::span<const float> gradients, std::span<const float> errors) override {
+    check_update_gaussians(update, n, gradients.size(), errors.size());
+    update_by(update, n, gradients, errors);
+  }
+
+ private:
+  RasterArena arena_;
+};
+
+}  // namespace
+
+std::unique_ptr<GaussianStages> make_ref_gaussian_stages() {
+  return std::make_unique<RefGaussianStages>();
+}
+
+}  // namespace redrive::kernels
