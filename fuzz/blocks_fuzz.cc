@@ -5,7 +5,7 @@
 #include <string_view>
 
 #include "redrive/base/error.h"
-#include "redrive/train/blocks.h"
+#include "redrive/train/files/blocks.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   try {

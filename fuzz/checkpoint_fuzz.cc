@@ -6,7 +6,7 @@
 #include <string_view>
 
 #include "redrive/base/error.h"
-#include "redrive/train/state.h"
+#include "redrive/train/files/state.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   try {

@@ -8,7 +8,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
-#include "redrive/train/options.h"
+#include "redrive/train/files/options.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const auto read = [](std::string_view text) {

@@ -6,7 +6,7 @@
 #include <string_view>
 
 #include "redrive/base/error.h"
-#include "redrive/train/seam_exposure.h"
+#include "redrive/train/files/seam_exposure.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const auto read = [](std::string_view bytes) {

@@ -7,8 +7,8 @@
 #include <charconv>
 #include <random>
 
-#include "redrive/train/blocks.h"
-#include "redrive/train/seam_exposure.h"
+#include "redrive/train/files/blocks.h"
+#include "redrive/train/files/seam_exposure.h"
 #include "tests/e2e/same_end.h"
 
 namespace redrive::testing {

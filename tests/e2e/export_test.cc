@@ -4,7 +4,7 @@
 #include "redrive/methods/splat/splat_model.h"
 #include "redrive/recording/lidar/ply.h"
 #include "redrive/report/html.h"
-#include "redrive/train/state.h"
+#include "redrive/train/files/state.h"
 #include "tests/e2e/end_to_end.h"
 
 namespace redrive::testing {

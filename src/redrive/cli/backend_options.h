@@ -7,7 +7,7 @@
 #include "redrive/base/error.h"
 #include "redrive/cli/help.h"
 #include "redrive/kernels/backend.h"
-#include "redrive/train/options.h"
+#include "redrive/train/files/options.h"
 
 namespace redrive {
 

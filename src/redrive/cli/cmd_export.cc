@@ -17,7 +17,7 @@
 #include "redrive/cli/frames_option.h"
 #include "redrive/cli/help.h"
 #include "redrive/cli/output_file.h"
-#include "redrive/cli/training.h"
+#include "redrive/cli/train/training.h"
 #include "redrive/cli/without_model.h"
 #include "redrive/edit/edit_actors.h"
 #include "redrive/export/drive.h"

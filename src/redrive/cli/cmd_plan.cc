@@ -16,7 +16,7 @@
 #include "redrive/cli/command.h"
 #include "redrive/cli/help.h"
 #include "redrive/cli/notes.h"
-#include "redrive/cli/training.h"
+#include "redrive/cli/train/training.h"
 #include "redrive/perception/seen_through.h"
 #include "redrive/recording/core/frame_range.h"
 #include "redrive/recording/core/wording.h"

@@ -16,7 +16,7 @@
 #include "redrive/cli/frames_option.h"
 #include "redrive/cli/help.h"
 #include "redrive/cli/output_file.h"
-#include "redrive/cli/render_options.h"
+#include "redrive/cli/render/render_options.h"
 #include "redrive/edit/camera_path_file.h"
 #include "redrive/edit/edit_actors.h"
 #include "redrive/image/exr.h"

@@ -10,10 +10,10 @@
 #include "redrive/base/error.h"
 #include "redrive/cli/command.h"
 #include "redrive/cli/notes.h"
-#include "redrive/cli/train_blocks.h"
-#include "redrive/cli/train_together.h"
-#include "redrive/cli/training.h"
-#include "redrive/train/run_lock.h"
+#include "redrive/cli/train/train_blocks.h"
+#include "redrive/cli/train/train_together.h"
+#include "redrive/cli/train/training.h"
+#include "redrive/train/files/run_lock.h"
 
 namespace redrive {
 namespace {

@@ -11,15 +11,15 @@
 #include "redrive/cli/command.h"
 #include "redrive/cli/help.h"
 #include "redrive/cli/notes.h"
-#include "redrive/cli/train_blocks.h"
-#include "redrive/cli/train_together.h"
-#include "redrive/cli/training.h"
+#include "redrive/cli/train/train_blocks.h"
+#include "redrive/cli/train/train_together.h"
+#include "redrive/cli/train/training.h"
 #include "redrive/recording/core/frame_range.h"
 #include "redrive/recording/core/readout_options.h"
 #include "redrive/recording/formats/pose_files.h"
 #include "redrive/report/align_page.h"
+#include "redrive/train/files/run_lock.h"
 #include "redrive/train/memory.h"
-#include "redrive/train/run_lock.h"
 
 namespace redrive {
 namespace {

@@ -11,7 +11,7 @@
 #include "redrive/cli/backend_options.h"
 #include "redrive/cli/command.h"
 #include "redrive/cli/frames_option.h"
-#include "redrive/cli/training.h"
+#include "redrive/cli/train/training.h"
 #include "redrive/cli/view_server.h"
 #include "redrive/cli/without_model.h"
 #include "redrive/train/memory.h"

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Chooses the blocks of a divided run (train/blocks.h) that render a camera, by its position along
-// the way.
+// Chooses the blocks of a divided run (train/files/blocks.h) that render a camera, by its position
+// along the way.
 #pragma once
 
 #include <cstddef>

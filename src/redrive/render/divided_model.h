@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The blocks of a divided run (train/blocks.h) as one model: an image is rendered by the block that
-// holds its camera, and around a border by both, blended (Tancik et al., Block-NeRF, CVPR 2022).
+// The blocks of a divided run (train/files/blocks.h) as one model: an image is rendered by the
+// block that holds its camera, and around a border by both, blended (Tancik et al., Block-NeRF,
+// CVPR 2022).
 #pragma once
 
 #include <map>
@@ -12,7 +13,7 @@
 
 #include "redrive/render/block_cache.h"
 #include "redrive/render/block_way.h"
-#include "redrive/train/seam_exposure.h"
+#include "redrive/train/files/seam_exposure.h"
 
 namespace redrive {
 
@@ -55,7 +56,7 @@ class DividedModel final : public Model {
   /// Gaussians of the block that gave it most. Blends colours and opacity by BlockWay::weights at
   /// the camera's middle row, depth also by opacity. An exposure at a time that a block did not
   /// train on is the exposure of the block that did, at the same brightness
-  /// (train/seam_exposure.h). Throws what loading a block throws.
+  /// (train/files/seam_exposure.h). Throws what loading a block throws.
   void render_to(kernels::Backend& backend, const RayTable& rays,
                  const ShutterPoses& world_from_camera, const Exposure& exposure,
                  RenderedImage* image) const override;

@@ -18,7 +18,8 @@ struct MergedGaussians {
 
 /// Returns from each block the Gaussians whose nearest place on the way is in the block's core, so
 /// that what several blocks hold comes once. Colours are multiplied by the block's mean log gains
-/// (train/seam_exposure.h). Loads one block after the other. The model's method must be splat.
+/// (train/files/seam_exposure.h). Loads one block after the other. The model's method must be
+/// splat.
 MergedGaussians merged_gaussians(const DividedModel& model);
 
 }  // namespace redrive

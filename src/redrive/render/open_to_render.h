@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Opens a run or a divided run (train/blocks.h) for rendering.
+// Opens a run or a divided run (train/files/blocks.h) for rendering.
 #pragma once
 
 #include <filesystem>

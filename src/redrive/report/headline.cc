@@ -6,7 +6,7 @@
 
 #include "redrive/recording/core/wording.h"
 #include "redrive/report/html.h"
-#include "redrive/train/blocks.h"
+#include "redrive/train/files/blocks.h"
 #include "redrive/train/train_command.h"
 
 namespace redrive {

@@ -8,7 +8,7 @@
 #include "redrive/kernels/backend.h"
 #include "redrive/report/html.h"
 #include "redrive/scene/scene_testing.h"
-#include "redrive/train/blocks.h"
+#include "redrive/train/files/blocks.h"
 
 namespace redrive {
 namespace {

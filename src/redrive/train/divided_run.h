@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// A divided run as a whole (train/blocks.h), and its blocks as runs.
+// A divided run as a whole (train/files/blocks.h), and its blocks as runs.
 #pragma once
 
 #include <functional>
 
 #include "redrive/base/parallel.h"
-#include "redrive/train/blocks.h"
+#include "redrive/train/files/blocks.h"
+#include "redrive/train/files/seam_exposure.h"
 #include "redrive/train/memory.h"
 #include "redrive/train/run.h"
-#include "redrive/train/seam_exposure.h"
 
 namespace redrive {
 

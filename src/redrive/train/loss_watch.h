@@ -14,7 +14,7 @@
 // average away a divergence: with a much too high learning rate, a grid learns for 150 steps only.
 #pragma once
 
-#include "redrive/train/state.h"
+#include "redrive/train/files/state.h"
 
 namespace redrive {
 

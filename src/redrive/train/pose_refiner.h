@@ -5,8 +5,8 @@
 
 #include <functional>
 
+#include "redrive/train/files/state.h"
 #include "redrive/train/pose_refinement.h"
-#include "redrive/train/state.h"
 
 namespace redrive {
 

@@ -5,7 +5,7 @@
 #include <gtest/gtest.h>
 
 #include "redrive/base/error.h"
-#include "redrive/train/options.h"
+#include "redrive/train/files/options.h"
 
 namespace redrive {
 namespace {

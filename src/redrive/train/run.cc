@@ -56,8 +56,8 @@ void check_shown_hyperparameters(const Run& run, const nlohmann::json& config) {
   }
 }
 
-/// Throws InputError if the masks of a block (train/blocks.h) did not come with it: without a file
-/// nothing is masked.
+/// Throws InputError if the masks of a block (train/files/blocks.h) did not come with it: without a
+/// file nothing is masked.
 void check_link(const std::filesystem::path& masks) {
   std::error_code error;
   if (std::filesystem::is_symlink(masks, error) && !std::filesystem::exists(masks, error))

@@ -11,8 +11,8 @@
 #include <vector>
 
 #include "redrive/scene/moving_objects.h"
-#include "redrive/train/options.h"
-#include "redrive/train/state.h"
+#include "redrive/train/files/options.h"
+#include "redrive/train/files/state.h"
 
 namespace redrive {
 
@@ -67,8 +67,8 @@ Run open_run(const std::filesystem::path& root, bool to_resume = false,
 /// boxes.
 void load_actors(Run* run, const std::vector<MovingObject>& found);
 /// The same with the run's masks/moving.json, or without it with --masks none. open_run() calls it.
-/// InputError as read_moving_file, and if the masks of a block (train/blocks.h) did not come with
-/// it.
+/// InputError as read_moving_file, and if the masks of a block (train/files/blocks.h) did not come
+/// with it.
 void load_actors(Run* run);
 /// Returns the model of options and scene, without parameters.
 std::unique_ptr<Model> make_run_model(const TrainOptions& options, const Scene& scene);

@@ -13,7 +13,7 @@
 #include <optional>
 #include <string>
 
-#include "redrive/train/state.h"
+#include "redrive/train/files/state.h"
 #include "redrive/train/step.h"
 
 namespace redrive {

@@ -4,7 +4,7 @@
 
 #include <functional>
 
-#include "redrive/train/state.h"
+#include "redrive/train/files/state.h"
 
 namespace redrive {
 

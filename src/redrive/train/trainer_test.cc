@@ -10,7 +10,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
-#include "redrive/train/run_lock.h"
+#include "redrive/train/files/run_lock.h"
 #include "redrive/train/train_testing.h"
 
 namespace redrive {

@@ -8,8 +8,8 @@
 
 #include "redrive/base/error.h"
 #include "redrive/render/open_to_render.h"
-#include "redrive/train/blocks.h"
-#include "redrive/train/seam_exposure.h"
+#include "redrive/train/files/blocks.h"
+#include "redrive/train/files/seam_exposure.h"
 
 namespace redrive::view {
 

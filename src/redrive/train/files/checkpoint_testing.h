@@ -14,7 +14,7 @@
 #include "redrive/base/error.h"
 #include "redrive/base/rng.h"
 #include "redrive/optim/packed_moments.h"
-#include "redrive/train/safetensors.h"
+#include "redrive/train/files/safetensors.h"
 #include "redrive/train/train_testing.h"
 
 namespace redrive {

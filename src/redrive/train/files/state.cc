@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/train/state.h"
+#include "redrive/train/files/state.h"
 
 namespace redrive {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/train/options.h"
+#include "redrive/train/files/options.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

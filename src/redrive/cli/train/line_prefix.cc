@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/cli/line_prefix.h"
+#include "redrive/cli/train/line_prefix.h"
 
 #include <fcntl.h>
 #include <unistd.h>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/train/checkpoint_testing.h"
+#include "redrive/train/files/checkpoint_testing.h"
 
 #include <limits>
 

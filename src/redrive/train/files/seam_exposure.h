@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The relative brightness of the blocks of a divided run (train/blocks.h). A block explains an
-// image as its field's colours times the gains of the image's camera and time (Model, Exposure), so
-// its field is known up to a factor for each camera and channel, which the regularisers choose.
+// The relative brightness of the blocks of a divided run (train/files/blocks.h). A block explains
+// an image as its field's colours times the gains of the image's camera and time (Model, Exposure),
+// so its field is known up to a factor for each camera and channel, which the regularisers choose.
 // Frames that two blocks share give the quotient of both factors.
 #pragma once
 
@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "redrive/model/model.h"
-#include "redrive/train/blocks.h"
+#include "redrive/train/files/blocks.h"
 
 namespace redrive {
 

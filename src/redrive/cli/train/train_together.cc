@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/cli/train_together.h"
+#include "redrive/cli/train/train_together.h"
 
 #include <chrono>
 #include <cstdio>
@@ -7,9 +7,9 @@
 
 #include "redrive/base/error.h"
 #include "redrive/cli/failure.h"
-#include "redrive/cli/line_prefix.h"
-#include "redrive/cli/train_blocks.h"
-#include "redrive/cli/training.h"
+#include "redrive/cli/train/line_prefix.h"
+#include "redrive/cli/train/train_blocks.h"
+#include "redrive/cli/train/training.h"
 #include "redrive/train/job_queue.h"
 
 namespace redrive {

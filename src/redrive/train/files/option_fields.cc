@@ -11,7 +11,7 @@
 
 #include "redrive/base/did_you_mean.h"
 #include "redrive/base/error.h"
-#include "redrive/train/options.h"
+#include "redrive/train/files/options.h"
 
 namespace redrive {
 namespace {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/train/safetensors.h"
+#include "redrive/train/files/safetensors.h"
 
 #include <algorithm>
 #include <bit>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/train/run_lock.h"
+#include "redrive/train/files/run_lock.h"
 
 #include <fcntl.h>
 #include <sys/file.h>

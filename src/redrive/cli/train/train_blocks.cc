@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/cli/train_blocks.h"
+#include "redrive/cli/train/train_blocks.h"
 
 #include <algorithm>
 #include <cstdio>
@@ -8,11 +8,11 @@
 #include "redrive/base/cpu_features.h"
 #include "redrive/base/memory_limit.h"
 #include "redrive/cli/failure.h"
-#include "redrive/cli/line_prefix.h"
-#include "redrive/cli/train_together.h"
-#include "redrive/cli/training.h"
+#include "redrive/cli/train/line_prefix.h"
+#include "redrive/cli/train/train_together.h"
+#include "redrive/cli/train/training.h"
+#include "redrive/train/files/run_lock.h"
 #include "redrive/train/job_queue.h"
-#include "redrive/train/run_lock.h"
 
 namespace redrive {
 namespace {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/train/seam_exposure.h"
+#include "redrive/train/files/seam_exposure.h"
 
 #include <cmath>
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Presets and rules that involve several options; the list of options is in option_fields.cc.
-#include "redrive/train/options.h"
+#include "redrive/train/files/options.h"
 
 #include <algorithm>
 #include <charconv>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/cli/training.h"
+#include "redrive/cli/train/training.h"
 
 #include <algorithm>
 #include <cstdio>

@@ -7,8 +7,8 @@
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
 #include "redrive/model/method.h"
-#include "redrive/train/safetensors.h"
-#include "redrive/train/state.h"
+#include "redrive/train/files/safetensors.h"
+#include "redrive/train/files/state.h"
 
 namespace redrive {
 namespace {

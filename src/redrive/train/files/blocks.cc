@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/train/blocks.h"
+#include "redrive/train/files/blocks.h"
 
 #include <algorithm>
 #include <cmath>

@@ -5,7 +5,8 @@
 //   blocks.json    the blocks
 //   masks/ poses/  as in a run, for the whole drive; each block links to them
 //   blocks/000/    a run: options of the whole with `frames` of its own; missing until it is begun
-//   exposure.json  how bright the blocks are among each other (train/seam_exposure.h); missing
+//   exposure.json  how bright the blocks are among each other (train/files/seam_exposure.h);
+//   missing
 //                  until all blocks are finished
 // All blocks have the same world (Scene::global_from_world) and the same poses of frames.
 #pragma once
@@ -17,7 +18,7 @@
 #include <vector>
 
 #include "redrive/scene/scene.h"
-#include "redrive/train/options.h"
+#include "redrive/train/files/options.h"
 
 namespace redrive {
 
