@@ -22,7 +22,7 @@ constexpr std::int64_t kApart_ns = 150'000'000;
 struct Projection {
   const Camera& camera;
   ShutterPoses poses;
-  Rigid3d camera_from_world = poses.at(0.5).inverse(Eigen::Isometry);  // of the middle row
+  Rigid3d camera_from_world = poses.at(0.5).inverse(Eigen::Isometry);  // at the middle row
 
   std::optional<RangePixel> operator()(const Eigen::Vector3d& in_world) const {
     const auto seen = project_shutter(camera, poses, camera_from_world, in_world);
