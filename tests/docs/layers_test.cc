@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // A folder includes only folders below it and links the libraries that it includes. The order of
 // the folders lives in the loops `foreach(layer ...)` of src/redrive, lowest first; the table in
-// ARCHITECTURE.md has to agree with it.
+// ARCHITECTURE.md has to agree with it. Methods and formats are known to their registries alone.
 #include <algorithm>
 #include <filesystem>
 #include <fstream>
@@ -73,23 +73,36 @@ struct Include {
   fs::path from, file;  ///< the folder that includes, and what
 };
 
-/// Returns the includes of all sources but tests and their helpers.
-std::vector<Include> all_includes() {
-  const std::regex include(R"rx(^\s*#\s*include "(redrive/[^"]+)")rx");
-  std::vector<Include> all;
+/// A line that matches a pattern.
+struct Match {
+  fs::path file;
+  std::string where;  ///< file:line
+  std::string text;   ///< the pattern's group
+};
+
+/// Returns the matching lines of all sources but tests and their helpers.
+std::vector<Match> all_matches(const std::regex& pattern) {
+  std::vector<Match> all;
   for (const auto& entry : fs::recursive_directory_iterator(kSources)) {
     const fs::path& path = entry.path();
     const std::string stem = path.stem().string(), extension = path.extension().string();
-    if (extension != ".h" && extension != ".cc" && extension != ".cu") continue;
+    if (extension != ".h" && extension != ".cc") continue;
     if (stem.ends_with("_test") || stem.ends_with("_testing")) continue;
     std::ifstream file(path);
     std::string line;
     std::smatch match;
     for (int number = 1; std::getline(file, line); ++number)
-      if (std::regex_search(line, match, include))
-        all.push_back({path.lexically_relative(kRoot).string() + ":" + std::to_string(number),
-                       path.parent_path(), kRoot / "src" / match[1].str()});
+      if (std::regex_search(line, match, pattern))
+        all.push_back({path, path.lexically_relative(kRoot).string() + ":" + std::to_string(number),
+                       match[1]});
   }
+  return all;
+}
+
+std::vector<Include> all_includes() {
+  std::vector<Include> all;
+  for (const Match& found : all_matches(std::regex(R"rx(^\s*#\s*include "(redrive/[^"]+)")rx")))
+    all.push_back({found.where, found.file.parent_path(), kRoot / "src" / found.text});
   return all;
 }
 
@@ -107,6 +120,46 @@ TEST(Layers, IncludesPointDown) {
     EXPECT_FALSE(is_above(layer_of(include.file.parent_path()), layer_of(include.from)))
         << include.where << " includes " << include.file.lexically_relative(kRoot / "src").string()
         << ", a higher layer";
+}
+
+TEST(Layers, OnlyTheRegistryIncludesAMethod) {
+  const fs::path methods = kSources / "methods";
+  int registered = 0;
+  for (const Include& include : all_includes()) {
+    const fs::path method = include.file.parent_path();
+    if (method.parent_path() != methods || include.from == method) continue;
+    // Methods that march along rays share a folder.
+    if (method == methods / "march" && include.from.parent_path() == methods) continue;
+    registered += include.from == methods;
+    EXPECT_EQ(include.from, methods) << include.where << " includes a method's header";
+  }
+  EXPECT_GE(registered, 3);
+}
+
+/// Names in help texts and tables are not found: they decide nothing.
+TEST(Layers, NoConditionNamesAMethodOrAFormatOutsideItsFolder) {
+  std::string names;
+  std::map<std::string, fs::path> folder_of;
+  for (const char* const parts : {"methods", "recording/formats"})
+    for (const auto& entry : fs::directory_iterator(kSources / parts))
+      if (entry.is_directory()) {
+        const std::string name = entry.path().filename().string();
+        names += (names.empty() ? "" : "|") + name;
+        folder_of[name] = entry.path();
+      }
+  ASSERT_TRUE(folder_of.contains("splat") && folder_of.contains("kitti"));
+  for (const char* const side : {R"rx([=!]= *"(%)")rx", R"rx("(%)" *[=!]=)rx"}) {
+    const std::string pattern = std::regex_replace(side, std::regex("%"), names);
+    for (const Match& found : all_matches(std::regex(pattern)))
+      EXPECT_EQ(found.file.parent_path(), folder_of.at(found.text))
+          << found.where << " depends on the name " << found.text;
+  }
+}
+
+TEST(Layers, NothingCastsAFieldBackToItsClass) {
+  for (const Match& found :
+       all_matches(std::regex(R"(dynamic_cast<(?:const )?(\w+(?:Model|Field))\b)")))
+    ADD_FAILURE() << found.where << " casts to " << found.text;
 }
 
 /// The layers within `folder`, lowest first; a folder's own layers before the folder.

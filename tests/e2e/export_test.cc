@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // redrive export on small runs.
 #include "redrive/base/gzip.h"
-#include "redrive/methods/splat/splat_model.h"
 #include "redrive/recording/lidar/ply.h"
 #include "redrive/report/html.h"
 #include "redrive/train/files/state.h"
@@ -38,7 +37,8 @@ TEST_F(Export, WritesTheGaussiansOfARun) {
   EXPECT_THAT(ended.out, HasSubstr(file_.string()));
 
   const TrainState state = load_checkpoint(run / "checkpoint.safetensors");
-  const kernels::Gaussians gaussians = dynamic_cast<const SplatModel&>(*state.model).world();
+  const WorldGaussians world = state.model->as_gaussians()->world();
+  const kernels::Gaussians& gaussians = world.gaussians;
   const std::vector<Eigen::Vector3d> points = read_ply(file_);
   ASSERT_GT(gaussians.n, 100u);
   ASSERT_EQ(points.size(), gaussians.n);

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <stdexcept>
 
 #include <nlohmann/json.hpp>
 
@@ -10,45 +11,17 @@
 #include "redrive/bench/commit.h"
 #include "redrive/bench/peak.h"
 #include "redrive/bench/workload.h"
-#include "redrive/kernels/grid/grid_stages.h"
-#include "redrive/kernels/nerf/nerf_stages.h"
+#include "redrive/field/gaussian.h"
+#include "redrive/model/method.h"
 #include "redrive/render/renderer.h"
 #include "redrive/train/pose_refiner.h"
+#include "redrive/train/run.h"
 #include "redrive/train/step.h"
 
 namespace redrive::bench {
 namespace {
 
-/// Cost per sample, or per other item that a Result counts.
-struct Cost {
-  double flops, bytes;
-};
-
-// Arithmetic of the scalar formulas, per sample (Adam: per parameter), counted from the named
-// files.
-constexpr double kStratifiedFlops =
-    4;  // volume/hierarchical_sampling.h: two for t, one for u, one for dt
-constexpr double kCompositeFlops = 24;  // volume/composite.h: alpha 3, w 1, three colours of 6, T 2
-constexpr double kCompositeBackwardFlops =
-    44;                            // volume/composite.h: T and w 6, three colours of 12, sigma 2
-constexpr double kAdamFlops = 14;  // optim/adam.h: m 3, v 4, parameter 7
-
-// Bytes that a stage of the backend interface reads and writes at least, each number once, however
-// often a kernel reads it. Bytes of a ray are divided among its samples, bytes of parameters among
-// all samples of a run.
-constexpr double kNumber = sizeof(float);
-constexpr double kRayBytes = 6 * kNumber;          // origin and direction
-constexpr double kColourBytes = 3 * kNumber;       // for each ray: target, or its derivative
-constexpr double kRenderedRayBytes = 5 * kNumber;  // for each ray: colour, depth, opacity
-// for each sample: colour and density, or their derivatives
-constexpr double kRawBytes = 4 * kNumber;
-constexpr double kIntervalBytes = 2 * kNumber;  // t and dt
-constexpr double kAdamBytes =
-    2 * 4 * kNumber;  // gradient, parameter, two moments: read and written
-constexpr double kGradientBytes = 2 * kNumber;  // added to
-constexpr double kPointBytes = 4 * kNumber;     // in the unit cube: position and footprint
-
-class Runner {
+class Runner final : public Timer {
  public:
   Runner(kernels::Backend& backend, const Options& options, Report* report,
          const std::function<void(const Result&)>& on_result)
@@ -58,9 +31,8 @@ class Runner {
     return name.find(options_.filter) != std::string::npos;
   }
 
-  /// Times `work`, which processes `samples` samples at a cost each.
   void time(const std::string& name, double samples, const Cost& cost,
-            const std::function<void()>& work) {
+            const std::function<void()>& work) override {
     if (!wanted(name)) return;
     const std::vector<double> seconds = measure(work);
     Result result;
@@ -108,22 +80,38 @@ class Runner {
   const std::function<void(const Result&)>& on_result_;
 };
 
-/// A method with its network's width and its samples per ray.
-struct Size {
-  const char* method;
-  int width, samples;
-};
+/// Returns the state of a fresh run of the method with this width and samples per ray.
+TrainState make_state(const Method& method, const RayModelSize& size, const Scene& scene) {
+  TrainOptions options;
+  options.method = method.name;
+  options.set("width", size.width);
+  options.set("samples", size.samples);
+  apply_preset(&options, {});
+  return make_initial_state(options, scene);
+}
+
+/// Returns "nerf-256x96".
+std::string name_of(const Method& method, const RayModelSize& size) {
+  return method.name + "-" + std::to_string(size.width) + "x" + std::to_string(size.samples);
+}
+
+/// Returns the hyperparameter --batch.
+int rays_of_step(Trainee* model) {
+  for (const HyperparameterValue& value : hyperparameter_values(*model))
+    if (value.what.option == "batch") return std::stoi(value.text);
+  throw std::logic_error("the model marches no rays");
+}
 
 /// Times a whole training step, from sampling pixels to Adam.
 void time_step(Runner& runner, kernels::Backend& backend, const SyntheticDrive& drive,
-               const std::string& name, const Size& size, double forward_macs) {
+               const Method& method, const RayModelSize& size) {
+  const std::string name = "step/" + name_of(method, size);
   if (!runner.wanted(name)) return;
   const PixelSampler sampler(drive.scene, drive.images, 1);
   const LidarReturns no_lidar;
   const TrainingSet data{drive.scene, drive.images, no_lidar, sampler};
-  TrainState state =
-      make_initial_state(options_of(size.method, size.width, size.samples), drive.scene);
-  const int rays = dynamic_cast<const RayModel&>(*state.model).batch_rays;
+  TrainState state = make_state(method, size, drive.scene);
+  const int rays = rays_of_step(state.model.get());
   StepBuffers buffers;
   const double samples = 1.0 * rays * size.samples,
                parameters = static_cast<double>(state.model->size());
@@ -133,7 +121,7 @@ void time_step(Runner& runner, kernels::Backend& backend, const SyntheticDrive& 
   const double of_parameter = lazy ? kNumber : kNumber + kGradientBytes + kAdamBytes,
                bytes =
                    (kRayBytes + kColourBytes) / size.samples + parameters * of_parameter / samples;
-  runner.time(name, samples, {3 * 2 * forward_macs, bytes}, [&] {
+  runner.time(name, samples, {3 * 2 * size.macs, bytes}, [&] {
     StepRequest request = next_step(state);
     request.pixels = rays;
     train_step(backend, data, request, state.model->learning_rate({}), &state, &buffers);
@@ -141,18 +129,17 @@ void time_step(Runner& runner, kernels::Backend& backend, const SyntheticDrive& 
 }
 
 void time_render(Runner& runner, kernels::Backend& backend, const SyntheticDrive& drive,
-                 const std::string& name, const Size& size, double forward_macs,
-                 const std::string& filter) {
+                 const Method& method, const RayModelSize& size, const std::string& filter) {
+  const std::string name = "render/" + name_of(method, size) + "-1280x704";
   if (!runner.wanted(name)) return;
   // The reference backend would take hours; it runs only with an explicit filter.
   if (backend.name() == "ref" && filter.empty()) return;
-  const TrainState state =
-      make_initial_state(options_of(size.method, size.width, size.samples), drive.scene);
+  const TrainState state = make_state(method, size, drive.scene);
   const Camera& camera = drive.scene.rig[0].camera;
   const double samples = 1.0 * camera.width * camera.height * size.samples,
                bytes = (kRayBytes + kRenderedRayBytes) / size.samples +
                        kNumber * static_cast<double>(state.model->size()) / samples;
-  runner.time(name, samples, {2 * forward_macs, bytes}, [&] {
+  runner.time(name, samples, {2 * size.macs, bytes}, [&] {
     render_image(backend, *state.model, camera,
                  drive.scene.world_from_camera(drive.scene.views[0]));
   });
@@ -168,19 +155,25 @@ Camera bench_fisheye() {
                       kSide});
 }
 
-/// Times whole images of --method splat and steps on one window, also with twice the Gaussians, and
-/// with as many of which 50 objects have a quarter. A sample is a Gaussian.
-void time_splats(Runner& runner, kernels::Backend& backend, const SyntheticDrive& drive) {
+/// Times whole images of Gaussians and steps on one window, also with twice the Gaussians, and with
+/// as many of which 50 objects have a quarter. A sample is a Gaussian.
+void time_gaussians(Runner& runner, kernels::Backend& backend, const SyntheticDrive& drive,
+                    const Method& method) {
   constexpr double kRead = kGaussianRows * sizeof(float);  // bytes of a Gaussian
   constexpr int kGaussians = 400'000;
-  const std::string pinhole = "render/splat-400k-1280x704",
-                    fisheye = "render/splat-400k-mei-1400x1400", step = "step/splat-400k-640x352",
-                    twice = "step/splat-800k-640x352",
-                    traffic = "step/splat-400k-50-actors-640x352";
   if (backend.name() != "cpu") return;  // ref would take hours
-  const auto time_render = [&](const std::string& name, const Camera& camera) {
+  const auto make_street = [&](const SyntheticDrive& of, int n) {
+    TrainOptions options;
+    options.method = method.name;
+    TrainState state = make_initial_state(options, of.scene);
+    method.benchmarks().fill(of, n, state.model.get());
+    state.adam = state.model->zero_moments();
+    return state;
+  };
+  const auto time_render = [&](const std::string& size, const Camera& camera) {
+    const std::string name = "render/" + method.name + "-" + size;
     if (!runner.wanted(name)) return;
-    const TrainState state = make_splat_state(drive, kGaussians);
+    const TrainState state = make_street(drive, kGaussians);
     const RayTable rays = make_ray_table(camera);
     RenderedImage image;
     runner.time(name, kGaussians, {0, kRead}, [&] {
@@ -188,9 +181,10 @@ void time_splats(Runner& runner, kernels::Backend& backend, const SyntheticDrive
                              &image);
     });
   };
-  const auto time_step = [&](const std::string& name, const SyntheticDrive& of, int gaussians) {
+  const auto time_step = [&](const std::string& size, const SyntheticDrive& of, int gaussians) {
+    const std::string name = "step/" + method.name + "-" + size + "-640x352";
     if (!runner.wanted(name)) return;
-    TrainState state = make_splat_state(of, gaussians);
+    TrainState state = make_street(of, gaussians);
     const PixelSampler sampler(of.scene, of.images, 1);
     const LidarReturns no_lidar;
     const TrainingSet data{of.scene, of.images, no_lidar, sampler};
@@ -202,13 +196,13 @@ void time_splats(Runner& runner, kernels::Backend& backend, const SyntheticDrive
       train_step(backend, data, request, 1e-12, &state, &buffers);
     });
   };
-  time_render(pinhole, drive.scene.rig[0].camera);
-  time_render(fisheye, bench_fisheye());
-  time_step(step, drive, kGaussians);
-  time_step(twice, drive, 2 * kGaussians);
+  time_render("400k-1280x704", drive.scene.rig[0].camera);
+  time_render("400k-mei-1400x1400", bench_fisheye());
+  time_step("400k", drive, kGaussians);
+  time_step("800k", drive, 2 * kGaussians);
   SyntheticDrive with_actors = drive;
   add_actors(50, &with_actors);
-  time_step(traffic, with_actors, kGaussians);
+  time_step("400k-50-actors", with_actors, kGaussians);
 }
 
 /// Times an update of the poses of a long drive after a step that drew one image: the corrections
@@ -236,80 +230,6 @@ void time_pose_update(Runner& runner) {
   });
 }
 
-void time_kernels(Runner& runner, kernels::Backend& backend, const SyntheticDrive& drive) {
-  const NerfConfig config;
-  KernelBatch b(drive, config, 96);
-  const double samples = static_cast<double>(b.t.size()),
-               forward_flops = 2 * nerf_macs_per_sample(config);
-  const double per_ray = b.model().samples,
-               parameters = static_cast<double>(b.gradients.size()) / samples;
-  // The last sample has no dt.
-  const double field_bytes = kRayBytes / per_ray + kNumber + kRawBytes + kNumber * parameters;
-  const auto field = b.model().field(0);
-  runner.time("kernel/sample_stratified", samples, {kStratifiedFlops, kIntervalBytes},
-              [&] { backend.nerf().sample_stratified(b.rays.n, b.sampling(), b.t, b.dt); });
-  runner.time("kernel/nerf_forward-256", samples, {forward_flops, field_bytes}, [&] {
-    backend.nerf().network_forward(field, b.ray_spans(), b.sample_spans(), b.raw);
-  });
-  // Includes recomputing the forward pass.
-  runner.time("kernel/nerf_backward-256", samples,
-              {3 * forward_flops, field_bytes + kGradientBytes * parameters}, [&] {
-                backend.nerf().network_backward(field, b.ray_spans(), b.sample_spans(), b.d_raw,
-                                                b.gradients, {});
-              });
-  runner.time("kernel/composite_forward", samples,
-              {kCompositeFlops, kIntervalBytes + kRawBytes + kRenderedRayBytes / per_ray}, [&] {
-                backend.composite_forward(b.rays.n, b.sample_spans(), b.raw, {},
-                                          {b.rgb, b.depth, b.opacity, {}});
-              });
-  // Reads densities and colours, writes their derivatives.
-  runner.time(
-      "kernel/composite_backward", samples,
-      {kCompositeBackwardFlops, kIntervalBytes + 2 * kRawBytes + kColourBytes / per_ray}, [&] {
-        backend.composite_backward(b.rays.n, b.sample_spans(), b.raw, {}, {b.d_rgb, {}}, b.d_raw);
-      });
-  runner.time("kernel/adam", static_cast<double>(b.gradients.size()), {kAdamFlops, kAdamBytes},
-              [&] {
-                backend.adam(adam_step(5e-4, 1), b.gradients, b.state.model->parameters,
-                             b.state.adam.first_moment, b.state.adam.second_moment);
-              });
-}
-
-void time_grid_kernels(Runner& runner, kernels::Backend& backend, const SyntheticDrive& drive) {
-  GridBatch b(backend, drive);
-  kernels::GridStages& stages = backend.grid();
-  const int n = b.rays.n;
-  const double samples = static_cast<double>(b.points.n), levels = b.model().field.grid.n_levels,
-               features = b.model().field.grid.features_per_level,
-               macs = grid_macs_per_sample(b.model().field);
-  // Per level: three coordinates of 3, eight weights of 2, eight rows of 2 operations a feature.
-  // The adjoint takes twice as many.
-  const double encode_flops = levels * (25 + 16 * features);
-  // Eight rows per level, at most the level's rows per batch, which samples share.
-  const double rows_bytes = std::min(levels * 8 * features * kNumber,
-                                     kNumber * static_cast<double>(b.d_table.size()) / samples);
-  const double features_bytes = levels * features * kNumber;
-  const double weights = static_cast<double>(b.d_weights.size()) / samples;
-  const double network_bytes =
-      features_bytes + kHarmonics * kNumber / GridBatch::per_ray + kRawBytes + kNumber * weights;
-  runner.time("kernel/grid_encode", samples,
-              {encode_flops, kPointBytes + features_bytes + rows_bytes},
-              [&] { stages.encode(b.grid(), b.points, b.features); });
-  runner.time(
-      "kernel/grid_encode_backward", samples,
-      {2 * encode_flops, kPointBytes + features_bytes + 2 * rows_bytes},  // rows are added to
-      [&] { stages.encode_backward(b.grid(), b.points, b.features, b.d_table, {}); });
-  runner.time("kernel/grid_network_forward", samples, {2 * macs, network_bytes}, [&] {
-    stages.network_forward(b.network(), n, b.per_ray, b.features, b.harmonics, b.raw);
-  });
-  // Includes recomputing the forward pass.
-  runner.time("kernel/grid_network_backward", samples,
-              {6 * macs, network_bytes + features_bytes + kGradientBytes * weights}, [&] {
-                stages.network_backward(b.network(), n, b.per_ray, b.features, b.harmonics, b.raw,
-                                        b.d_weights, b.d_features);
-              });
-}
-
 }  // namespace
 
 Report run(kernels::Backend& backend, const Options& options,
@@ -326,21 +246,17 @@ Report run(kernels::Backend& backend, const Options& options,
 
   Runner runner(backend, options, &report, on_result);
   const SyntheticDrive drive = make_synthetic_drive();
-  constexpr Size wide{"nerf", 256, 96}, narrow{"nerf", 128, 48}, grid{"grid", 32, 24};
-  const double wide_macs = nerf_macs_per_sample({wide.width}),
-               narrow_macs = nerf_macs_per_sample({narrow.width}),
-               grid_macs = grid_macs_per_sample(GridModel{}.field);
-  time_step(runner, backend, drive, "step/nerf-256x96", wide, wide_macs);
-  time_step(runner, backend, drive, "step/nerf-128x48", narrow, narrow_macs);
-  time_step(runner, backend, drive, "step/grid-32x24", grid, grid_macs);
-  time_splats(runner, backend, drive);
+  for (const Method& method : methods()) {
+    if (!method.benchmarks) continue;
+    const MethodBenchmarks timed = method.benchmarks();
+    for (const RayModelSize& size : timed.sizes) {
+      time_step(runner, backend, drive, method, size);
+      if (size.renders) time_render(runner, backend, drive, method, size, options.filter);
+    }
+    if (timed.fill) time_gaussians(runner, backend, drive, method);
+    if (timed.time_stages) timed.time_stages(backend, drive, &runner);
+  }
   time_pose_update(runner);
-  time_kernels(runner, backend, drive);
-  time_grid_kernels(runner, backend, drive);
-  time_render(runner, backend, drive, "render/nerf-256x96-1280x704", wide, wide_macs,
-              options.filter);
-  time_render(runner, backend, drive, "render/grid-32x24-1280x704", grid, grid_macs,
-              options.filter);
   if (report.results.empty())
     throw UsageError("--filter", options.filter, "no benchmark's name contains it");
   return report;

@@ -18,7 +18,6 @@
 #include "redrive/eval/edited_score.h"
 #include "redrive/eval/evaluate.h"
 #include "redrive/eval/other_cameras.h"
-#include "redrive/render/divided_model.h"
 #include "redrive/render/open_to_render.h"
 
 namespace redrive {
@@ -153,8 +152,8 @@ int run_eval(EvalCommandOptions options) {
       print_edited(scores);
     return kExitOk;
   }
-  if (const auto* const divided = dynamic_cast<const DividedModel*>(run.state.model.get()))
-    options.eval.part_of = [divided](std::int64_t id) { return divided->drive().block_of(id); };
+  if (!run.blocks.empty())
+    options.eval.part_of = [&run](std::int64_t id) { return block_of_frame(run.blocks, id).name; };
   if (!options.cameras.empty()) {
     const auto scores = score_other_cameras(run, *backend, options.cameras, options.eval);
     if (options.json)

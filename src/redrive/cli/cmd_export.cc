@@ -272,31 +272,30 @@ int export_las(const ExportCommandOptions& options) {
 int export_html(const ExportCommandOptions& options) {
   check_output_file("OUT", options.out, options.force);
   refuse_part_of_run(options);
-  refuse_divided(options.from, "export --to html");
-  const std::string bytes = view::scene_page(
-      open_run(options.from, /*to_resume=*/false, options.max_damaged), options.encode.sh_degree);
+  const std::string bytes =
+      view::scene_page(open_to_render(options.from, options.max_damaged), options.encode.sh_degree);
   write_file(options.out, bytes);
   std::printf("%s: %.1f MB\n", options.out.c_str(), 1e-6 * static_cast<double>(bytes.size()));
   return kExitOk;
 }
 
-/// Returns the model's format of this name. Throws UsageError if it has none.
-ExportFormat find_format(const Model& model, const std::string& name) {
+/// Returns the field's format of this name. Throws UsageError if it has none.
+ExportFormat find_format(const Field& field, const std::string& name) {
   std::string known;
-  for (const ExportFormat& format : model.export_formats()) {
+  for (const ExportFormat& format : field.export_formats()) {
     if (format.name == name) return format;
     known += (known.empty() ? "; it has " : ", ") + format.name;
   }
   throw UsageError(
       "--to", name,
-      "the run is of method " + std::string(model.method()) + ", which has no such format" + known);
+      "the run is of method " + std::string(field.method()) + ", which has no such format" + known);
 }
 
 int export_model(const ExportCommandOptions& options) {
   check_output_file("OUT", options.out, options.force);
   refuse_part_of_run(options);
   const Run run = open_to_render(options.from, options.max_damaged);
-  const ExportFormat format = find_format(*run.state.model, options.format);
+  const ExportFormat format = find_format(*run.field(), options.format);
   ExportOptions encode = options.encode;
   if (options.actor) encode.actor = &find_actor(run.scene, "--actor", *options.actor);
   const std::string bytes = format.encode(encode);

@@ -142,8 +142,9 @@ TrainingRates measured(const TrainOptions& whole, const Recording& recording, co
                      n = std::min(frames,
                                   (calibration_images(all.scene) * frames + images - 1) / images);
   CalibrationSteps calibration;
-  if (options.method == "splat" && !options.hyperparameters.contains("densify_every"))
-    options.set("densify_every", calibration.change_every);
+  const char* const change_every = find_method(options.method)->change_every;
+  if (change_every && !options.hyperparameters.contains(change_every))
+    options.set(change_every, calibration.change_every);
   else
     calibration.change_every_of_run = calibration.change_every;
   Run run = middle_of(all, options, recording, n);

@@ -115,7 +115,7 @@ Run open_edited_run(const RenderOptions& options) {
   std::optional<TrafficEdit> edit;
   if (!options.edit.empty()) edit = read_traffic_edit(options.edit);
   Run run = open_to_render(options.run, options.max_damaged);
-  if (edit) check_added(*edit, run.state.model->draws_actors());
+  if (edit) check_added(*edit, run.field()->draws_actors());
   if (edit)
     for (const std::string& remark : edit_actors(*edit, &run.scene))
       std::printf("%s: %s\n", options.edit.c_str(), remark.c_str());
@@ -180,7 +180,7 @@ int render_one(const RenderOptions& options) {
   check_rendering_memory(run, &camera.camera);
   const RayTable rays = make_ray_table(camera.camera, backend->pool());
   const RenderedImage image =
-      render_image(*backend, *run.state.model, rays,
+      render_image(*backend, *run.field(), rays,
                    posed_at_frame(run.recording, run.scene, camera, world_from_camera, frame),
                    exposure_of(options, run, camera.name, frame));
   write_image(options.out, to_image8(image));
@@ -240,7 +240,7 @@ int render_poses(const RenderOptions& options) {
   for (std::size_t i = 0; i < poses.views.size(); ++i) {
     const fs::path file = out / poses.views[i].file;
     const RenderedImage image =
-        render_image(*backend, *run.state.model, cameras[i]->camera, poses_of[i], exposures[i]);
+        render_image(*backend, *run.field(), cameras[i]->camera, poses_of[i], exposures[i]);
     make_folders_within(out, fs::path(poses.views[i].file).parent_path());
     write_image(file, to_image8(image));
     std::printf("%zu/%zu %s: %d x %d\n", i + 1, poses.views.size(), file.c_str(), image.width,

@@ -28,8 +28,8 @@ struct ActorBody {
 /// Comments of a PLY that keep type and size: "redrive class CAR", "redrive size_m 4.5 1.8 1.5".
 std::vector<std::string> body_comments(const std::string& type, const Eigen::Vector3d& size_m);
 
-/// Parses a PLY in the layout of 3D Gaussian Splatting (methods/splat/gaussian_ply.h), or an SPZ of
-/// version 2 or 3 (methods/splat/gaussian_spz.h; version 2 has x y z of the quaternion in 8 bits
+/// Parses a PLY in the layout of 3D Gaussian Splatting (model/gaussian_ply.h), or an SPZ of
+/// version 2 or 3 (model/gaussian_spz.h; version 2 has x y z of the quaternion in 8 bits
 /// each, (b - 127.5) / 127.5, with w >= 0), by their first bytes. Keeps degree 0 and 1 of harmonics
 /// of degree 0 to 3. Without a comment the size is twice the range that holds 98 % of the means,
 /// from the origin along each axis. InputError for damaged files, more than 10^6 Gaussians or none,

@@ -20,7 +20,7 @@ namespace redrive {
 std::vector<std::string> edit_actors(const TrafficEdit& edit, Scene* scene,
                                      ActorBodies* bodies = nullptr);
 
-/// Throws InputError where an edit adds objects and the model draws none (Model::draws_actors).
+/// Throws InputError where an edit adds objects and the model draws none (Field::draws_actors).
 void check_added(const TrafficEdit& edit, bool draws_actors);
 
 /// Returns shift_m and turn_deg of a change: box_from_moved_box.

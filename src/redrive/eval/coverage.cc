@@ -44,7 +44,7 @@ TrainingDepth render_depth(const Run& run, kernels::Backend& backend, const View
   const Camera& small = table.camera;
   const int factor = small_factor(full);
   const ShutterPoses poses = run.scene.shutter_poses(of);
-  const RenderedImage image = render_image(backend, *run.state.model, table, poses);
+  const RenderedImage image = render_image(backend, *run.field(), table, poses);
   const Mask mask = view_mask(run.scene, of, left_out.masks[of.camera], left_out.moving);
   TrainingDepth depth{small,
                       run.scene.world_from_camera(of).inverse(Eigen::Isometry),

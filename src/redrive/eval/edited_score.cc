@@ -128,7 +128,7 @@ std::map<std::string, EditedScore> score_edited(const Run& run, kernels::Backend
       const Camera& camera = scene.rig[view.camera].camera;
       const ShutterPoses poses = scene.shutter_poses(view);
       const RenderedImage rendered =
-          render_image(backend, *run.state.model, make_ray_table(camera, backend.pool()), poses,
+          render_image(backend, *run.field(), make_ray_table(camera, backend.pool()), poses,
                        scene.exposure(view));
       inside.add(score_image(backend, rendered, changed));
       outside.add(score_image(backend, rendered, rest));

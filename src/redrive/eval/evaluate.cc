@@ -172,7 +172,7 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
     for (const std::size_t v : by_camera[c]) {
       const View& view = views[v];
       Image8 ground_truth = load_view(scene, view);  // fails before rendering
-      const RenderedImage rendered = render_image(backend, *run.state.model, table,
+      const RenderedImage rendered = render_image(backend, *run.field(), table,
                                                   scene.shutter_poses(view), scene.exposure(view));
       moving.add(scene, view, left_out.masks[c], rendered, ground_truth);
       apply_mask(view_mask(scene, view, left_out.masks[c], left_out.moving), &ground_truth);
@@ -193,7 +193,7 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
     for (const std::size_t i : chosen_of(ground_truth)) {
       const GroundTruthView view = ground_truth.load(i);
       const Score score = score_image(
-          backend, render_image(backend, *run.state.model, view.camera, view.poses, view.exposure),
+          backend, render_image(backend, *run.field(), view.camera, view.poses, view.exposure),
           view.image, view.depth_m);
       mean.add(score);
       if (options.part_of)

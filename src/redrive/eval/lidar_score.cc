@@ -109,8 +109,8 @@ std::optional<LidarScore> score_lidar(const Run& run, kernels::Backend& backend,
                            {[&](std::int64_t id) { return id == frame; }});
     const std::size_t n = recorded.n;
     const kernels::Rays rays{static_cast<int>(n), recorded.origin, recorded.direction};
-    RenderedRays rendered = run.state.model->trace(backend, rays);
-    run.state.model->trace_actors(backend, rays, recorded.t_ns, run.scene.actors, &rendered);
+    RenderedRays rendered = run.field()->trace(backend, rays);
+    run.field()->trace_actors(backend, rays, recorded.t_ns, run.scene.actors, &rendered);
     Cloud measured, seen;
     std::vector<MovingBox> boxes;
     for (std::size_t i = 0; i < n; ++i) {

@@ -145,7 +145,7 @@ std::map<std::string, OtherCameraScore> score_other_cameras(const Run& run,
     for (const View& view : scene.views) {
       const Image8 recorded = load_view(scene, view);
       images.push_back({view,
-                        render_image(backend, *run.state.model, table, scene.shutter_poses(view),
+                        render_image(backend, *run.field(), table, scene.shutter_poses(view),
                                      scene.exposure(view)),
                         recorded, recorded});
       apply_mask(view_mask(scene, view, of_camera, left_out.moving), &images.back().ground_truth);

@@ -14,7 +14,7 @@
 namespace redrive {
 namespace {
 
-std::unique_ptr<Model> grid_model(const Scene&) {
+std::unique_ptr<Trainee> grid_model(const Scene&) {
   auto model = std::make_unique<GridModel>();
   make_tiny(*model);
   model->appearance = {};
@@ -25,7 +25,7 @@ std::unique_ptr<Model> grid_model(const Scene&) {
 
 /// Has strong colours that do not depend on the view. A single network, because two untrained ones
 /// would render different images.
-std::unique_ptr<Model> nerf_model(const Scene& scene) {
+std::unique_ptr<Trainee> nerf_model(const Scene& scene) {
   auto model = std::make_unique<NerfModel>();
   model->config = {32, 4, 1};
   model->samples = 48;
@@ -46,7 +46,8 @@ std::unique_ptr<Model> nerf_model(const Scene& scene) {
 }
 
 // Perturbed poses of images rendered from a field converge back to their poses; other views stay.
-void expect_to_be_found(const std::function<std::unique_ptr<Model>(const Scene&)>& model_of_scene) {
+void expect_to_be_found(
+    const std::function<std::unique_ptr<Trainee>(const Scene&)>& model_of_scene) {
   const TemporaryFolder folder;
   redrive::Run run;
   run.recording = make_test_recording(folder.path);

@@ -98,8 +98,7 @@ std::vector<DepthImage> render_depth_images(const Run& run, kernels::Backend& ba
       const View& view = *views[first + rendered.size()];
       ShutterPoses poses = scene.shutter_poses(view);
       poses.set_actors({});  // objects are at other places in other images
-      rendered.push_back(
-          render_image(backend, *run.state.model, table, poses, scene.exposure(view)));
+      rendered.push_back(render_image(backend, *run.field(), table, poses, scene.exposure(view)));
     }
     std::vector<std::optional<DepthImage>> made(rendered.size());
     pool.run(static_cast<int>(rendered.size()), [&](int i) {

@@ -44,7 +44,7 @@ std::vector<PlyPoint> field_points(const Run& run, kernels::Backend& backend, st
     ShutterPoses poses = scene.shutter_poses(*view);
     poses.set_actors({});  // objects are at other places in other images
     const RenderedImage image =
-        render_image(backend, *run.state.model, table, poses, scene.exposure(*view));
+        render_image(backend, *run.field(), table, poses, scene.exposure(*view));
     const std::vector<float> normals = surface_normals(image, table);
     for (std::size_t entry = 0; entry < table.pixel.size(); ++entry) {
       if (taken++ % every != 0) continue;

@@ -29,7 +29,7 @@ const Method* find_method(std::string_view name) {
 
 void register_method(const Method& method) { registry().push_back(method); }
 
-std::unique_ptr<Model> make_model(std::string_view method) {
+std::unique_ptr<Trainee> make_model(std::string_view method) {
   const Method* found = find_method(method);
   return found ? found->make() : nullptr;
 }

@@ -9,7 +9,8 @@
 #include <utility>
 #include <vector>
 
-#include "redrive/model/model.h"
+#include "redrive/model/benchmark.h"
+#include "redrive/model/trainee.h"
 
 namespace redrive {
 
@@ -29,9 +30,9 @@ struct Preset {
 inline constexpr const char* kDefaultMethod = "splat";
 
 struct Method {
-  std::string name;                  ///< --method
-  std::string help;                  ///< one line
-  std::unique_ptr<Model> (*make)();  ///< hyperparameters at their defaults, without parameters
+  std::string name;                    ///< --method
+  std::string help;                    ///< one line
+  std::unique_ptr<Trainee> (*make)();  ///< hyperparameters at their defaults, without parameters
   OptionValues defaults =
       {};  ///< options other than hyperparameters that differ from TrainOptions{}
   std::vector<Preset> presets = {};
@@ -42,6 +43,10 @@ struct Method {
   bool random_background = false;  ///< trains transparent images on random backgrounds
   bool contracts_space = false;    ///< represents space beyond the cube of a bounded recording
   bool rasterises = false;         ///< draws Gaussians instead of marching along rays
+  /// Hyperparameter: number of steps between changes of the number of parameters; null: it never
+  /// changes.
+  const char* change_every = nullptr;
+  bench::MethodBenchmarks (*benchmarks)() = nullptr;  ///< null: none
 };
 
 /// Returns all methods, in the order of the help text.
@@ -52,6 +57,6 @@ const Method* find_method(std::string_view name);
 void register_method(const Method& method);
 
 /// Returns a model with default hyperparameters and no parameters; null for an unknown method.
-std::unique_ptr<Model> make_model(std::string_view method);
+std::unique_ptr<Trainee> make_model(std::string_view method);
 
 }  // namespace redrive

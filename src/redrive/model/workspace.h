@@ -18,7 +18,7 @@ constexpr int kMaxLossTerms = 8;
 struct StepSums {
   double opacity = 0;  ///< mean; 0 means a dead field
   double rgb_mse = 0;  ///< squared error of uniformly drawn colours, mean over channels: for PSNR
-  double terms[kMaxLossTerms] = {};  ///< losses, which Model::loss_terms names
+  double terms[kMaxLossTerms] = {};  ///< losses, which Trainee::loss_terms names
 };
 
 class Workspace {

@@ -13,13 +13,13 @@
 #include <thread>
 #include <utility>
 
-#include "redrive/model/model.h"
+#include "redrive/model/trainee.h"
 
 namespace redrive {
 
 /// What rendering needs of a block.
 struct LoadedBlock {
-  std::unique_ptr<Model> model;
+  std::unique_ptr<Trainee> model;
   Scene scene;  ///< without views
   std::uint64_t bytes = 0;
 };

@@ -14,7 +14,7 @@ Rigid3d SensorMotion::world_from_sensor(std::int64_t t_ns) const {
                         shift_m);
 }
 
-LidarScan render_scan(kernels::Backend& backend, const Model& model, const LidarFirings& firings,
+LidarScan render_scan(kernels::Backend& backend, const Field& model, const LidarFirings& firings,
                       const SensorMotion& motion, const ScanOptions& options) {
   const std::size_t n = firings.size();
   std::vector<float> origin(3 * n), direction(3 * n);

@@ -5,7 +5,7 @@
 #include <span>
 #include <vector>
 
-#include "redrive/model/model.h"
+#include "redrive/model/field.h"
 #include "redrive/recording/lidar/scan_files.h"
 #include "redrive/render/lidar_sensor.h"
 #include "redrive/render/view_pose.h"
@@ -48,7 +48,7 @@ struct LidarScan {
 
 /// Fires along the motion: each ray starts where the sensor is at its time, and meets the moving
 /// objects of motion.scene where they are then.
-LidarScan render_scan(kernels::Backend& backend, const Model& model, const LidarFirings& firings,
+LidarScan render_scan(kernels::Backend& backend, const Field& model, const LidarFirings& firings,
                       const SensorMotion& motion, const ScanOptions& options);
 
 }  // namespace redrive

@@ -5,7 +5,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/memory_limit.h"
-#include "redrive/render/divided_model.h"
+#include "redrive/render/divided_field.h"
 #include "redrive/train/divided_run.h"
 #include "redrive/train/memory.h"
 
@@ -41,13 +41,13 @@ std::shared_ptr<const LoadedBlock> load_block(const fs::path& whole, const Block
 }
 
 /// Copies how each block corrected the tracks of moving objects while its core was driven.
-void correct_tracks(const DividedModel& model, std::vector<MovingObject>* actors) {
-  const DividedDrive& drive = model.drive();
+void correct_tracks(const DividedField& field, std::vector<MovingObject>* actors) {
+  const DividedDrive& drive = field.drive();
   if (actors->empty()) return;
   for (int b = 0; b < drive.way.blocks(); ++b) {
     std::shared_ptr<const LoadedBlock> block;
     try {
-      block = model.cache().get(b);
+      block = field.cache().get(b);
     } catch (const InputError&) {  // thrown again where an image needs the block
       continue;
     }
@@ -72,34 +72,32 @@ Run open_to_render(const fs::path& root, std::optional<double> max_damaged) {
   run.recording = std::move(whole.recording);
   run.scene = std::move(whole.scene);
 
-  std::vector<std::string> cameras, names;
+  std::vector<std::string> cameras;
   for (const RigCamera& camera : run.scene.rig) cameras.push_back(camera.name);
-  std::vector<std::int64_t> ids, t_ns;
+  std::vector<std::int64_t> t_ns;
   std::vector<Eigen::Vector3d> positions;
   for (const PosedFrame& frame : run.scene.posed_frames()) {
-    ids.push_back(frame.id);
     t_ns.push_back(frame.t_ns);
     positions.push_back(frame.world_from_body.translation());
   }
   std::vector<std::size_t> last_core;
-  for (const Block& block : whole.blocks) {
-    names.push_back(block.name);
+  for (const Block& block : whole.blocks)
     last_core.push_back(static_cast<std::size_t>(run.scene.frame_index(block.last_core)));
-  }
   if (last_core.back() + 1 != positions.size())
     throw InputError(blocks_file(root), "", "",
                      "its blocks end before the drive of " + run.recording.root.string());
 
-  auto model = std::make_unique<DividedModel>(
+  auto field = std::make_unique<DividedField>(
       make_run_model(run.options, run.scene),
-      DividedDrive{std::move(cameras), std::move(ids), std::move(t_ns), std::move(names),
-                   BlockWay(positions, last_core), read_seam_exposure(root, whole.blocks.size())},
+      DividedDrive{std::move(cameras), std::move(t_ns), BlockWay(positions, last_core),
+                   read_seam_exposure(root, whole.blocks.size())},
       [root, blocks = whole.blocks, global_from_world = run.scene.global_from_world](int b) {
         return load_block(root, blocks[b], global_from_world);
       },
       allowed_memory(run.options, memory_bytes()) / kCacheShare);
-  const DividedModel& divided = *model;
-  run.state.model = std::move(model);
+  const DividedField& divided = *field;
+  run.blocks = std::move(whole.blocks);
+  run.field_of_blocks = std::move(field);
   try {
     run.state.step = read_block_metrics(root).steps;
     // rows are for people to read: damaged ones do not prevent rendering

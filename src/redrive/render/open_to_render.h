@@ -9,7 +9,7 @@
 namespace redrive {
 
 /// Opens a run as open_run, or a divided run as one: with the whole drive's recording and scene and
-/// a DividedModel (render/divided_model.h), whose blocks are loaded when an image needs them.
+/// a DividedField (render/divided_field.h), whose blocks are loaded when an image needs them.
 /// Blocks in memory have a quarter of what --memory allows together. Where moving objects are
 /// drawn, each block is opened once for its corrections of their tracks. Errors as open_run; a
 /// block that is missing or damaged is an InputError when it is needed.

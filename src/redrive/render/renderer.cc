@@ -5,13 +5,13 @@
 #include <cmath>
 
 namespace redrive {
-RenderedImage render_image(kernels::Backend& backend, const Model& model, const Camera& camera,
+RenderedImage render_image(kernels::Backend& backend, const Field& model, const Camera& camera,
                            const ShutterPoses& world_from_camera, const Exposure& exposure) {
   return render_image(backend, model, make_ray_table(camera, backend.pool()), world_from_camera,
                       exposure);
 }
 
-RenderedImage render_image(kernels::Backend& backend, const Model& model, const RayTable& table,
+RenderedImage render_image(kernels::Backend& backend, const Field& model, const RayTable& table,
                            const ShutterPoses& world_from_camera, const Exposure& exposure) {
   return model.render(backend, table, world_from_camera, exposure);
 }

@@ -6,15 +6,15 @@
 
 #include "redrive/camera/camera.h"
 #include "redrive/image/image.h"
-#include "redrive/model/model.h"
+#include "redrive/model/field.h"
 #include "redrive/rays/ray_table.h"
 
 namespace redrive {
 
 /// Uses the exposure gains of the run's camera that `exposure` names.
-RenderedImage render_image(kernels::Backend& backend, const Model& model, const Camera& camera,
+RenderedImage render_image(kernels::Backend& backend, const Field& model, const Camera& camera,
                            const ShutterPoses& world_from_camera, const Exposure& exposure = {});
-RenderedImage render_image(kernels::Backend& backend, const Model& model, const RayTable& table,
+RenderedImage render_image(kernels::Backend& backend, const Field& model, const RayTable& table,
                            const ShutterPoses& world_from_camera, const Exposure& exposure = {});
 
 Image8 to_image8(const RenderedImage& image);                     ///< round(255 x), clamped

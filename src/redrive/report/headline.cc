@@ -96,11 +96,10 @@ std::string facts(const Run& run, const kernels::Backend& backend) {
   for (const RigCamera& camera : run.scene.rig) cameras.push_back(camera.name);
   return "<p>" + counted(cameras.size(), "camera") + ": " +
          html_escape(first_few(cameras, kCamerasNamed)) + "; " +
-         counted(run.scene.frames.size(), "frame") + "; method " + run.state.model->method() +
-         ", " + html_escape(run.state.model->describe()) + "</p>\n<p>" +
-         counted(run.state.step, "step") + " in " + duration(run.state.seconds) + " of training" +
-         restarts_text(run.state) + "; images rendered with " +
-         html_escape(kernels::describe(backend)) + "</p>\n";
+         counted(run.scene.frames.size(), "frame") + "; method " + run.field()->method() + ", " +
+         html_escape(run.field()->describe()) + "</p>\n<p>" + counted(run.state.step, "step") +
+         " in " + duration(run.state.seconds) + " of training" + restarts_text(run.state) +
+         "; images rendered with " + html_escape(kernels::describe(backend)) + "</p>\n";
 }
 
 }  // namespace

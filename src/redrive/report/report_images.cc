@@ -44,7 +44,7 @@ Image8 scored_image(const Run& run, const View& view) {
 }
 
 RenderedImage rendered_view(const Run& run, kernels::Backend& backend, const View& view) {
-  return render_image(backend, *run.state.model, run.scene.rig[view.camera].camera,
+  return render_image(backend, *run.field(), run.scene.rig[view.camera].camera,
                       run.scene.shutter_poses(view), run.scene.exposure(view));
 }
 
@@ -67,8 +67,7 @@ std::string length_text(const Run& run, double value) {
 
 std::string method_text(const Run& run) {
   char text[64];
-  std::snprintf(text, sizeof text, "%s, %.1f min", run.state.model->method(),
-                run.state.seconds / 60);
+  std::snprintf(text, sizeof text, "%s, %.1f min", run.field()->method(), run.state.seconds / 60);
   return text;
 }
 
@@ -95,7 +94,7 @@ ImageRow camera_image_row(const Run& run, kernels::Backend& backend, int camera,
     for (const Rigid3d& world_from_body : run.scene.body_during(view))
       keys.push_back(shifted_camera(run.scene.global_from_world, world_from_body,
                                     rig.body_from_sensor, axes, Eigen::Vector3d(x_m, 0, 0)));
-    return render_image(backend, *run.state.model, table,
+    return render_image(backend, *run.field(), table,
                         run.scene.with_actors(ShutterPoses(keys), rig, frame.t_ns),
                         run.scene.exposure(view));
   };
@@ -158,7 +157,7 @@ ImageRow novel_image_row(const Run& run, kernels::Backend& backend,
   REDRIVE_CHECK_OP(ground_truth.size(), >, 0u);
   const GroundTruthView view = ground_truth.load(evenly_spaced(ground_truth.size(), 1)[0]);
   const RenderedImage rendered =
-      render_image(backend, *run.state.model, view.camera, view.poses, view.exposure);
+      render_image(backend, *run.field(), view.camera, view.poses, view.exposure);
   const Image8 image = to_image8(rendered);
   const std::vector<std::uint8_t> seen =
       coverage.seen(view.camera, view.world_from_camera, rendered);
@@ -180,7 +179,7 @@ ImageRow novel_image_row(const Run& run, kernels::Backend& backend,
       if (same.name() != set || same.size() != ground_truth.size()) continue;
       const GroundTruthView there = same.load(evenly_spaced(same.size(), 1)[0]);
       const RenderedImage other =
-          render_image(backend, *compared->state.model, there.camera, there.poses, there.exposure);
+          render_image(backend, *compared->field(), there.camera, there.poses, there.exposure);
       row.images.push_back(
           {set + "_beside",
            scored_caption(backend, method_text(*compared), other, there.image, there.depth_m),

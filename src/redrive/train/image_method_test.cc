@@ -23,7 +23,7 @@ namespace {
 
 using ::testing::HasSubstr;
 
-struct StripModel final : Model {
+struct StripModel final : Trainee {
   int first_strips = 2, steps_per_split = 20;
   double initial_rate = 0.05;
   int strips = 0;  ///< state: doubles every steps_per_split steps, to 16
@@ -122,7 +122,7 @@ struct StripModel final : Model {
     return {{0, n, adam_step(rate / 2, step)}, {n, 2 * n, adam_step(rate, step)}};
   }
   void finish_step(kernels::Backend&, const StepRequest&, const StepOutput&, std::int64_t step,
-                   AdamState* adam) override {
+                   const StepBuffers&, AdamState* adam) override {
     if (step % steps_per_split != 0 || strips >= 16) return;
     for (Buffer<float>* numbers : {&parameters, &adam->first_moment, &adam->second_moment}) {
       Buffer<float> split(2 * numbers->size());
@@ -170,7 +170,7 @@ class ImageMethodTest : public TrainingTest {
  protected:
   static void SetUpTestSuite() {
     register_method({.name = "strips", .help = "for tests", .make = [] {
-                       return std::unique_ptr<Model>(std::make_unique<StripModel>());
+                       return std::unique_ptr<Trainee>(std::make_unique<StripModel>());
                      }});
   }
   redrive::Run strip_run(const std::string& name, std::int64_t max_steps) {

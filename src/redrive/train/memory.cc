@@ -41,7 +41,7 @@ std::string what_to_lower(std::vector<std::pair<std::uint64_t, std::string>> par
 
 MemoryEstimate estimate_memory(const Run& run, int threads, bool data_parallel) {
   const Scene& scene = run.scene;
-  const Model& model = *run.state.model;
+  const Trainee& model = *run.state.model;
   // The numbers that a step updates itself may become more; their moments are packed, and their
   // gradients exist in data-parallel training only.
   const std::uint64_t others = model.size() - model.updated_in_step(),

@@ -11,7 +11,6 @@
 
 #include "redrive/base/core_time.h"
 #include "redrive/base/error.h"
-#include "redrive/methods/splat/surface_planes.h"
 #include "redrive/perception/masks.h"
 #include "redrive/perception/seen_through.h"
 #include "redrive/rays/lidar_sampler.h"
@@ -90,14 +89,13 @@ TrainingSet training_set(const Run& run, const TrainingData& data, const PixelSa
 }
 
 /// What a trainer does before its first step.
-void begin_from(const TrainingData& data, ThreadPool& pool, Run* run,
-                std::optional<SurfacePlanes>* surfaces) {
+void begin_from(const TrainingData& data, ThreadPool& pool, Run* run, StepBuffers* buffers) {
   const PixelSampler sampler(run->scene, data.images, run->options.seed);
   const LidarSampler lidar(data.lidar, run->scene, run->options.seed);
   const TrainingSet set = training_set(*run, data, sampler, lidar);
-  Model& model = *run->state.model;
+  Trainee& model = *run->state.model;
   model.initialize_from(set, run->state.seed, pool);
-  if (model.uses_surfaces(set)) surfaces->emplace(run->scene, data.lidar, pool);
+  model.prepare(set, pool, buffers);
 }
 
 double training_images(const Scene& scene) {
@@ -158,7 +156,7 @@ TrainingRates measure_rates(Run* run, kernels::Backend& backend,
   constexpr int kDecoded = 8;
   TrainingRates rates;
   ThreadPool& pool = backend.pool();
-  Model& model = *run->state.model;
+  Trainee& model = *run->state.model;
   std::vector<const View*> views;
   for (const View& view : run->scene.views)
     if (!view.held_out) views.push_back(&view);
@@ -175,11 +173,11 @@ TrainingRates measure_rates(Run* run, kernels::Backend& backend,
   std::optional<TrainingData> data;
   const std::size_t prepare =
       clock.measure(cores, [&] { data.emplace(prepare_training_data(run, pool)); });
-  std::optional<SurfacePlanes> surfaces;
-  const std::size_t start = clock.measure(cores, [&] { begin_from(*data, pool, run, &surfaces); });
+  StepBuffers buffers;
+  const std::size_t start = clock.measure(cores, [&] { begin_from(*data, pool, run, &buffers); });
   std::optional<std::size_t> fewer_start;
   if (fewer) {
-    std::optional<SurfacePlanes> unused;
+    StepBuffers unused;
     const TrainingData part = prepare_training_data(fewer, pool);
     fewer_start = clock.measure(cores, [&] { begin_from(part, pool, fewer, &unused); });
   }
@@ -192,11 +190,9 @@ TrainingRates measure_rates(Run* run, kernels::Backend& backend,
     state.cell_errors = Buffer<float>(sampler.cells().size());
     std::ranges::fill(state.cell_errors.span(), kInitialError);
   }
-  StepBuffers buffers;
   const auto train_at = [&](double progress, int steps) {
     StepRequest request = next_step(state);
     request.progress = progress;
-    if (surfaces) request.surfaces = &*surfaces;
     const double rate = model.learning_rate({state.step, steps, request.progress});
     train_step(backend, set, request, rate, &state, &buffers);
   };

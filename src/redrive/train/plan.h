@@ -18,7 +18,7 @@ namespace redrive {
 struct TrainingRates {
   double prepare_s = 0;  ///< to read an image and its frame's LiDAR, with masks
   double decode_s = 0;   ///< part of it: an image alone
-  double start_s = 0;    ///< time for an image, for the first parameters (Model::initialize_from)
+  double start_s = 0;    ///< time for an image, for the first parameters (Trainee::initialize_from)
   double mask_s = 0;     ///< time to find a camera's static mask
   double look_s = 0;     ///< time to compare a sweep with another one (search_looks)
   double step_s = 0;     ///< a step, mean of a run

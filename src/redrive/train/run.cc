@@ -28,7 +28,7 @@ bool agree(const HyperparameterValue& value, const std::string& text) {
 }
 
 /// Returns all hyperparameters of a run: the model's and pose refinement's.
-std::vector<HyperparameterValue> all_hyperparameters(Model& model, const TrainOptions& options) {
+std::vector<HyperparameterValue> all_hyperparameters(Trainee& model, const TrainOptions& options) {
   std::vector<HyperparameterValue> all = hyperparameter_values(model);
   PoseRefinement refinement = pose_refinement(options);
   for (HyperparameterValue& value : hyperparameter_values(refinement))
@@ -68,7 +68,7 @@ void check_link(const std::filesystem::path& masks) {
 /// Throws InputError unless the checkpoint belongs to these options and this recording.
 void check_belongs(const Run& run) {
   const std::filesystem::path file = run.paths.checkpoint();
-  const std::unique_ptr<Model> expected = make_run_model(run.options, run.scene);
+  const std::unique_ptr<Trainee> expected = make_run_model(run.options, run.scene);
   if (std::string(run.state.model->method()) != expected->method())
     throw InputError(
         file, "method", run.state.model->method(),
@@ -118,7 +118,7 @@ void check_run_is_new(const std::filesystem::path& root) {
 }
 
 RunPaths create_run(const std::filesystem::path& out, const TrainOptions& options,
-                    const std::function<void(const RunPaths&)>& fill, Model* model) {
+                    const std::function<void(const RunPaths&)>& fill, Trainee* model) {
   check_run_is_new(out);
   // A kill in between must not leave a folder that train rejects because it exists and resume
   // rejects because it holds no run.
@@ -129,7 +129,7 @@ RunPaths create_run(const std::filesystem::path& out, const TrainOptions& option
   return {out.has_filename() ? out : out.parent_path()};  // "run/" is run
 }
 
-void write_config(const RunPaths& paths, const TrainOptions& options, Model* model) {
+void write_config(const RunPaths& paths, const TrainOptions& options, Trainee* model) {
   nlohmann::json json = options_to_json(options);
   if (model)
     for (const HyperparameterValue& value : all_hyperparameters(*model, options))
@@ -137,7 +137,7 @@ void write_config(const RunPaths& paths, const TrainOptions& options, Model* mod
   write_file(paths.config(), json.dump(2) + "\n");
 }
 
-std::unique_ptr<Model> make_run_model(const TrainOptions& options, const Scene& scene) {
+std::unique_ptr<Trainee> make_run_model(const TrainOptions& options, const Scene& scene) {
   auto model = make_model(options.method);
   model->configure(scene);
   apply_hyperparameters(options, model.get());
@@ -189,7 +189,7 @@ Run open_run(const std::filesystem::path& root, bool to_resume, std::optional<do
 void load_actors(Run* run, const std::vector<MovingObject>& found) {
   run->moving = read_moving_objects(run->recording, run->scene).with(found);
   run->scene.actors.clear();
-  if (!run->state.model->draws_actors()) return;
+  if (!run->field()->draws_actors()) return;
   for (const MovingObject& object : run->moving.objects())
     if (object.keys.size() >= 2 && std::ranges::any_of(run->scene.frames, [&](const Frame& frame) {
           return object.world_from_box(frame.t_ns).has_value();

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "redrive/scene/moving_objects.h"
+#include "redrive/train/files/blocks.h"
 #include "redrive/train/files/options.h"
 #include "redrive/train/files/state.h"
 
@@ -40,9 +41,10 @@ void check_run_is_new(const std::filesystem::path& root);
 /// Makes the folder with config.json and the files that `fill` writes, all or nothing. Throws
 /// UsageError if it exists.
 RunPaths create_run(const std::filesystem::path& root, const TrainOptions& options,
-                    const std::function<void(const RunPaths&)>& fill = {}, Model* model = nullptr);
+                    const std::function<void(const RunPaths&)>& fill = {},
+                    Trainee* model = nullptr);
 /// Writes config.json, with the resolved hyperparameters of `model` unless it is null.
-void write_config(const RunPaths& paths, const TrainOptions& options, Model* model = nullptr);
+void write_config(const RunPaths& paths, const TrainOptions& options, Trainee* model = nullptr);
 
 /// A trained run, opened for eval, render, figures or resume: options, recording, scene and state
 /// belong together.
@@ -51,8 +53,13 @@ struct Run {
   TrainOptions options;
   Recording recording;
   Scene scene;
-  TrainState state;
-  MovingObjects moving;  ///< annotated ones and found ones (load_actors)
+  TrainState state;                              ///< a drive in blocks has only its steps
+  MovingObjects moving;                          ///< annotated ones and found ones (load_actors)
+  std::vector<Block> blocks;                     ///< blocks of the drive; empty: one run
+  std::unique_ptr<const Field> field_of_blocks;  ///< their field (render/open_to_render.h)
+
+  /// Returns what renders; null: there is only the recording.
+  const Field* field() const { return field_of_blocks ? field_of_blocks.get() : state.model.get(); }
 };
 /// Opens a run with refined poses in the recording's frames and the scene. to_resume: with initial
 /// poses; a run that was killed before its first checkpoint then opens with the initial state.
@@ -71,7 +78,7 @@ void load_actors(Run* run, const std::vector<MovingObject>& found);
 /// with it.
 void load_actors(Run* run);
 /// Returns the model of options and scene, without parameters.
-std::unique_ptr<Model> make_run_model(const TrainOptions& options, const Scene& scene);
+std::unique_ptr<Trainee> make_run_model(const TrainOptions& options, const Scene& scene);
 /// Returns the state that a run starts from.
 TrainState make_initial_state(const TrainOptions& options, const Scene& scene);
 

@@ -30,11 +30,11 @@ TrainOptions options_of(const std::string& method) {
 /// Opens a run folder of `method` with the initial checkpoint of a run of `options`, modified by
 /// `change`; returns the error message, "" if none.
 std::string error_message(const std::string& method, const TrainOptions& options,
-                          const std::function<void(Model&)>& change = {}) {
+                          const std::function<void(Trainee&)>& change = {}) {
   const TemporaryFolder folder;
   const RunPaths paths = create_run(folder.path / "run", options_of(method));
   const Scene scene = make_scene(open_recording(options), scene_options(options));
-  std::unique_ptr<Model> model = make_run_model(options, scene);
+  std::unique_ptr<Trainee> model = make_run_model(options, scene);
   if (change) change(*model);
   save_checkpoint(paths.checkpoint(), initial_state(std::move(model), 1));
   try {
@@ -65,8 +65,9 @@ TEST(RunFolder, RejectsACheckpointOfOtherOptions) {
 
 TEST(RunFolder, RejectsACheckpointOfAnotherTrajectory) {
   const auto moved_by = [](float metres) {
-    return
-        [=](Model& model) { dynamic_cast<NerfModel&>(model).unit_from_world.center[1] += metres; };
+    return [=](Trainee& model) {
+      dynamic_cast<NerfModel&>(model).unit_from_world.center[1] += metres;
+    };
   };
   EXPECT_THAT(error_message("nerf", options_of("nerf"), moved_by(0.01f)), HasSubstr("center_y"));
   EXPECT_EQ(error_message("nerf", options_of("nerf"), moved_by(1e-7f)), "")
@@ -77,13 +78,15 @@ TEST(RunFolder, ChecksTheOptionsOfAGrid) {  // few cases, because its checkpoint
   TrainOptions options = options_of("grid");
   EXPECT_EQ(
       error_message("grid", options,
-                    [](Model& m) { dynamic_cast<GridModel&>(m).contraction.center[1] += 1e-7f; }),
+                    [](Trainee& m) { dynamic_cast<GridModel&>(m).contraction.center[1] += 1e-7f; }),
       "");
   EXPECT_THAT(
       error_message("grid", options,
-                    [](Model& m) { dynamic_cast<GridModel&>(m).contraction.center[1] += 0.01f; }),
+                    [](Trainee& m) { dynamic_cast<GridModel&>(m).contraction.center[1] += 0.01f; }),
       HasSubstr("contraction.center_y"));
-  const auto small = [](Model& m) { dynamic_cast<GridModel&>(m).field.grid.log2_hashmap_size = 4; };
+  const auto small = [](Trainee& m) {
+    dynamic_cast<GridModel&>(m).field.grid.log2_hashmap_size = 4;
+  };
   EXPECT_THAT(error_message("grid", options, small), HasSubstr("grid.log2_hashmap_size = 4"));
   EXPECT_THAT(error_message("nerf", options, small), HasSubstr("method = grid"));
 }

@@ -25,7 +25,7 @@ StepUpdate update_in_step(double learning_rate, TrainState* state) {
 
 StepResult step_gradients(const TrainState& state, std::size_t size, StepBuffers* buffers,
                           const DrawStep& draw) {
-  const Model& model = *state.model;
+  const Trainee& model = *state.model;
   if (buffers->gradients.size() != size) {
     buffers->gradients = {};                   // not both at once
     buffers->gradients = Buffer<float>(size);  // zeros
@@ -63,11 +63,11 @@ void apply_step(kernels::Backend& backend, const StepRequest& request, const Ste
     std::ranges::fill(buffers->gradients.span(), 0.0f);
     return;
   }
-  Model& model = *state->model;
+  Trainee& model = *state->model;
   model.update(backend, learning_rate, state->step, buffers->gradients, &state->adam);
   if (!result.cells.empty())
     update_error_map(result.cells, result.squared_errors, state->cell_errors);
-  model.finish_step(backend, request, result, state->step, &state->adam);
+  model.finish_step(backend, request, result, state->step, *buffers, &state->adam);
 }
 
 StepResult train_step(kernels::Backend& backend, const TrainingSet& data,

@@ -10,7 +10,7 @@ namespace redrive {
 
 struct StepResult : StepOutput {
   double opacity = 0, rgb_mse = 0;   ///< StepSums
-  std::vector<LossTerm> loss_terms;  ///< Model::loss_terms
+  std::vector<LossTerm> loss_terms;  ///< Trainee::loss_terms
   double loss = 0;                   ///< sum of the terms with in_loss
   bool finite = true;                ///< false: the step is not applied
 };
@@ -22,7 +22,7 @@ StepRequest next_step(const TrainState& state);
 StepUpdate update_in_step(double learning_rate, TrainState* state);
 
 /// Computes losses and gradients; adds them to buffers->gradients, which must be 0. `draw`:
-/// Model::step of the state's model, or a part of it. `size`: number of gradients.
+/// Trainee::step of the state's model, or a part of it. `size`: number of gradients.
 using DrawStep = std::function<StepOutput(std::span<float> gradients)>;
 StepResult step_gradients(const TrainState& state, std::size_t size, StepBuffers* buffers,
                           const DrawStep& draw);

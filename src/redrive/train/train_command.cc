@@ -43,7 +43,7 @@ nlohmann::json chosen_options(const Run& run, Recording* recording, const nlohma
   apply_preset(&options, given);
   resolve_cameras(&options, recording);
   resolve_bounds(&options, given, *recording);
-  const std::unique_ptr<Model> model = make_run_model(options, run.scene);
+  const std::unique_ptr<Trainee> model = make_run_model(options, run.scene);
   record_hyperparameters(*model, &options);
   return options_to_json(options);
 }

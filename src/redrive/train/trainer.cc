@@ -21,7 +21,6 @@
 #include "redrive/base/error.h"
 #include "redrive/base/progress.h"
 #include "redrive/base/rng.h"
-#include "redrive/methods/splat/surface_planes.h"
 #include "redrive/rays/lidar_sampler.h"
 #include "redrive/train/data_parallel.h"
 #include "redrive/train/loss_watch.h"
@@ -71,7 +70,7 @@ class Trainer {
         saved_seconds_(run->state.seconds) {
     run_.scene.correct({});
     if (state_.step == 0) begin_from_data();
-    find_surfaces();
+    state_.model->prepare(data_, backend_.pool(), &buffers_);
     steps_per_epoch_ = state_.model->steps_per_epoch(data_, processes ? processes->size() : 1);
     steps_ = total_steps(options_, steps_per_epoch_);
     check_same_begin();
@@ -126,18 +125,11 @@ class Trainer {
 
   /// Initialises parameters from the data, with fresh moments.
   void begin_from_data() {
-    Model& model = *state_.model;
+    Trainee& model = *state_.model;
     const Progress progress("preparing the first parameters");
     run_.scene.correct({});
     model.initialize_from(data_, state_.seed, backend_.pool());
     if (state_.adam.size() != model.size()) state_.adam = model.zero_moments();
-  }
-
-  /// Fits planes to the LiDAR returns, if the model uses them. No checkpoint holds them.
-  void find_surfaces() {
-    if (!state_.model->uses_surfaces(data_)) return;
-    const Progress progress("fitting planes to the LiDAR");
-    surfaces_.emplace(run_.scene, data_.lidar, backend_.pool());
   }
 
   void finish_training() {
@@ -214,7 +206,6 @@ class Trainer {
     request.progress = progress_before_ = progress();
     request.pose_gradients = refines();
     request.colour_variance = watches_colours(number);
-    if (surfaces_) request.surfaces = &*surfaces_;
     const StepResult result = train_step({backend_, processes_}, data_, request,
                                          learning_rate(number), &state_, &buffers_);
     if (request.pose_gradients && result.finite) {
@@ -433,7 +424,6 @@ class Trainer {
   PixelSampler sampler_;
   LidarSampler lidar_sampler_;
   TrainingSet data_;
-  std::optional<SurfacePlanes> surfaces_;  // planes of LiDAR returns, if Model::uses_surfaces()
   PoseRefinement refinement_;
   StepBuffers buffers_;
   double saved_seconds_;        // state_.seconds at the last checkpoint

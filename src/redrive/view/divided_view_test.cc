@@ -6,7 +6,7 @@
 #include <gtest/gtest.h>
 
 #include "redrive/base/error.h"
-#include "redrive/render/divided_model.h"
+#include "redrive/render/divided_field.h"
 #include "redrive/render/paint_backend_testing.h"
 #include "redrive/scene/scene_testing.h"
 #include "redrive/view/view_renderer.h"
@@ -24,22 +24,20 @@ class DividedView : public testing::Test {
     run_.options.method = "nerf";
     run_.paths.root = folder_.path / "run";
     std::vector<Eigen::Vector3d> positions;
-    std::vector<std::int64_t> ids, t_ns;
+    std::vector<std::int64_t> t_ns;
     std::vector<std::size_t> last_core;
-    std::vector<std::string> names;
     for (const PosedFrame& frame : run_.scene.posed_frames()) {
       positions.push_back(frame.world_from_body.translation());
-      ids.push_back(frame.id);
       t_ns.push_back(frame.t_ns);
       if (positions.size() % kFramesOfBlock == 0) {
         last_core.push_back(positions.size() - 1);
-        names.push_back("00" + std::to_string(names.size()));
+        run_.blocks.push_back({.name = "00" + std::to_string(run_.blocks.size())});
       }
     }
-    SeamExposure seams{{}, std::vector<std::vector<LogGains>>(names.size())};
-    auto model = std::make_unique<DividedModel>(
+    SeamExposure seams{{}, std::vector<std::vector<LogGains>>(last_core.size())};
+    auto field = std::make_unique<DividedField>(
         make_painted_model(),
-        DividedDrive{{"FISHEYE", "FRONT"}, ids, t_ns, names, BlockWay(positions, last_core), seams},
+        DividedDrive{{"FISHEYE", "FRONT"}, t_ns, BlockWay(positions, last_core), seams},
         [this](int) {
           ++loads_;
           auto block = std::make_shared<LoadedBlock>();
@@ -50,8 +48,8 @@ class DividedView : public testing::Test {
           return block;
         },
         /*bytes=*/4000);
-    model_ = model.get();
-    run_.state.model = std::move(model);
+    field_ = field.get();
+    run_.field_of_blocks = std::move(field);
   }
 
   TemporaryFolder folder_;
@@ -60,7 +58,7 @@ class DividedView : public testing::Test {
     return std::array<float, 3>{0.5f + 0.4f * d[0], 0.5f + 0.4f * d[1], 0.5f + 0.4f * d[2]};
   }};
   redrive::Run run_;
-  const DividedModel* model_ = nullptr;
+  const DividedField* field_ = nullptr;
 };
 
 TEST_F(DividedView, DrivesThroughAllBlocksInBoundedMemory) {
@@ -80,7 +78,7 @@ TEST_F(DividedView, DrivesThroughAllBlocksInBoundedMemory) {
         to_image8(job.image()).rgb,
         to_image8(render_image(backend_, *one, placement.camera, placement.world_from_camera)).rgb)
         << frame.id;
-    EXPECT_LE(model_->cache().bytes(), 4000u);
+    EXPECT_LE(field_->cache().bytes(), 4000u);
   }
   EXPECT_EQ(loads_, kDriven / kFramesOfBlock);
 }

@@ -44,7 +44,7 @@ class LiveView : public StepObserver {
   std::shared_ptr<Run> shown_;           ///< has the model while images are made
   std::unique_ptr<Viewer> viewer_;
   Preparation* preparation_ = nullptr;  ///< null: the viewer has the pages
-  const Model* model_ = nullptr;        ///< model of the last images
+  const Trainee* model_ = nullptr;      ///< model of the last images
   Clock::time_point returned_, refresh_at_;
   double credit_s_ = 0;  ///< time for images
 };

@@ -6,8 +6,7 @@
 #include "redrive/base/error.h"
 #include "redrive/base/gzip.h"
 #include "redrive/field/gaussian.h"
-#include "redrive/methods/splat/gaussian_spz.h"
-#include "redrive/methods/splat/splat_model.h"
+#include "redrive/model/gaussian_spz.h"
 #include "redrive/render/camera_path.h"
 #include "redrive/render/view_pose.h"
 #include "redrive/report/html.h"
@@ -31,8 +30,8 @@ std::string name_of(const std::filesystem::path& run) {
 }  // namespace
 
 std::string scene_page(const Run& run, int sh_degree) {
-  const auto* const splat = dynamic_cast<const SplatModel*>(run.state.model.get());
-  if (!splat)
+  const FieldGaussians* const gaussians = run.field()->as_gaussians();
+  if (!gaussians)
     throw UsageError("--to", "html",
                      "shows Gaussians, and the run is of method " + run.options.method);
   const ScenePageFiles files = scene_page_files();
@@ -47,16 +46,16 @@ std::string scene_page(const Run& run, int sh_degree) {
     drive.push_back(
         {{"t_s", key.t_s}, {"camera_to_world", camera_to_world_json(key.world_from_camera)}});
   const Eigen::Vector3d up = up_in_world(run.scene);
-  const nlohmann::json scene = {
-      {"fov", fov_of(camera.camera)},
-      {"screen_variance", kScreenVariance},
-      {"background", {splat->background[0], splat->background[1], splat->background[2]}},
-      {"up", {up.x(), up.y(), up.z()}},
-      {"drive", drive}};
+  const WorldGaussians world = gaussians->world();
+  const nlohmann::json scene = {{"fov", fov_of(camera.camera)},
+                                {"screen_variance", kScreenVariance},
+                                {"background", world.background},
+                                {"up", {up.x(), up.y(), up.z()}},
+                                {"drive", drive}};
   std::string html = gunzip(files.html_gz);
   // The script and the data contain marks themselves: fills the last ones first.
   fill("@SCRIPT@", gunzip(files.script_gz), &html);
-  fill("@SPLATS@", base64(gaussian_spz(splat->world(), sh_degree)), &html);
+  fill("@SPLATS@", base64(gaussian_spz(world.gaussians, sh_degree)), &html);
   fill("@SCENE@", scene.dump(), &html);
   fill("@TITLE@", html_escape(name_of(run.paths.root) + " - redrive"), &html);
   return html;

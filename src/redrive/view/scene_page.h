@@ -9,9 +9,9 @@
 namespace redrive::view {
 
 /// Returns an HTML file: the renderer (page/scene.ts with its packages, bundled), the Gaussians
-/// (methods/splat/gaussian_spz.h) with the colour behind them, and the drive of the run's first
+/// (model/gaussian_spz.h) with the colour behind them, and the drive of the run's first
 /// camera, whose first pose and vertical field of view it starts with. Colours are the field's,
-/// without exposure. sh_degree: 0 or 1. Throws UsageError where the run is not of method splat, and
+/// without exposure. sh_degree: 0 or 1. Throws UsageError where the run has no Gaussians, and
 /// where the build has no pages (view/page.h).
 std::string scene_page(const Run& run, int sh_degree);
 

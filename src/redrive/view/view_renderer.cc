@@ -14,7 +14,6 @@
 #include "redrive/math/wgs84.h"
 #include "redrive/model/method.h"
 #include "redrive/perception/masks.h"
-#include "redrive/render/divided_model.h"
 #include "redrive/render/normals.h"
 #include "redrive/render/view_pose.h"
 #include "redrive/report/report_images.h"
@@ -45,14 +44,10 @@ Value cached(std::list<std::pair<Key, Value>>* entries, const Key& key, std::siz
   throw InputError("message", field, value, rule);
 }
 
-bool is_divided(const Run& run) {
-  return dynamic_cast<const DividedModel*>(run.state.model.get()) != nullptr;
-}
-
 /// Throws UsageError for a drive trained in blocks: a few images in a kilometre say nothing about
 /// what was seen, and all of them would load every block.
 void refuse_blocks(const Run& run, const char* what) {
-  if (is_divided(run))
+  if (!run.blocks.empty())
     throw UsageError(what, "", "is shown of single blocks: redrive view RUN/blocks/000");
 }
 
@@ -105,16 +100,16 @@ std::vector<std::shared_ptr<const RayTable>> cut(const std::shared_ptr<const Ray
 }  // namespace
 
 bool RenderJob::step() {
-  if (!model_) {
+  if (!field_) {
     image_.clear(placement_.camera.width, placement_.camera.height);
     return true;
   }
   const auto start = std::chrono::steady_clock::now();
   const RayTable& table = *strips_[next_];
   if (next_ == 0)
-    model_->render_to(*backend_, table, placement_.poses(), placement_.exposure, &image_);
+    field_->render_to(*backend_, table, placement_.poses(), placement_.exposure, &image_);
   else
-    add_strip(render_image(*backend_, *model_, table, placement_.poses(), placement_.exposure),
+    add_strip(render_image(*backend_, *field_, table, placement_.poses(), placement_.exposure),
               table, &image_);
   ++next_;
   seconds_ += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
@@ -124,7 +119,7 @@ bool RenderJob::step() {
 ViewRenderer::ViewRenderer(const Run& run, kernels::Backend& backend)
     : run_(run),
       backend_(backend),
-      marches_rays_(has_model() && !find_method(run.options.method)->rasterises),
+      marches_rays_(has_field() && !find_method(run.options.method)->rasterises),
       novel_(novel_ground_truths(run)) {}
 
 nlohmann::json ViewRenderer::describe() const {
@@ -161,8 +156,8 @@ nlohmann::json ViewRenderer::describe() const {
              {"frame", scene.frames[scene.views[of_camera / 2].frame].id}};
   }
   return {{"kind", "hello"},
-          {"run", has_model() ? run_.paths.root.string() : run_.recording.root.string()},
-          {"method", has_model() ? run_.options.method : ""},
+          {"run", has_field() ? run_.paths.root.string() : run_.recording.root.string()},
+          {"method", has_field() ? run_.options.method : ""},
           {"step", run_.state.step},
           {"metric", scene.metric},
           {"ecef", run_.recording.global_frame == GlobalFrame::kEcef},
@@ -173,7 +168,7 @@ nlohmann::json ViewRenderer::describe() const {
           {"held_out", held_out},
           {"novel", novel},
           {"start", start},
-          {"depth", has_model() ? depth_scale() : nlohmann::json()},
+          {"depth", has_field() ? depth_scale() : nlohmann::json()},
           {"objects", objects_to_json(scene)}};
 }
 
@@ -320,12 +315,12 @@ RenderJob ViewRenderer::begin(const ViewRequest& request, const Placement& place
                               double expected_s, double strip_s) {
   factor = std::clamp(factor, 1, std::min(placement.camera.width, placement.camera.height));
   RenderJob job;
-  job.model_ = run_.state.model.get();
+  job.field_ = run_.field();
   job.backend_ = &backend_;
   job.placement_ = placement;
-  job.factor_ = has_model() ? factor : 1;
+  job.factor_ = has_field() ? factor : 1;
   job.image_ = std::move(spare_);
-  if (!has_model()) {
+  if (!has_field()) {
     if (request.is_driven() || request.novel) job.recorded_ = reference(request);
     return job;
   }
@@ -349,10 +344,10 @@ Image8 ViewRenderer::colours(const RenderJob& job, Layer layer) {
   switch (layer) {
     case Layer::kImage: return to_image8(image);
     case Layer::kDepth: return depth_colours(image, run_.scene.near_m, farthest_shown_m());
-    case Layer::kNormals: return has_model() ? normals_image(image, *job.table_) : to_image8(image);
+    case Layer::kNormals: return has_field() ? normals_image(image, *job.table_) : to_image8(image);
     case Layer::kOpacity: return opacity_image(image);
     case Layer::kCoverage:
-      if (!has_model()) return to_image8(image);
+      if (!has_field()) return to_image8(image);
       refuse_blocks(run_, "the coverage");
       if (!coverage_) coverage_ = std::make_unique<Coverage>(run_, backend_, /*at_once=*/false);
       while (!has_coverage_) has_coverage_ = !coverage_->step();
@@ -383,7 +378,7 @@ std::shared_ptr<const Image8> ViewRenderer::reference(const ViewRequest& request
 
 std::optional<Mask> ViewRenderer::mask(const ViewRequest& request) {
   const View* const view =
-      has_model() && !request.novel ? find_view(request.camera, request.frame) : nullptr;
+      has_field() && !request.novel ? find_view(request.camera, request.frame) : nullptr;
   if (!view) return std::nullopt;
   if (!exclusions_) exclusions_ = read_exclusions(run_);
   return view_mask(run_.scene, *view, exclusions_->masks[view->camera], exclusions_->moving);
@@ -391,7 +386,7 @@ std::optional<Mask> ViewRenderer::mask(const ViewRequest& request) {
 
 std::optional<double> ViewRenderer::psnr_db(const ViewRequest& request, const RenderJob& job) {
   const auto recorded = reference(request);
-  if (!has_model() || !recorded || recorded->width != job.image().width ||
+  if (!has_field() || !recorded || recorded->width != job.image().width ||
       recorded->height != job.image().height)
     return std::nullopt;
   if (request.novel) return score_image(backend_, job.image(), *recorded).psnr_db;
@@ -402,7 +397,7 @@ std::optional<double> ViewRenderer::psnr_db(const ViewRequest& request, const Re
 
 ViewRenderer::Preparation ViewRenderer::prepare_coverage(double seconds) {
   if (has_coverage_) return Preparation::kReady;
-  if (!has_model() || marches_rays_ || is_divided(run_)) return Preparation::kNever;
+  if (!has_field() || marches_rays_ || !run_.blocks.empty()) return Preparation::kNever;
   if (!coverage_) coverage_ = std::make_unique<Coverage>(run_, backend_, /*at_once=*/false);
   const auto start = std::chrono::steady_clock::now();
   while (!has_coverage_ &&
@@ -427,7 +422,7 @@ nlohmann::json ViewRenderer::pick(const RenderJob& job, double u, double v,
                            {"frame", job.placement().frame},
                            {"surface", false},
                            {"object", nullptr}};
-  if (!has_model()) return answer;
+  if (!has_field()) return answer;
   const auto direction = job.strips_.front()->camera.unproject(Eigen::Vector2d(x, y));
   const double depth_m = image.depth[at];
   const Placement& placement = job.placement();

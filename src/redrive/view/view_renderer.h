@@ -52,14 +52,14 @@ class RenderJob {
 
  private:
   friend class ViewRenderer;
-  const Model* model_ = nullptr;  ///< null: there is none, the image is empty
+  const Field* field_ = nullptr;  ///< null: there is none, the image is empty
   kernels::Backend* backend_ = nullptr;
   Placement placement_;
   int factor_ = 1;
   std::shared_ptr<const RayTable> table_;  ///< table of the whole image
   std::vector<std::shared_ptr<const RayTable>> strips_;
   std::size_t next_ = 0;
-  std::shared_ptr<const Image8> recorded_;  ///< shown where there is no model
+  std::shared_ptr<const Image8> recorded_;  ///< shown where there is no field
   RenderedImage image_;
   double seconds_ = 0;
 };
@@ -67,7 +67,7 @@ class RenderJob {
 /// Not thread-safe: images are made one at a time.
 class ViewRenderer {
  public:
-  /// Run and backend must outlive it. A run without a model shows only the recording: its images at
+  /// Run and backend must outlive it. A run without a field shows only the recording: its images at
   /// the poses where they were taken, nothing elsewhere. InputError where a poses.json of a novel
   /// set is malformed.
   ViewRenderer(const Run& run, kernels::Backend& backend);
@@ -94,7 +94,7 @@ class ViewRenderer {
 
   /// Returns the colours of a layer.
   Image8 colours(const RenderJob& job, Layer layer);
-  bool has_model() const { return run_.state.model != nullptr; }
+  bool has_field() const { return run_.field() != nullptr; }
 
   /// Returns the recorded image, or the ground truth of a novel view, at the size of training;
   /// nothing where there is none. InputError where the file cannot be read.
@@ -109,7 +109,7 @@ class ViewRenderer {
   std::optional<double> psnr_db(const ViewRequest& request, const RenderJob& job);
 
   /// Prepares seen_share() for some time. Returns whether it can be called; never where it is
-  /// unknown: without a model, for a drive in blocks, and for methods whose views take seconds
+  /// unknown: without a field, for a drive in blocks, and for methods whose views take seconds
   /// until the coverage layer was shown. InputError as Coverage.
   enum class Preparation { kMore, kReady, kNever };
   Preparation prepare_coverage(double seconds);

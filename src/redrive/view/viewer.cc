@@ -212,7 +212,7 @@ void Viewer::drop_jobs() {
 
 /// Reads the rows of metrics.jsonl again.
 void Viewer::read_curve() {
-  if (!renderer_->has_model()) return;
+  if (!renderer_->has_field()) return;
   try {
     curve_ = text_message(curve_to_json(is_divided_run(run_->paths.root)
                                             ? read_block_metrics(run_->paths.root).rows
@@ -228,7 +228,7 @@ bool Viewer::work(ClientId id, Client& client, Clock::time_point* wake_at) {
   if (!client.greeted) {
     client.greeted = true;
     server_->send_text(id, hello_);
-    if (renderer_->has_model()) send_paths(id, nlohmann::json::object());
+    if (renderer_->has_field()) send_paths(id, nlohmann::json::object());
     return true;
   }
   if (!client.path_messages.empty()) {
@@ -283,7 +283,7 @@ bool Viewer::work_on_image(ClientId id, Client& client, Clock::time_point* wake_
       if (client.sent - client.shown >= kMostUnshown) return false;
       const Clock::time_point rests_at = client.arrived + kRest;
       const bool complete = client.sent_factor == 1;
-      const bool scores = renderer_->has_model() && !client.scored;
+      const bool scores = renderer_->has_field() && !client.scored;
       if (complete && !scores && !client.view->overlays.cloud) return false;
       if (client.sent_factor != 0 && Clock::now() < rests_at) {
         *wake_at = std::min(*wake_at, rests_at);
@@ -373,7 +373,7 @@ void Viewer::finish(ClientId id, Client& client) {
   std::string points, masked, trouble;
   nlohmann::json lines = nlohmann::json::array();
   try {
-    if (!renderer_->has_model() && view.is_driven() && !renderer_->reference(view))
+    if (!renderer_->has_field() && view.is_driven() && !renderer_->reference(view))
       trouble = "the recording has no image of " + view.camera + " at frame " +
                 std::to_string(view.frame);
     points = overlay_->points(job, view.overlays);

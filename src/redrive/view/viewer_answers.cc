@@ -23,7 +23,7 @@ void Viewer::send_paths(ClientId id, nlohmann::json more) {
 void Viewer::answer_path(ClientId id, Client& client, const ClientMessage& message) {
   const PathStore store(*run_);
   try {
-    if (!renderer_->has_model()) throw InputError("message", "type", "path", "there is no run");
+    if (!renderer_->has_field()) throw InputError("message", "type", "path", "there is no run");
     if (const auto* const load = std::get_if<LoadPath>(&message)) {
       send_paths(id, {{"loaded", store.load(load->name)}, {"name", load->name}});
       return;
@@ -50,7 +50,7 @@ const Scene& Viewer::traffic_of(Client& client) {
 /// Throws InputError where a page may not have this edit, or the model cannot draw it.
 void Viewer::check(const TrafficEdit& edit) const {
   check_body_files(edit, parsed_first_edit_ ? *parsed_first_edit_ : TrafficEdit{});
-  check_added(edit, run_->state.model && run_->state.model->draws_actors());
+  check_added(edit, run_->field() && run_->field()->draws_actors());
 }
 
 /// Takes an edit for the views to come, or says why not: {"kind": "edited", "id", "remarks"} or

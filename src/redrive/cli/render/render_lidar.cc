@@ -191,7 +191,7 @@ int render_lidar(const RenderOptions& options) {
                             : recorded_firings(run.recording, run.scene, id, backend->pool());
   };
   const auto scan_of = [&](const LidarFirings& firings) {
-    LidarScan scan = render_scan(*backend, *run.state.model, firings, motion, request.scan);
+    LidarScan scan = render_scan(*backend, *run.field(), firings, motion, request.scan);
     counts.add(scan, firings.size());
     return scan;
   };

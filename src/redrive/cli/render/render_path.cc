@@ -109,7 +109,7 @@ int render_path(const RenderOptions& options) {
     fov_deg = key.fov_deg;
     const ShutterPoses pose = run.scene.with_actors(key.world_from_camera, run.scene.rig[camera],
                                                     drive_time_ns(key, run.scene));
-    run.state.model->render_to(*backend, *rays, pose, exposure, &rendered);
+    run.field()->render_to(*backend, *rays, pose, exposure, &rendered);
     const Image8 image = to_image8(rendered);
     progress.count();
     return image;

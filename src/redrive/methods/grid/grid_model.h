@@ -78,7 +78,7 @@ struct GridModel final : RayModel {
   std::string describe_schedule(std::int64_t total_steps) const override;
   std::vector<AdamGroup> adam_groups(double learning_rate, std::int64_t step) const override;
   void finish_step(kernels::Backend& backend, const StepRequest& request, const StepOutput& output,
-                   std::int64_t step, AdamState* adam) override;
+                   std::int64_t step, const StepBuffers& buffers, AdamState* adam) override;
   RayGradientsOutput gradients(kernels::Backend& backend, const RayBatch& batch, std::uint64_t seed,
                                std::int64_t step, std::span<float> gradients,
                                Workspace* workspace) const override;
@@ -146,5 +146,6 @@ struct GridModel final : RayModel {
 };
 
 Method grid_method();
+bench::MethodBenchmarks grid_benchmarks();  ///< grid_benchmark.cc
 
 }  // namespace redrive

@@ -21,12 +21,13 @@ GridModel::GridModel() {
 Method grid_method() {
   return {.name = "grid",
           .help = "a hash-grid field for unbounded scenes with proposal sampling",
-          .make = [] { return std::unique_ptr<Model>(std::make_unique<GridModel>()); },
+          .make = [] { return std::unique_ptr<Trainee>(std::make_unique<GridModel>()); },
           .presets = {{"fast", "1 minute", {{"max-seconds", "60"}}},
                       {"best", "20 minutes", {{"max-seconds", "1200"}}}},
           .refines_poses = true,
           .random_background = true,
-          .contracts_space = true};
+          .contracts_space = true,
+          .benchmarks = grid_benchmarks};
 }
 
 void GridModel::visit_hyperparameters(HyperparameterVisitor& visit) {
@@ -213,7 +214,7 @@ int GridModel::rays_per_step() const {
 }
 
 void GridModel::finish_step(kernels::Backend&, const StepRequest&, const StepOutput& output,
-                            std::int64_t, AdamState*) {
+                            std::int64_t, const StepBuffers&, AdamState*) {
   constexpr double kSmoothing = 1.0 / 32;  // per step
   if (output.active_rays > 0)
     active_fraction +=

@@ -51,7 +51,7 @@ inline void make_tiny_on_background(GridModel& model) {
 }
 
 /// Returns the first rule that a model's hyperparameters violate, "name = value: rule"; "" if none.
-inline std::string error_message_of(Model& model) {
+inline std::string error_message_of(Trainee& model) {
   const auto fail = [](const Hyperparameter& what, const std::string& value,
                        const std::string& rule) {
     throw InputError("model", what.name, value, rule);

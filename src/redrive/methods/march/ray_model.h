@@ -5,7 +5,7 @@
 
 #include <vector>
 
-#include "redrive/model/model.h"
+#include "redrive/model/trainee.h"
 
 namespace redrive {
 
@@ -25,7 +25,7 @@ struct RayBuffers final : MethodBuffers {
   RayBatch batch, lidar;
 };
 
-struct RayModel : Model {
+struct RayModel : Trainee {
   int batch_rays = 1024;                         ///< per step and rank
   double error_rays = 0;                         ///< fraction that is drawn by the error map
   int lidar_rays = 0;                            ///< additional rays per step and rank

@@ -35,7 +35,7 @@ std::string NerfModel::describe() const {
 Method nerf_method() {
   return {.name = "nerf",
           .help = "the original NeRF (Mildenhall et al. 2020)",
-          .make = [] { return std::unique_ptr<Model>(std::make_unique<NerfModel>()); },
+          .make = [] { return std::unique_ptr<Trainee>(std::make_unique<NerfModel>()); },
           .defaults = {{"near", "1"}, {"far", "10"}, {"epochs", "4"}, {"max-seconds", "0"}},
           .presets = {{"report-1",
                        "the report's first setup",
@@ -49,7 +49,8 @@ Method nerf_method() {
                         {"width", "128"},
                         {"samples", "48"},
                         {"epochs", "2"}},
-                       {{"F_MIDLONGRANGECAM_CL"}, {"F_MIDRANGECAM_C", "B_MIDRANGECAM_C"}}}}};
+                       {{"F_MIDLONGRANGECAM_CL"}, {"F_MIDRANGECAM_C", "B_MIDRANGECAM_C"}}}},
+          .benchmarks = nerf_benchmarks};
 }
 
 void NerfModel::visit_hyperparameters(HyperparameterVisitor& visit) {

@@ -52,5 +52,6 @@ struct NerfModel final : RayModel {
 };
 
 Method nerf_method();
+bench::MethodBenchmarks nerf_benchmarks();  ///< nerf_benchmark.cc
 
 }  // namespace redrive

@@ -18,22 +18,6 @@ namespace {
 constexpr float kChildOffset = 0.75f;  // in standard deviations of the parent, to either side
 constexpr float kChildScale = 0.6f, kChildOtherScale = 0.92f;  // along the axis, along the others
 
-/// Position on a Morton curve through space contracted by its logarithm.
-std::uint32_t morton_key(const float* position) {
-  constexpr int kBits = 10;
-  std::uint32_t cell[3];
-  for (int k = 0; k < 3; ++k) {
-    const float contracted =
-        std::copysign(std::log1p(std::fabs(position[k]) / 10), position[k]);  // -6..6 within 4 km
-    cell[k] = static_cast<std::uint32_t>(
-        std::clamp((contracted + 6) / 12 * ((1 << kBits) - 1), 0.0f, float((1 << kBits) - 1)));
-  }
-  std::uint32_t key = 0;
-  for (int bit = kBits - 1; bit >= 0; --bit)
-    for (int k = 0; k < 3; ++k) key = key << 1 | (cell[k] >> bit & 1);
-  return key;
-}
-
 /// The source of a Gaussian: itself, or one of the halves of a split one.
 struct Source {
   std::uint32_t part;  ///< 0: the world, from 1 on actors
@@ -63,20 +47,6 @@ std::array<float, 3> axis_of(const float* numbers, std::size_t i, int axis) {
   rotation_from_quaternion<NumberMath<float>>(q, r);
   const float scale = std::exp(numbers[gaussian_slot(i, kLogScaleRow + axis)]);
   return {scale * r[0][axis], scale * r[1][axis], scale * r[2][axis]};
-}
-
-/// Returns the layout for these numbers of Gaussians, the world's first.
-GaussianLayout layout_of(std::span<const std::size_t> sizes) {
-  GaussianLayout layout{.world = sizes[0], .actor_ends = {}};
-  for (std::size_t part = 1; part < sizes.size(); ++part)
-    layout.actor_ends.push_back(static_cast<std::int64_t>(
-        layout.blocks() + std::max<std::size_t>(1, gaussian_blocks(sizes[part]))));
-  return layout;
-}
-
-/// Index of the first Gaussian of a part.
-std::size_t first_of(const GaussianLayout& layout, std::size_t part) {
-  return part == 0 ? 0 : layout.first_block(part - 1) * kGaussianBlock;
 }
 
 /// Whether a Gaussian is within the bounds of its part.
@@ -132,30 +102,6 @@ std::vector<Source> choose_sources(const DensifyOptions& options, std::uint64_t 
 }
 
 }  // namespace
-
-GaussianLayout layout_of(std::span<const GaussianList> lists) {
-  std::vector<std::size_t> sizes;
-  for (const GaussianList& list : lists) sizes.push_back(list.size());
-  return layout_of(std::span<const std::size_t>(sizes));
-}
-
-void write_blocks(std::span<const GaussianList> lists, const GaussianLayout& layout,
-                  Buffer<float>* numbers) {
-  for (std::size_t part = 0; part < lists.size(); ++part) {
-    const GaussianList& list = lists[part];
-    const std::size_t first = first_of(layout, part);
-    std::vector<std::pair<std::uint32_t, std::uint32_t>> order(list.size());
-    for (std::size_t i = 0; i < order.size(); ++i)
-      order[i] = {morton_key(&list.rows[i * std::size_t{kGaussianRows}]),
-                  static_cast<std::uint32_t>(i)};
-    std::ranges::sort(order);
-    for (std::size_t i = 0; i < order.size(); ++i)
-      for (int row = 0; row < kGaussianRows; ++row)
-        (*numbers)[gaussian_slot(first + i, row)] =
-            list.rows[order[i].second * std::size_t{kGaussianRows} + row];
-    clear_unused(first + order.size(), first_of(layout, part + 1), numbers->data());
-  }
-}
 
 void densify(const DensifyOptions& options, std::uint64_t key, GaussianLayout* layout,
              Buffer<float>* numbers, Buffer<std::uint32_t>* moments, Buffer<float>* errors) {

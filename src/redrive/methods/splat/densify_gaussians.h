@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "redrive/base/buffer.h"
-#include "redrive/methods/splat/initial_gaussians.h"
+#include "redrive/model/gaussian_layout.h"
 
 namespace redrive {
 
@@ -32,26 +32,6 @@ struct DensifyOptions {
   /// distance ahead of the box in which Gaussians on the road stay, too
   float ahead_m = kShadow_m;
 };
-
-/// Layout: the world's blocks first, then each actor's.
-struct GaussianLayout {
-  std::size_t world = 0;  ///< number of Gaussians of the world, from the first block
-  /// one per actor: the end of its blocks, which follow the world's
-  std::vector<std::int64_t> actor_ends;
-
-  std::size_t world_blocks() const { return gaussian_blocks(world); }
-  std::size_t first_block(std::size_t actor) const {
-    return actor == 0 ? world_blocks() : static_cast<std::size_t>(actor_ends[actor - 1]);
-  }
-  std::size_t blocks() const { return first_block(actor_ends.size()); }
-};
-
-/// Returns the layout of lists of Gaussians, the world's first. An actor has at least one block.
-GaussianLayout layout_of(std::span<const GaussianList> lists);
-
-/// Writes Gaussians in Morton order into blocks; unused lanes are transparent.
-void write_blocks(std::span<const GaussianList> lists, const GaussianLayout& layout,
-                  Buffer<float>* numbers);
 
 /// Splits Gaussians along their longest axis into two, drawn without replacement with probabilities
 /// proportional to their summed errors, and removes transparent ones. Sets the errors to 0. Parents

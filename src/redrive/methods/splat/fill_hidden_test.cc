@@ -158,7 +158,7 @@ TEST(FillHidden, IsDoneOnceAndTheSameByAnyNumberOfThreads) {
   EXPECT_EQ(std::memcmp(copied(other.model).data(), once.data(), once.size() * sizeof(float)), 0);
   // The next step begins anew.
   AdamState adam = model.zero_moments();
-  model.finish_step(*fast_backend(1), {}, {}, 1, &adam);
+  model.finish_step(*fast_backend(1), {}, {}, 1, {}, &adam);
   EXPECT_EQ(model.filled, 0);
 }
 

@@ -12,7 +12,7 @@
 
 #include "redrive/base/parallel.h"
 #include "redrive/image/image.h"
-#include "redrive/methods/splat/gaussian_list.h"
+#include "redrive/model/gaussian_layout.h"
 #include "redrive/scene/scene.h"
 
 namespace redrive {

@@ -5,7 +5,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "redrive/model/model.h"
+#include "redrive/model/trainee.h"
 
 namespace redrive {
 

@@ -4,8 +4,8 @@
 #pragma once
 
 #include "redrive/base/parallel.h"
-#include "redrive/methods/splat/gaussian_list.h"
-#include "redrive/model/model.h"
+#include "redrive/model/gaussian_layout.h"
+#include "redrive/model/trainee.h"
 
 namespace redrive {
 

@@ -104,7 +104,7 @@ struct Training {
       request.update = &update;
       const StepOutput out = gradients(backend, data, request);
       model.update(backend, rate, step + 1, buffers.gradients, &adam);
-      model.finish_step(backend, request, out, step + 1, &adam);
+      model.finish_step(backend, request, out, step + 1, buffers, &adam);
     }
   }
 };

@@ -7,7 +7,7 @@
 #include <utility>
 #include <vector>
 
-#include "redrive/model/model.h"
+#include "redrive/model/trainee.h"
 
 namespace redrive {
 

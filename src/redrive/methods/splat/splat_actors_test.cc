@@ -153,7 +153,7 @@ TEST(SplatActors, AnImageWithoutTheObjectShowsTheWorldAlone) {
   const Image8 with = traffic.drawn(*backend, traffic.truth, 5),
                expected = traffic.drawn(*backend, world, 5);
   EXPECT_NE(with.rgb, expected.rgb);
-  EXPECT_EQ(traffic.truth.world().n, 80u);
+  EXPECT_EQ(traffic.truth.world().gaussians.n, 80u);
   traffic.scene.actors.clear();
   EXPECT_EQ(traffic.drawn(*backend, traffic.truth, 5).rgb, expected.rgb);
 }

@@ -6,14 +6,14 @@
 #include <optional>
 
 #include "redrive/base/error.h"
+#include "redrive/base/progress.h"
 #include "redrive/base/rng.h"
 #include "redrive/camera/plain_camera.h"
 #include "redrive/methods/splat/actor_gaussians.h"
-#include "redrive/methods/splat/gaussian_ply.h"
 #include "redrive/methods/splat/gaussian_points.h"
-#include "redrive/methods/splat/gaussian_spz.h"
 #include "redrive/methods/splat/image_windows.h"
 #include "redrive/methods/splat/range_pixels.h"
+#include "redrive/methods/splat/surface_planes.h"
 #include "redrive/methods/splat/trace_gaussians.h"
 
 namespace redrive {
@@ -26,9 +26,9 @@ constexpr double kShareOfActors = 0.5;  // maximum share of all Gaussians at the
 
 /// Working memory of a run's steps.
 struct SplatBuffers final : MethodBuffers {
-  explicit SplatBuffers(const Scene& scene) : exposures(scene) {}
-
-  ExposureTimes exposures;
+  std::optional<SurfacePlanes> surfaces;  ///< found by prepare()
+  // Made by the first step:
+  std::optional<ExposureTimes> exposures;
   std::vector<ImageLevel> levels;
   /// Smaller images by level and view, made when first needed; if all are in memory.
   std::vector<std::vector<ImagePointer>> reduced;
@@ -45,15 +45,20 @@ struct SplatBuffers final : MethodBuffers {
   std::vector<std::uint8_t> tiles;
 };
 
-SplatBuffers& splat_buffers(const TrainingSet& data, int window_pixels, StepBuffers* buffers) {
-  if (!buffers->method) {
-    auto made = std::make_unique<SplatBuffers>(data.scene);
-    made->levels = image_levels(data, window_pixels);
-    made->reduced.assign(kImageLevels, std::vector<ImagePointer>(data.images.size()));
-    made->shown.resize(data.images.size());
-    buffers->method = std::move(made);
-  }
+SplatBuffers& splat_buffers(StepBuffers* buffers) {
+  if (!buffers->method) buffers->method = std::make_unique<SplatBuffers>();
   return static_cast<SplatBuffers&>(*buffers->method);
+}
+
+SplatBuffers& step_buffers(const TrainingSet& data, int window_pixels, StepBuffers* buffers) {
+  SplatBuffers& own = splat_buffers(buffers);
+  if (!own.exposures) {
+    own.exposures.emplace(data.scene);
+    own.levels = image_levels(data, window_pixels);
+    own.reduced.assign(kImageLevels, std::vector<ImagePointer>(data.images.size()));
+    own.shown.resize(data.images.size());
+  }
+  return own;
 }
 
 std::uint64_t draw_of(const StepRequest& request, std::int64_t step) {
@@ -247,10 +252,22 @@ struct SplatModel::WindowStep {
   float colour[3];  ///< colour of the background
 };
 
+void SplatModel::prepare(const TrainingSet& data, ThreadPool& pool, StepBuffers* buffers) const {
+  if (!uses_lidar() || surface_rate == 0 || data.lidar.n == 0 || !data.scene.metric) return;
+  const Progress progress("fitting planes to the LiDAR");
+  splat_buffers(buffers).surfaces.emplace(data.scene, data.lidar, pool);
+}
+
+const SurfacePlanes* SplatModel::surfaces_of(const StepBuffers& buffers) {
+  if (!buffers.method) return nullptr;
+  const auto& own = static_cast<const SplatBuffers&>(*buffers.method);
+  return own.surfaces ? &*own.surfaces : nullptr;
+}
+
 StepOutput SplatModel::step(kernels::Backend& backend, const TrainingSet& data,
                             const StepRequest& request, std::span<float> gradients,
                             StepBuffers* buffers) const {
-  SplatBuffers& own = splat_buffers(data, window_pixels, buffers);
+  SplatBuffers& own = step_buffers(data, window_pixels, buffers);
   // Batches outside training use all views at once, at half size.
   const bool all = request.pixels > 0;
   REDRIVE_CHECK(!all || !request.update);
@@ -381,7 +398,7 @@ void SplatModel::step_window(kernels::Backend& backend, const TrainingSet& data,
     if (own.d_range[i] > 0) range_loss += double(own.d_range[i]) * double(drawn.range_error[i]);
   const std::span<float> others = others_of(gradients);
   if (request.progress > double(kGainsFrom))
-    gains.add_changes(gain_parameters(), exposure, own.exposures.gaps(exposure), size, part,
+    gains.add_changes(gain_parameters(), exposure, own.exposures->gaps(exposure), size, part,
                       loss.patches,
                       static_cast<float>(std::pow(last_rate, std::min(request.progress, 1.0))),
                       others.first(gains.size()));
@@ -445,30 +462,7 @@ void SplatModel::render_to(kernels::Backend& backend, const RayTable& rays,
 }
 
 RenderedRays SplatModel::trace(kernels::Backend& backend, const kernels::Rays& rays) const {
-  return trace_gaussians(backend.gaussians(), world(), rays);
-}
-
-std::vector<ExportFormat> SplatModel::export_formats() const {
-  const auto of_actor = [this](const MovingObject& actor) {
-    ActorBody body = this->body(actor);
-    if (body.n == 0)
-      throw UsageError("--actor", std::to_string(actor.id),
-                       "has no Gaussians: no training image shows it");
-    return body;
-  };
-  return {{"splat-ply", "PLY of 3D Gaussians, as viewers of 3D Gaussian Splatting read it",
-           [this, of_actor](const ExportOptions& options) {
-             if (!options.actor) return gaussian_ply(world(), options.sh_degree);
-             const ActorBody body = of_actor(*options.actor);
-             return gaussian_ply({body.n, body.numbers}, options.sh_degree,
-                                 body_comments(body.type, body.size_m));
-           }},
-          {"splat-spz", "SPZ, a fifth of the size; positions, colours and angles are rounded",
-           [this, of_actor](const ExportOptions& options) {
-             if (!options.actor) return gaussian_spz(world(), options.sh_degree);
-             const ActorBody body = of_actor(*options.actor);
-             return gaussian_spz({body.n, body.numbers}, options.sh_degree);
-           }}};
+  return trace_gaussians(backend.gaussians(), world_gaussians(), rays);
 }
 
 }  // namespace redrive

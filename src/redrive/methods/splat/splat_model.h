@@ -24,7 +24,9 @@ namespace redrive {
 
 constexpr float kBeyondBox_m = 0.2f;  ///< an actor's Gaussians may be this far outside its box
 
-struct SplatModel final : Model {
+class SurfacePlanes;
+
+struct SplatModel final : Trainee, FieldGaussians {
   InitialGaussianOptions initial;
   int max_gaussians = 400000;
   int pixel_limit = 20'000'000;  ///< upper limit from the number of pixels to train on
@@ -73,9 +75,6 @@ struct SplatModel final : Model {
   void initialize(std::uint64_t seed) override;
   void initialize_from(const TrainingSet& data, std::uint64_t seed, ThreadPool& pool) override;
   bool uses_lidar() const override { return lidar_rays > 0; }
-  bool uses_surfaces(const TrainingSet& data) const override {
-    return uses_lidar() && surface_rate > 0 && data.lidar.n > 0 && data.scene.metric;
-  }
   bool streams_images() const override { return true; }
   bool keeps_half_images(const Scene& scene) const override;
   bool draws_actors() const override { return actors > 0; }
@@ -84,6 +83,8 @@ struct SplatModel final : Model {
   void correct_actors(std::vector<MovingObject>* objects) const override;
   std::string describe_batch() const override { return "1 image"; }
   std::int64_t steps_per_epoch(const TrainingSet& data, int world_size) const override;
+  /// Fits planes to the LiDAR returns (surface_planes.h).
+  void prepare(const TrainingSet& data, ThreadPool& pool, StepBuffers* buffers) const override;
   StepOutput step(kernels::Backend& backend, const TrainingSet& data, const StepRequest& request,
                   std::span<float> gradients, StepBuffers* buffers) const override;
   /// Pixels of one image are alike, and images differ: some ten thousand count as 32.
@@ -100,7 +101,7 @@ struct SplatModel final : Model {
   void update(kernels::Backend& backend, double learning_rate, std::int64_t step,
               std::span<float> gradients, AdamState* adam) override;
   void finish_step(kernels::Backend& backend, const StepRequest& request, const StepOutput& output,
-                   std::int64_t step, AdamState* adam) override;
+                   std::int64_t step, const StepBuffers& buffers, AdamState* adam) override;
   /// Fills places that objects hide in all images (fill_hidden.h).
   void finish_training(kernels::Backend& backend, const TrainingSet& data,
                        AdamState* adam) override;
@@ -114,24 +115,24 @@ struct SplatModel final : Model {
   void trace_actors(kernels::Backend& backend, const kernels::Rays& rays,
                     std::span<const std::int64_t> t_ns, const std::vector<MovingObject>& actors,
                     RenderedRays* rendered) const override;
-  std::vector<ExportFormat> export_formats() const override;
+  const FieldGaussians* as_gaussians() const override { return this; }
+  WorldGaussians world() const override {
+    return {world_gaussians(), {}, {background[0], background[1], background[2]}};
+  }
+  bool has_body(std::int64_t id) const override { return !blocks_of(id, nullptr).empty(); }
+  ActorBody body(const MovingObject& actor) const override;
   std::uint64_t step_bytes() const override;
   std::uint64_t lidar_bytes(const Scene& scene, std::uint64_t returns) const override;
 
-  /// Whether an object of this id was trained and has Gaussians.
-  bool has_body(std::int64_t id) const { return !blocks_of(id, nullptr).empty(); }
-  /// Returns the Gaussians of an object that was trained, in the axes of its box; empty for others.
-  ActorBody body(const MovingObject& actor) const;
   /// Replaces the Gaussians by the world's and each actor's.
   void set_gaussians(std::span<const GaussianList> lists, std::span<const MovingObject> actors);
   GaussianLayout layout() const { return {static_cast<std::size_t>(gaussians), actor_ends}; }
-  /// Gaussians of the world, for exports.
-  kernels::Gaussians world() const {
+
+ private:
+  kernels::Gaussians world_gaussians() const {
     const auto n = static_cast<std::size_t>(gaussians);
     return {n, parameters.span().first(gaussian_blocks(n) * kBlockSize)};
   }
-
- private:
   /// All Gaussians, with the unused lanes between the world's and the actors'.
   kernels::Gaussians all() const {
     return {actor_ends.empty() ? static_cast<std::size_t>(gaussians)
@@ -155,6 +156,8 @@ struct SplatModel final : Model {
   /// Changes the number of Gaussians (densify_gaussians.h).
   void change_number(const DensifyOptions& options, std::uint64_t key, AdamState* adam);
   struct WindowStep;
+  /// Returns the planes that prepare() found; null: none.
+  static const SurfacePlanes* surfaces_of(const StepBuffers& buffers);
   AdamStep adam_step_of(double learning_rate, std::int64_t step) const;
   kernels::GaussianUpdate gaussian_update(const StepUpdate& at) const;
   /// Sets the planes of ranges of a window; returns their number.
@@ -202,5 +205,6 @@ struct SplatModel final : Model {
 };
 
 Method splat_method();
+bench::MethodBenchmarks splat_benchmarks();  ///< splat_benchmark.cc
 
 }  // namespace redrive

@@ -32,7 +32,7 @@ OptionValues gaussians_of_time(double seconds) {
 Method splat_method() {
   return {.name = "splat",
           .help = "3D Gaussians, rasterised",
-          .make = [] { return std::unique_ptr<Model>(std::make_unique<SplatModel>()); },
+          .make = [] { return std::unique_ptr<Trainee>(std::make_unique<SplatModel>()); },
           .defaults = {{"max-seconds", "120"}},
           .presets = {{"fast", "30 seconds", {{"max-seconds", "30"}}},
                       {"best", "10 minutes", {{"max-seconds", "600"}}}},
@@ -40,7 +40,9 @@ Method splat_method() {
           .refines_poses = true,
           .random_background = true,
           .contracts_space = true,
-          .rasterises = true};
+          .rasterises = true,
+          .change_every = "densify_every",
+          .benchmarks = splat_benchmarks};
 }
 
 std::string SplatModel::describe() const {

@@ -76,7 +76,7 @@ TEST(SplatModel, GradientsThatAreKeptGiveTheSameGaussians) {
     ASSERT_EQ(kept.buffers.gradients.size(), kept.model.size() + kept.model.errors());
     kept.model.update(*backend, kept.model.learning_rate({kept.step, kept.steps, request.progress}),
                       kept.step + 1, kept.buffers.gradients, &kept.adam);
-    kept.model.finish_step(*backend, request, out, kept.step + 1, &kept.adam);
+    kept.model.finish_step(*backend, request, out, kept.step + 1, kept.buffers, &kept.adam);
   }
   EXPECT_TRUE(std::ranges::equal(in_step.model.parameters.span(), kept.model.parameters.span()));
   EXPECT_TRUE(std::ranges::equal(in_step.adam.packed.span(), kept.adam.packed.span()));

@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "redrive/model/model.h"
+#include "redrive/model/trainee.h"
 
 namespace redrive {
 

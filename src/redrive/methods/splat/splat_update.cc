@@ -77,10 +77,12 @@ std::optional<std::size_t> SplatModel::bad_moment(std::span<const std::uint32_t>
 }
 
 void SplatModel::finish_step(kernels::Backend& backend, const StepRequest& request,
-                             const StepOutput&, std::int64_t step, AdamState* adam) {
+                             const StepOutput&, std::int64_t step, const StepBuffers& buffers,
+                             AdamState* adam) {
   filled = 0;
-  if (request.surfaces && step % kFlattenEvery == 0)
-    flatten_gaussians(*request.surfaces, surface_rate, static_cast<std::size_t>(gaussians),
+  if (const SurfacePlanes* const surfaces = surfaces_of(buffers);
+      surfaces && step % kFlattenEvery == 0)
+    flatten_gaussians(*surfaces, surface_rate, static_cast<std::size_t>(gaussians),
                       parameters.data(), backend.pool());
   if (step % densify_every != 0 || request.progress >= double(densified_until)) return;
   const double grown = std::min(1.0, request.progress / double(grown_by));

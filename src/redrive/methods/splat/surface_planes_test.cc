@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include "redrive/base/rng.h"
+#include "redrive/methods/splat/known_splats_testing.h"
 #include "redrive/methods/splat/splat_scene_testing.h"
 
 namespace redrive {
@@ -23,7 +24,7 @@ struct Road {
   }
   void add(const Eigen::Vector3f& at) { ends.push_back(at); }
   /// Rays from 1.7 m above the origin.
-  SurfacePlanes planes(int threads = 1) const {
+  LidarReturns returns() const {
     LidarReturns lidar;
     lidar.n = ends.size();
     const Eigen::Vector3f sensor(0, 0, 1.7f);
@@ -34,8 +35,11 @@ struct Road {
       }
     for (const Eigen::Vector3f& end : ends) lidar.range_m.push_back((end - sensor).norm());
     lidar.t_ns.assign(lidar.n, 0);
+    return lidar;
+  }
+  SurfacePlanes planes(int threads = 1) const {
     ThreadPool pool(threads);
-    return SurfacePlanes(scene.scene, lidar, pool);
+    return SurfacePlanes(scene.scene, returns(), pool);
   }
   std::vector<Eigen::Vector3f> ends;
 };
@@ -54,6 +58,29 @@ TEST(SurfacePlanes, LieOnTheReturns) {
   EXPECT_FALSE(planes.at({2, 1, 0.35f}, 3));
   EXPECT_TRUE(planes.at({2, 1, 0.35f}, 20)) << "farther away less exact";
   EXPECT_FALSE(planes.at({6, 1, 0.6f}, 3)) << "beside the returns";
+}
+
+TEST(SurfacePlanes, FlattenGaussiansWhereTheMethodPreparedThem) {
+  Road road;
+  road.scene.lidar = road.returns();
+  road.scene.scene.metric = true;
+  GaussianList list;
+  list.rows.assign(kGaussianRows, 0);
+  list.rows[kPositionRow + 2] = 0.05f;
+  list.rows[kQuaternionRow] = list.rows[kDistanceRow] = 1;
+  const auto backend = known_splats::fast_backend();
+  const auto height_after = [&](std::int64_t step, bool prepared) {
+    SplatModel model;
+    model.set_gaussians({&list, 1}, {});
+    StepBuffers buffers;
+    if (prepared) model.prepare(road.scene.data(), backend->pool(), &buffers);
+    AdamState adam = model.zero_moments();
+    model.finish_step(*backend, {}, {}, step, buffers, &adam);
+    return model.parameters[gaussian_slot(0, kPositionRow + 2)];
+  };
+  EXPECT_NEAR(height_after(50, true), 0.025f, 1e-4f) << "half of the way, surface_rate";
+  EXPECT_EQ(height_after(49, true), 0.05f) << "every 50 steps";
+  EXPECT_EQ(height_after(50, false), 0.05f);
 }
 
 TEST(SurfacePlanes, AreNotWhereSurfacesMeet) {

@@ -5,7 +5,7 @@
 
 #include <vector>
 
-#include "redrive/model/model.h"
+#include "redrive/model/trainee.h"
 
 namespace redrive {
 

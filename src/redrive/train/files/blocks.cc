@@ -137,6 +137,11 @@ std::filesystem::path block_folder(const std::filesystem::path& run, const Block
   return run / "blocks" / block.name;
 }
 
+const Block& block_of_frame(const std::vector<Block>& blocks, std::int64_t frame_id) {
+  const auto found = std::ranges::lower_bound(blocks, frame_id, {}, &Block::last_core);
+  return found == blocks.end() ? blocks.back() : *found;
+}
+
 bool is_divided_run(const std::filesystem::path& run) {
   std::error_code error;
   return std::filesystem::exists(blocks_file(run), error);

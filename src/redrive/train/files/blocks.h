@@ -61,6 +61,9 @@ std::vector<int> longest_first(const std::vector<Block>& blocks,
 std::filesystem::path blocks_file(const std::filesystem::path& run);
 std::filesystem::path block_folder(const std::filesystem::path& run, const Block& block);
 
+/// Returns the block whose core has a frame, even one that the run left out.
+const Block& block_of_frame(const std::vector<Block>& blocks, std::int64_t frame_id);
+
 /// Whether the folder holds a divided run.
 bool is_divided_run(const std::filesystem::path& run);
 

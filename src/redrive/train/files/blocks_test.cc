@@ -33,6 +33,16 @@ std::vector<PosedFrame> straight(int n, double step_m) {
   return frames_at(positions);
 }
 
+TEST(BlockOfFrame, IsTheBlockWhoseCoreHasIt) {
+  const std::vector<Block> blocks = {{.name = "000", .first_core = 0, .last_core = 8},
+                                     {.name = "001", .first_core = 10, .last_core = 18}};
+  EXPECT_EQ(block_of_frame(blocks, 0).name, "000");
+  EXPECT_EQ(block_of_frame(blocks, 8).name, "000");
+  EXPECT_EQ(block_of_frame(blocks, 9).name, "001") << "the run left out frame 9";
+  EXPECT_EQ(block_of_frame(blocks, 18).name, "001");
+  EXPECT_EQ(block_of_frame(blocks, 30).name, "001");
+}
+
 TEST(WayDriven, IsTheDistanceAlongAStraightLine) {
   const std::vector<double> way = way_driven(straight(50, 0.3));
   for (int i = 0; i < 50; ++i) EXPECT_NEAR(way[i], 0.3 * i, 1e-9);

@@ -134,7 +134,7 @@ Buffer<T> read(const Safetensors& parsed, const std::string& name, std::size_t s
 }
 
 SafetensorsFile checkpoint_file(const TrainState& state) {
-  const Model& model = *state.model;
+  const Trainee& model = *state.model;
   std::map<std::string, std::string> metadata = {{"format", kFormat}, {"method", model.method()}};
   const auto note = [&]<class T>(const std::string& name, const T& value) {
     if constexpr (std::is_arithmetic_v<T>) {
@@ -195,7 +195,7 @@ TrainState parse_checkpoint(std::string_view bytes, const std::filesystem::path&
   TrainState state;
   state.model = make_model(text_of("method"));
   if (!state.model) throw InputError(file, "__metadata__.method", text_of("method"), "unknown");
-  Model& model = *state.model;
+  Trainee& model = *state.model;
   const auto read_number = [&]<class T>(const std::string& name, T& value) {
     const std::string text = text_of(name);
     bool valid = false;

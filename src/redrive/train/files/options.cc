@@ -132,7 +132,7 @@ void resolve_bounds(TrainOptions* options, const std::vector<std::string>& given
   options->far_m = unbounded ? kMaxFar * half_side : furthest;
 }
 
-void apply_hyperparameters(const TrainOptions& options, Model* model) {
+void apply_hyperparameters(const TrainOptions& options, Trainee* model) {
   PoseRefinement unused;
   for (const auto& [name, text] : options.hyperparameters) {
     if (set_hyperparameter(*model, name, text) || set_hyperparameter(unused, name, text)) continue;
@@ -153,7 +153,7 @@ void apply_hyperparameters(const TrainOptions& options, Model* model) {
   });
 }
 
-void record_hyperparameters(Model& model, TrainOptions* options) {
+void record_hyperparameters(Trainee& model, TrainOptions* options) {
   auto& given = options->hyperparameters;
   PoseRefinement refinement = pose_refinement(*options);
   for (Configurable* numbers :

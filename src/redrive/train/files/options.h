@@ -56,7 +56,7 @@ struct TrainOptions {
                                ///< a folder of CAM.png
   /// Hyperparameters of the method and of pose refinement that options, a preset or --set set, as
   /// text by name. The others have the model's defaults or follow from the scene
-  /// (Model::configure).
+  /// (Trainee::configure).
   std::map<std::string, std::string> hyperparameters;
   // optimisation
   int epochs = 10000;          ///< 1..10000
@@ -119,10 +119,10 @@ void resolve_bounds(TrainOptions* options, const std::vector<std::string>& given
 
 /// Sets the model's hyperparameters from the options. Throws UsageError for an unknown name,
 /// listing the known ones, or a value out of range.
-void apply_hyperparameters(const TrainOptions& options, Model* model);
+void apply_hyperparameters(const TrainOptions& options, Trainee* model);
 /// Copies the model's values of hyperparameters that have their own option, or were set, to the
 /// options, as text for config.json.
-void record_hyperparameters(Model& model, TrainOptions* options);
+void record_hyperparameters(Trainee& model, TrainOptions* options);
 PoseRefinement pose_refinement(const TrainOptions& options);
 
 /// Throws UsageError naming option, value and rule for the first field out of range.

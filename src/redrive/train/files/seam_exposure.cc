@@ -61,7 +61,7 @@ SeamExposure solve_seam_exposure(std::vector<std::string> cameras, int blocks,
   return result;
 }
 
-LogGains image_log_gains(Model& model, const Exposure& exposure) {
+LogGains image_log_gains(Trainee& model, const Exposure& exposure) {
   const std::vector<ModelTensor> tensors = model.tensors();
   const auto tensor = std::ranges::find(tensors, "appearance", &ModelTensor::name);
   if (tensor == tensors.end()) return {};

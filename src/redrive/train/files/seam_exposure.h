@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The relative brightness of the blocks of a divided run (train/files/blocks.h). A block explains
-// an image as its field's colours times the gains of the image's camera and time (Model, Exposure),
-// so its field is known up to a factor for each camera and channel, which the regularisers choose.
-// Frames that two blocks share give the quotient of both factors.
+// an image as its field's colours times the gains of the image's camera and time (Trainee,
+// Exposure), so its field is known up to a factor for each camera and channel, which the
+// regularisers choose. Frames that two blocks share give the quotient of both factors.
 #pragma once
 
 #include <array>
@@ -11,7 +11,7 @@
 #include <string_view>
 #include <vector>
 
-#include "redrive/model/model.h"
+#include "redrive/model/trainee.h"
 #include "redrive/train/files/blocks.h"
 
 namespace redrive {
@@ -47,7 +47,7 @@ SeamExposure solve_seam_exposure(std::vector<std::string> cameras, int blocks,
 
 /// Returns the log gains that a model has trained for a camera of its run's rig at a time; 0 of
 /// models without any.
-LogGains image_log_gains(Model& model, const Exposure& exposure);
+LogGains image_log_gains(Trainee& model, const Exposure& exposure);
 
 std::filesystem::path exposure_file(const std::filesystem::path& run);
 /// Reads exposure.json; with all log gains 0 and no cameras if there is no such file yet.

@@ -3,7 +3,7 @@
 
 namespace redrive {
 
-TrainState initial_state(std::unique_ptr<Model> model, std::uint64_t seed) {
+TrainState initial_state(std::unique_ptr<Trainee> model, std::uint64_t seed) {
   TrainState state;
   state.model = std::move(model);
   state.model->initialize(seed);

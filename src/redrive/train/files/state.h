@@ -11,7 +11,7 @@
 #include <string_view>
 
 #include "redrive/base/buffer.h"
-#include "redrive/model/model.h"
+#include "redrive/model/trainee.h"
 #include "redrive/scene/pose_corrections.h"
 
 namespace redrive {
@@ -43,7 +43,7 @@ struct LossWindow {
   int steps = 0;  ///< applied ones
   std::int64_t rays = 0;
   double loss = 0, mse = 0, seconds = 0;
-  std::array<double, kMaxLossTerms> terms{};  ///< Model::loss_terms, in their order
+  std::array<double, kMaxLossTerms> terms{};  ///< Trainee::loss_terms, in their order
 
   bool operator==(const LossWindow&) const = default;
 };
@@ -68,7 +68,7 @@ struct PoseState {
 };
 
 struct TrainState {
-  std::unique_ptr<Model> model;
+  std::unique_ptr<Trainee> model;
   AdamState adam;  ///< moments of model->parameters
   PoseState poses;
   std::int64_t step = 0;  ///< steps done
@@ -102,6 +102,6 @@ std::string checkpoint_bytes(const TrainState& state);
 TrainState parse_checkpoint(std::string_view bytes, const std::filesystem::path& file);
 
 /// Returns a fresh start of a model whose hyperparameters are set.
-TrainState initial_state(std::unique_ptr<Model> model, std::uint64_t seed);
+TrainState initial_state(std::unique_ptr<Trainee> model, std::uint64_t seed);
 
 }  // namespace redrive

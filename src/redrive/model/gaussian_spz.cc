@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/methods/splat/gaussian_spz.h"
+#include "redrive/model/gaussian_spz.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The file read back by a parser of its own: numbers as the code of 3D Gaussian Splatting
 // interprets them are those that the Gaussians are rendered with.
-#include "redrive/methods/splat/gaussian_ply.h"
+#include "redrive/model/gaussian_ply.h"
 
 #include <cmath>
 #include <cstring>

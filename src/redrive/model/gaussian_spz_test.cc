@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The file read back by a parser of its own.
-#include "redrive/methods/splat/gaussian_spz.h"
+#include "redrive/model/gaussian_spz.h"
 
 #include <cmath>
 #include <random>

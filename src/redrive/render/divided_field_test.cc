@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Two blocks of Gaussians whose colours, depths and gains are known.
-#include "redrive/render/divided_model.h"
+#include "redrive/render/divided_field.h"
 
 #include <algorithm>
 #include <cmath>
@@ -10,7 +10,6 @@
 #include <gtest/gtest.h>
 
 #include "redrive/methods/splat/known_splats_testing.h"
-#include "redrive/render/merged_gaussians.h"
 
 namespace redrive {
 namespace {
@@ -79,14 +78,13 @@ std::shared_ptr<const LoadedBlock> make_block(int b, bool walls, bool with_objec
   return block;
 }
 
-class DividedModelTest : public testing::Test {
+class DividedFieldTest : public testing::Test {
  protected:
-  explicit DividedModelTest(bool walls = false, bool with_object = false) : walls_(walls) {
+  explicit DividedFieldTest(bool walls = false, bool with_object = false) : walls_(walls) {
     std::vector<Eigen::Vector3d> positions;
-    std::vector<std::int64_t> ids, t_ns;
+    std::vector<std::int64_t> t_ns;
     for (int f = 0; f < kFrames; ++f) {
       positions.emplace_back(f, 0, 0);
-      ids.push_back(f);
       t_ns.push_back(f * 100'000'000ll);
     }
     const std::size_t last[] = {19, 39};
@@ -95,10 +93,9 @@ class DividedModelTest : public testing::Test {
     SeamExposure seams{{"CAM"}, {}};
     for (const double field : kFieldLog)
       seams.log_gains.push_back({{off - field, off - field, off - field}});
-    auto like = std::make_unique<SplatModel>();
-    model_ = std::make_unique<DividedModel>(
-        std::move(like),
-        DividedDrive{{"CAM"}, ids, t_ns, {"000", "001"}, BlockWay(positions, last), seams},
+    field_ = std::make_unique<DividedField>(
+        std::make_unique<SplatModel>(),
+        DividedDrive{{"CAM"}, t_ns, BlockWay(positions, last), seams},
         [this, with_object](int b) {
           const std::lock_guard lock(mutex_);
           ++loads_[b];
@@ -109,7 +106,7 @@ class DividedModelTest : public testing::Test {
   }
 
   RenderedImage at(double x, const Exposure& exposure) const {
-    return model_->render(*backend_, table_, Rigid3d(Eigen::Translation3d(x, 0.2, 0)), exposure);
+    return field_->render(*backend_, table_, Rigid3d(Eigen::Translation3d(x, 0.2, 0)), exposure);
   }
   RenderedImage of_block(int b, double x) const {
     return make_block(b, walls_)->model->render(*backend_, table_,
@@ -124,28 +121,28 @@ class DividedModelTest : public testing::Test {
   std::mutex mutex_;
   std::map<int, int> loads_;
   int missing_ = -1;
-  std::unique_ptr<DividedModel> model_;
+  std::unique_ptr<DividedField> field_;
   const std::unique_ptr<kernels::Backend> backend_ = known_splats::fast_backend();
   const RayTable table_ = make_ray_table(small_camera());
 };
 
-class DividedModelWithWalls : public DividedModelTest {
+class DividedFieldWithWalls : public DividedFieldTest {
  protected:
-  DividedModelWithWalls() : DividedModelTest(/*walls=*/true) {}
+  DividedFieldWithWalls() : DividedFieldTest(/*walls=*/true) {}
 };
 
-class DividedModelWithObject : public DividedModelTest {
+class DividedFieldWithObject : public DividedFieldTest {
  protected:
-  DividedModelWithObject() : DividedModelTest(/*walls=*/false, /*with_object=*/true) {}
+  DividedFieldWithObject() : DividedFieldTest(/*walls=*/false, /*with_object=*/true) {}
 };
 
-TEST_F(DividedModelWithObject, IsDrawnAndTracedInABlockThatDidNotTrainOnIt) {
+TEST_F(DividedFieldWithObject, IsDrawnAndTracedInABlockThatDidNotTrainOnIt) {
   const auto with_object = [&](double x) {
     ShutterPoses poses{Rigid3d(Eigen::Translation3d(x, 0.2, 0))};
     ShutterPoses::Actor actor{.body = kObject};
     actor.actor_from_camera = {plain(Rigid3d(Eigen::Translation3d(0, 0, -5)))};
     poses.set_actors({actor});
-    return model_->render(*backend_, table_, poses, {});
+    return field_->render(*backend_, table_, poses, {});
   };
   const RenderedImage own = with_object(5), moved = with_object(30), none = at(30, {});
   const std::size_t middle = 6 * 16 + 8;
@@ -162,18 +159,35 @@ TEST_F(DividedModelWithObject, IsDrawnAndTracedInABlockThatDidNotTrainOnIt) {
   const std::vector<float> origin = {5, 30, 0, 0, 0, 0}, direction = {0, 0, 0, 0, 1, 1};
   const std::vector<std::int64_t> t_ns(2, 0);
   RenderedRays rays{std::vector<float>(2), std::vector<float>(2)};
-  model_->trace_actors(*backend_, {2, origin, direction}, t_ns, {object}, &rays);
+  field_->trace_actors(*backend_, {2, origin, direction}, t_ns, {object}, &rays);
   EXPECT_EQ(rays.opacity[0], 0);
   EXPECT_GT(rays.opacity[1], 0.5f);
 }
 
-TEST_F(DividedModelTest, BlocksAreEquallyBrightWithoutExposure) {
+TEST_F(DividedFieldWithObject, ExportsTheObjectAsBrightAsTheWorld) {
+  const MovingObject object{.id = kObject, .type = "CAR", .size_m = {2, 2, 2}, .keys = {{}}};
+  const ActorBody body = field_->as_gaussians()->body(object);
+  ASSERT_EQ(body.n, 1u);
+  EXPECT_EQ(body.type, "CAR");
+  EXPECT_NEAR(body.numbers[gaussian_slot(0, kColourRow)],
+              0.6 * std::exp((kFieldLog[0] + kFieldLog[1]) / 2), 1e-6);
+  EXPECT_EQ(body.numbers[gaussian_slot(0, kOpacityRow)], 6);
+  ExportOptions options;
+  options.actor = &object;
+  const std::vector<ExportFormat> formats = field_->export_formats();
+  ASSERT_EQ(formats.size(), 2u);
+  EXPECT_EQ(parse_actor_body(formats[0].encode(options), "car.ply").n, 1u);
+  EXPECT_TRUE(field_->has_body(kObject));
+  EXPECT_FALSE(field_->has_body(kObject + 1));
+}
+
+TEST_F(DividedFieldTest, BlocksAreEquallyBrightWithoutExposure) {
   const double expected = 0.4 * std::exp((kFieldLog[0] + kFieldLog[1]) / 2);
   for (const double x : {0.0, 10.0, 18.0, 19.5, 21.0, 30.0})
     EXPECT_NEAR(at(x, {}).rgb[100], expected, 1e-5) << x;
 }
 
-TEST_F(DividedModelTest, AnExposureIsThatOfItsTimeInEveryBlock) {
+TEST_F(DividedFieldTest, AnExposureIsThatOfItsTimeInEveryBlock) {
   for (const double x : {5.0, 19.0, 35.0})
     for (const double t_s : {0.0, 1.0, 1.95, 2.2, 3.9})
       EXPECT_NEAR(at(x, {0, static_cast<float>(t_s)}).rgb[100], 0.4 * std::exp(recorded_log(t_s)),
@@ -181,19 +195,19 @@ TEST_F(DividedModelTest, AnExposureIsThatOfItsTimeInEveryBlock) {
           << "at " << x << " m, exposed at " << t_s << " s";
 }
 
-TEST_F(DividedModelTest, LoadsWhatIsNeededAndTheNextOneAhead) {
+TEST_F(DividedFieldTest, LoadsWhatIsNeededAndTheNextOneAhead) {
   at(3, {});
   EXPECT_EQ(loads(0), 1);
   EXPECT_EQ(loads(1), 0) << "a camera that stands needs one block";
   at(4, {});
-  while (model_->cache().size() < 2) std::this_thread::yield();
+  while (field_->cache().size() < 2) std::this_thread::yield();
   at(19, {});
   at(30, {});
   EXPECT_EQ(loads(0), 1);
   EXPECT_EQ(loads(1), 1);
 }
 
-TEST_F(DividedModelTest, AMissingBlockFailsWhereItIsNeeded) {
+TEST_F(DividedFieldTest, AMissingBlockFailsWhereItIsNeeded) {
   missing_ = 1;
   EXPECT_NO_THROW(at(3, {}));
   EXPECT_NO_THROW(at(4, {}));
@@ -202,7 +216,7 @@ TEST_F(DividedModelTest, AMissingBlockFailsWhereItIsNeeded) {
   EXPECT_NO_THROW(at(30, {}));
 }
 
-TEST_F(DividedModelWithWalls, BlendsByWeightAndOpacity) {
+TEST_F(DividedFieldWithWalls, BlendsByWeightAndOpacity) {
   const double x = 19.5 - kSeam_m / 4, weight = 0.15625;  // u = 1/4
   const RenderedImage a = of_block(0, x), b = of_block(1, x), both = at(x, {});
   const std::size_t centre = 6 * 16 + 8;
@@ -223,7 +237,7 @@ TEST_F(DividedModelWithWalls, BlendsByWeightAndOpacity) {
   }
 }
 
-TEST_F(DividedModelWithWalls, ABlockAloneHasItsBits) {
+TEST_F(DividedFieldWithWalls, ABlockAloneHasItsBits) {
   const auto block = make_block(1, true);
   const RenderedImage whole = at(30, {0, 3.0f}),
                       alone = block->model->render(
@@ -233,20 +247,22 @@ TEST_F(DividedModelWithWalls, ABlockAloneHasItsBits) {
   EXPECT_EQ(whole.depth, alone.depth);
 }
 
-TEST_F(DividedModelWithWalls, TracesEachRayInItsBlock) {
+TEST_F(DividedFieldWithWalls, TracesEachRayInItsBlock) {
   const std::vector<float> origin{4, 30, 10, 0.2f, 0.2f, 0.2f, 0, 0, 0},
       direction{0, 0, 0, 0, 0, 0, 1, 1, 1};
-  const RenderedRays rays = model_->trace(*backend_, {3, origin, direction});
+  const RenderedRays rays = field_->trace(*backend_, {3, origin, direction});
   EXPECT_NEAR(rays.depth[0], rays.depth[2], 0.01);
   EXPECT_NEAR(rays.depth[1] - rays.depth[0], 2, 0.05);
 }
 
-TEST_F(DividedModelWithWalls, MergesTheGaussiansOfTheCores) {
-  const MergedGaussians merged = merged_gaussians(*model_);
-  ASSERT_EQ(merged.n, static_cast<std::size_t>(kFrames / 2)) << "each once";
+TEST_F(DividedFieldWithWalls, MergesTheGaussiansOfTheCores) {
+  const WorldGaussians merged = field_->as_gaussians()->world();
+  ASSERT_EQ(merged.gaussians.n, static_cast<std::size_t>(kFrames / 2)) << "each once";
   const double off = (kFieldLog[0] + kFieldLog[1]) / 2;
-  for (std::size_t i = 0; i < merged.n; ++i) {
-    const auto number = [&](int row) { return merged.numbers[gaussian_slot(i, row)]; };
+  for (const float colour : merged.background)
+    EXPECT_NEAR(colour, 0.4 * std::exp(off), 1e-6) << "as bright as the blocks' own";
+  for (std::size_t i = 0; i < merged.gaussians.n; ++i) {
+    const auto number = [&](int row) { return merged.gaussians.numbers[gaussian_slot(i, row)]; };
     const int b = number(kPositionRow) > 19.5;
     EXPECT_EQ(number(kPositionRow + 2), b == 0 ? 8 : 10);
     EXPECT_NEAR(number(kColourRow), 0.3 * std::exp(off - kFieldLog[b]), 1e-6);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/methods/splat/gaussian_ply.h"
+#include "redrive/model/gaussian_ply.h"
 
 #include <array>
 #include <bit>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The blocks of a divided run (train/files/blocks.h) as one model: an image is rendered by the
+// The blocks of a divided run (train/files/blocks.h) as one field: an image is rendered by the
 // block that holds its camera, and around a border by both, blended (Tancik et al., Block-NeRF,
 // CVPR 2022).
 #pragma once
@@ -17,11 +17,10 @@
 
 namespace redrive {
 
-/// What a DividedModel knows of its drive.
+/// What a DividedField knows of its drive.
 struct DividedDrive {
-  std::vector<std::string> cameras;      ///< as Scene::rig
-  std::vector<std::int64_t> ids, t_ns;   ///< ids and times of the frames
-  std::vector<std::string> block_names;  ///< for messages
+  std::vector<std::string> cameras;  ///< as Scene::rig
+  std::vector<std::int64_t> t_ns;    ///< times of the frames
   BlockWay way;
   SeamExposure seams;
 
@@ -29,27 +28,21 @@ struct DividedDrive {
   std::int64_t time_of(const Exposure& exposure) const;
   /// Returns the block whose core has the first frame from at_ns on, or the last one.
   int block_at_time(std::int64_t at_ns) const;
-  /// Returns the name of the block whose core has a frame, even one that the run left out.
-  const std::string& block_of(std::int64_t frame_id) const;
 };
 
-/// Renders only. Blocks are loaded where they are needed, and the next one in the direction of the
-/// camera's motion in the background. For one thread at a time.
-class DividedModel final : public Model {
+/// Blocks are loaded where they are needed, and the next one in the direction of the camera's
+/// motion in the background. For one thread at a time.
+class DividedField final : public Field, public FieldGaussians {
  public:
-  /// `like`: a model of the blocks' method, configured; `load` and `bytes`: as BlockCache.
-  DividedModel(std::unique_ptr<Model> like, DividedDrive drive, BlockCache::Load load,
+  /// `like`: a field of the blocks' method, without parameters; `load` and `bytes`: as BlockCache.
+  DividedField(std::unique_ptr<const Field> like, DividedDrive drive, BlockCache::Load load,
                std::uint64_t bytes);
 
   const DividedDrive& drive() const { return drive_; }
   BlockCache& cache() const { return cache_; }
-  /// Returns the mean over cameras of the block's log gains, which make the blocks' own colours
-  /// equally bright.
-  LogGains mean_log_gains(int block) const;
 
   const char* method() const override { return like_->method(); }
   std::string describe() const override;
-  bool uses_lidar() const override { return like_->uses_lidar(); }
   bool draws_actors() const override { return like_->draws_actors(); }
 
   /// Draws an object that a block did not train on, such as one that an edit moved there, by the
@@ -66,26 +59,16 @@ class DividedModel final : public Model {
                     std::span<const std::int64_t> t_ns, const std::vector<MovingObject>& actors,
                     RenderedRays* rendered) const override;
 
-  /// Exports the Gaussians of all blocks, each from the block whose core is nearest, without moving
-  /// objects. Colours have the same brightness in all blocks. Blocks of --method splat only.
-  std::vector<ExportFormat> export_formats() const override;
-
-  // A divided run is not trained as one.
-  void visit_hyperparameters(HyperparameterVisitor&) override {}
-  void configure(const Scene&) override {}
-  std::size_t size() const override { return 0; }
-  std::vector<ModelTensor> tensors() const override { return {}; }
-  void initialize(std::uint64_t) override { refuse(); }
-  std::string describe_batch() const override { return like_->describe_batch(); }
-  std::int64_t steps_per_epoch(const TrainingSet&, int) const override { refuse(); }
-  StepOutput step(kernels::Backend&, const TrainingSet&, const StepRequest&, std::span<float>,
-                  StepBuffers*) const override {
-    refuse();
+  const FieldGaussians* as_gaussians() const override {
+    return like_->as_gaussians() ? this : nullptr;
   }
-  std::vector<LossTerm> loss_terms(const StepSums&) const override { return {}; }
-  double learning_rate(const Schedule&) const override { refuse(); }
-  std::string describe_schedule(std::int64_t) const override { return {}; }
-  std::uint64_t step_bytes() const override { return 0; }
+  /// Returns the Gaussians of all blocks: from each block those whose nearest place on the way is
+  /// in the block's core, so that what several blocks hold comes once. Colours have the same
+  /// brightness in all blocks. Loads one block after the other.
+  WorldGaussians world() const override;
+  bool has_body(std::int64_t id) const override { return body_of(id).gaussians != nullptr; }
+  /// Returns the Gaussians of the block that has most of them, as bright as the world's.
+  ActorBody body(const MovingObject& actor) const override;
 
  private:
   /// An exposure of the drive in a block, and the gains that its image is multiplied by.
@@ -114,7 +97,7 @@ class DividedModel final : public Model {
   const Body& body_of(std::int64_t id) const;
   /// Returns the body to draw in a block, and multiplies `gain` by the factor that makes it equally
   /// bright; null if the block has its own, or no block has one.
-  std::shared_ptr<const ActorBody> borrowed(int block, const Model& model, std::int64_t id,
+  std::shared_ptr<const ActorBody> borrowed(int block, const Field& field, std::int64_t id,
                                             std::array<float, 3>* gain) const;
   std::vector<BlockRays> divided(const kernels::Rays& rays) const;
   BlockExposure exposure_in(int block, const LoadedBlock& loaded, const Exposure& exposure) const;
@@ -123,9 +106,11 @@ class DividedModel final : public Model {
                     RenderedImage* image) const;
   LogGains drive_log_gains(const Exposure& exposure) const;
   void load_ahead(const BlockWay::Place& place) const;
-  [[noreturn]] static void refuse();
+  /// Returns the mean over cameras of the block's log gains, which make the blocks' own colours
+  /// equally bright.
+  LogGains mean_log_gains(int block) const;
 
-  std::unique_ptr<Model> like_;
+  const std::unique_ptr<const Field> like_;
   DividedDrive drive_;
   mutable BlockCache cache_;
   mutable std::map<std::int64_t, Body> bodies_;  ///< key: id of each one that a block borrowed

@@ -1,24 +1,23 @@
 // SPDX-License-Identifier: Apache-2.0
-// Interface of a method: its hyperparameters, parameters, training step, schedule and rendering.
-// Trainer, run folder, checkpoint, eval and rendering use methods only through this header. Methods
-// that march along rays share ray_model.h; a rasteriser derives from Model itself.
+// Interface of a model in training: its hyperparameters, parameters, training step, schedule and
+// memory. Trainer, checkpoint, plan and bench use models only through this header; what renders a
+// trained one uses its base, Field. Models that march along rays share methods/march/ray_model.h; a
+// rasteriser derives from Trainee itself.
 #pragma once
 
 #include <cstdint>
 #include <filesystem>
-#include <functional>
 #include <memory>
 #include <optional>
 #include <span>
 #include <string>
-#include <string_view>
 #include <vector>
 
 #include "redrive/base/buffer.h"
 #include "redrive/base/parallel.h"
 #include "redrive/kernels/backend.h"
+#include "redrive/model/field.h"
 #include "redrive/model/hyperparameters.h"
-#include "redrive/model/rendered_image.h"
 #include "redrive/model/workspace.h"
 #include "redrive/optim/adam.h"
 #include "redrive/rays/lidar_sampler.h"
@@ -29,8 +28,6 @@
 
 namespace redrive {
 
-class SurfacePlanes;
-
 /// Training data that a step samples rays, images or tiles from.
 struct TrainingSet {
   const Scene& scene;  ///< cameras and their current poses
@@ -40,19 +37,19 @@ struct TrainingSet {
   const LidarSampler* lidar_rays = nullptr;  ///< batches of rays to returns; null: no LiDAR
 };
 
-/// Adam's moments. The first Model::updated_in_step() parameters have both in one word
+/// Adam's moments. The first Trainee::updated_in_step() parameters have both in one word
 /// (optim/packed_moments.h), the others in floats.
 struct AdamState {
   Buffer<float> first_moment, second_moment;
   Buffer<std::uint32_t> packed;
   /// Errors of the images summed by where each part of the model is drawn, since its number of
-  /// parts changed last (Model::numbers_per_error()).
+  /// parts changed last (Trainee::numbers_per_error()).
   Buffer<float> errors;
 
   std::size_t size() const { return first_moment.size() + packed.size(); }
 };
 
-/// The update that step() applies itself: see Model::updated_in_step().
+/// The update that step() applies itself: see Trainee::updated_in_step().
 struct StepUpdate {
   double learning_rate = 0;
   std::int64_t step = 0;        ///< from 1
@@ -70,11 +67,10 @@ struct StepRequest {
       nullptr;  ///< errors of the cells of TrainingSet::pixels; where the model uses it
   /// Number of pixels to draw uniformly, without other samples; 0: the method's training batch.
   int pixels = 0;
-  bool pose_gradients = false;              ///< requests StepOutput::views
-  bool colour_variance = false;             ///< requests StepOutput::colour_variance
-  int rank = 0, world_size = 1;             ///< all ranks draw equally many pixels
-  const StepUpdate* update = nullptr;       ///< null: the step computes all gradients
-  const SurfacePlanes* surfaces = nullptr;  ///< planes of TrainingSet::lidar; null: none
+  bool pose_gradients = false;         ///< requests StepOutput::views
+  bool colour_variance = false;        ///< requests StepOutput::colour_variance
+  int rank = 0, world_size = 1;        ///< all ranks draw equally many pixels
+  const StepUpdate* update = nullptr;  ///< null: the step computes all gradients
 };
 
 /// Outputs of a step besides its StepSums and gradients.
@@ -131,28 +127,12 @@ struct MethodBuffers {
 struct StepBuffers {
   Workspace workspace;
   Buffer<float> gradients;
-  std::unique_ptr<MethodBuffers> method;  ///< created by the method's first step
+  std::unique_ptr<MethodBuffers> method;  ///< made by prepare() or the first step
 };
 
-struct ExportOptions {
-  int sh_degree = 1;  ///< degree of the colours' spherical harmonics, at most: 0 or 1
-  /// Object whose Gaussians are written instead of the world's, in the axes of its box
-  /// (edit/actor_body.h); one that the model draws. Null: none.
-  const MovingObject* actor = nullptr;
-};
-
-/// A file format of other programs to which a trained model can be written.
-struct ExportFormat {
-  std::string name;                                         ///< value of --to
-  std::string help;                                         ///< one line
-  std::function<std::string(const ExportOptions&)> encode;  ///< returns the bytes of the file
-};
-
-class Model : public Configurable {
+class Trainee : public Configurable, public Field {
  public:
-  // ---- Description and hyperparameters
-  virtual const char* method() const = 0;    ///< Method::name
-  virtual std::string describe() const = 0;  ///< human-readable sizes and samples
+  // ---- Hyperparameters
   /// Visits the numbers that training changes besides `parameters`. They are in checkpoints, not in
   /// config.json. Sizes of tensors may depend on them.
   virtual void visit_state(HyperparameterVisitor&) {}
@@ -193,15 +173,11 @@ class Model : public Configurable {
   // ---- Training
   virtual bool uses_lidar() const { return false; }
   virtual bool uses_error_map() const { return false; }
-  /// Whether steps on these data use StepRequest::surfaces.
-  virtual bool uses_surfaces(const TrainingSet&) const { return false; }
   /// Whether a step needs one image at a time, so that TrainingSet::images may be a cache;
   /// TrainingSet::pixels then has no pixels to gather.
   virtual bool streams_images() const { return false; }
   /// Whether steps keep a halved copy of each image, if all are in memory.
   virtual bool keeps_half_images(const Scene&) const { return false; }
-  /// Whether Scene::actors are drawn; otherwise moving objects are masked.
-  virtual bool draws_actors() const { return false; }
   /// Throws InputError naming `recording`, or for found objects (ids below 0) `found`, unless these
   /// are the objects that training drew, with as many boxes. Does nothing before the first step.
   virtual void check_actors(const std::filesystem::path& /*recording*/,
@@ -211,6 +187,10 @@ class Model : public Configurable {
   virtual void correct_actors(std::vector<MovingObject>*) const {}
   virtual std::string describe_batch() const = 0;  ///< the largest batch: "2048 rays"
   virtual std::int64_t steps_per_epoch(const TrainingSet& data, int world_size) const = 0;
+  /// Derives from the data alone what steps on them need, into `buffers`. Called before the first
+  /// step of each call of train(), with the poses that training began with; steps elsewhere do
+  /// without. No checkpoint holds it.
+  virtual void prepare(const TrainingSet&, ThreadPool&, StepBuffers* /*buffers*/) const {}
   /// Writes losses to buffers->workspace.sums() and adds their derivatives to gradients
   /// [gradients_size()]; with an update, a loss that is not finite changes nothing. Must be
   /// deterministic in the request.
@@ -238,39 +218,12 @@ class Model : public Configurable {
                       std::span<float> gradients, AdamState* adam);
   /// Called after each applied step with the outputs of all ranks. May change the shapes of
   /// tensors, with `parameters` and the moments (densify, prune). Must be deterministic. step: from
-  /// 1.
+  /// 1. `buffers` belong to this rank's step.
   virtual void finish_step(kernels::Backend&, const StepRequest&, const StepOutput&,
-                           std::int64_t /*step*/, AdamState*) {}
-
+                           std::int64_t /*step*/, const StepBuffers& /*buffers*/, AdamState*) {}
   /// Called when a run has reached its limits, before its last checkpoint; once, until further
   /// steps follow. May change the shapes of tensors, as finish_step. Must be deterministic.
   virtual void finish_training(kernels::Backend&, const TrainingSet&, AdamState*) {}
-
-  // ---- Rendering
-  /// Renders the image of `rays.camera`: colour, depth in metres along the ray and opacity.
-  /// Resizes `image` and writes every pixel; reuses its memory.
-  virtual void render_to(kernels::Backend& backend, const RayTable& rays,
-                         const ShutterPoses& world_from_camera, const Exposure& exposure,
-                         RenderedImage* image) const = 0;
-  RenderedImage render(kernels::Backend& backend, const RayTable& rays,
-                       const ShutterPoses& world_from_camera, const Exposure& exposure) const {
-    RenderedImage image;
-    render_to(backend, rays, world_from_camera, exposure, &image);
-    return image;
-  }
-  /// Renders single rays in world metres, whatever their origins, as a LiDAR's beams.
-  virtual RenderedRays trace(kernels::Backend& backend, const kernels::Rays& rays) const = 0;
-  /// Adds moving objects to rays that trace() has rendered: each is where it is at the ray's own
-  /// time, t_ns [rays.n]. Methods that draw none add nothing.
-  virtual void trace_actors(kernels::Backend& /*backend*/, const kernels::Rays& /*rays*/,
-                            std::span<const std::int64_t> /*t_ns*/,
-                            const std::vector<MovingObject>& /*actors*/,
-                            RenderedRays* /*rendered*/) const {}
-
-  // ---- Export
-  /// Returns the formats that this model can be exported to, none by default. They refer to the
-  /// model.
-  virtual std::vector<ExportFormat> export_formats() const { return {}; }
 
   // ---- Memory
   virtual std::uint64_t step_bytes() const = 0;  ///< estimate for a step, without gradients

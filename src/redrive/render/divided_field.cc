@@ -1,14 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/render/divided_model.h"
+#include "redrive/render/divided_field.h"
 
 #include <algorithm>
 #include <cmath>
-
-#include "redrive/base/error.h"
-#include "redrive/methods/splat/gaussian_ply.h"
-#include "redrive/methods/splat/gaussian_spz.h"
-#include "redrive/methods/splat/splat_model.h"
-#include "redrive/render/merged_gaussians.h"
 
 namespace redrive {
 namespace {
@@ -60,24 +54,16 @@ int DividedDrive::block_at_time(std::int64_t at_ns) const {
   return way.block_of_frame(first_from(t_ns, at_ns));
 }
 
-const std::string& DividedDrive::block_of(std::int64_t frame_id) const {
-  return block_names[way.block_of_frame(first_from(ids, frame_id))];
-}
+DividedField::DividedField(std::unique_ptr<const Field> like, DividedDrive drive,
+                           BlockCache::Load load, std::uint64_t bytes)
+    : like_(std::move(like)), drive_(std::move(drive)), cache_(std::move(load), bytes) {}
 
-DividedModel::DividedModel(std::unique_ptr<Model> like, DividedDrive drive, BlockCache::Load load,
-                           std::uint64_t bytes)
-    : like_(std::move(like)), drive_(std::move(drive)), cache_(std::move(load), bytes) {
-  REDRIVE_CHECK_OP(drive_.block_names.size(), ==, static_cast<std::size_t>(drive_.way.blocks()));
-}
-
-void DividedModel::refuse() { throw std::logic_error("a divided run is trained block by block"); }
-
-std::string DividedModel::describe() const {
+std::string DividedField::describe() const {
   return std::to_string(drive_.way.blocks()) + " blocks";
 }
 
 /// Loads the next block in the direction of the camera's motion in the background.
-void DividedModel::load_ahead(const BlockWay::Place& place) const {
+void DividedField::load_ahead(const BlockWay::Place& place) const {
   const double moved_m =
       place.along_m - std::exchange(last_along_m_, place.along_m).value_or(place.along_m);
   if (moved_m == 0 || std::abs(moved_m) > kMotion_m) return;
@@ -85,7 +71,7 @@ void DividedModel::load_ahead(const BlockWay::Place& place) const {
   if (next >= 0 && next < drive_.way.blocks()) cache_.prefetch(next);
 }
 
-LogGains DividedModel::mean_log_gains(int block) const {
+LogGains DividedField::mean_log_gains(int block) const {
   LogGains mean{};
   const std::vector<LogGains>& of_block = drive_.seams.log_gains[block];
   for (const LogGains& gains : of_block)
@@ -95,7 +81,7 @@ LogGains DividedModel::mean_log_gains(int block) const {
 
 /// Returns the log gains of an exposure as a field of the drive's mean brightness would have them:
 /// the gains of the block whose core holds its time.
-LogGains DividedModel::drive_log_gains(const Exposure& exposure) const {
+LogGains DividedField::drive_log_gains(const Exposure& exposure) const {
   if (drive_gains_ && drive_gains_->first.camera == exposure.camera &&
       drive_gains_->first.t_s == exposure.t_s)
     return drive_gains_->second;
@@ -112,7 +98,7 @@ LogGains DividedModel::drive_log_gains(const Exposure& exposure) const {
   return gains;
 }
 
-DividedModel::BlockExposure DividedModel::exposure_in(int block, const LoadedBlock& loaded,
+DividedField::BlockExposure DividedField::exposure_in(int block, const LoadedBlock& loaded,
                                                       const Exposure& exposure) const {
   if (exposure.camera < 0) return {exposure, mean_log_gains(block)};
   const std::string& camera = drive_.cameras[exposure.camera];
@@ -129,40 +115,7 @@ DividedModel::BlockExposure DividedModel::exposure_in(int block, const LoadedBlo
   return in;
 }
 
-const DividedModel::Body& DividedModel::body_of(std::int64_t id) const {
-  if (const auto known = bodies_.find(id); known != bodies_.end()) return known->second;
-  Body most;
-  MovingObject object;
-  object.id = id;
-  for (int b = 0; b < drive_.way.blocks(); ++b) {
-    std::shared_ptr<const LoadedBlock> block;
-    try {
-      block = cache_.get(b);
-    } catch (const InputError&) {  // get() throws it again where an image needs the block
-      continue;
-    }
-    const auto* const splat = dynamic_cast<const SplatModel*>(block->model.get());
-    if (!splat || !splat->has_body(id)) continue;
-    ActorBody body = splat->body(object);
-    if (body.n > (most.gaussians ? most.gaussians->n : 0))
-      most = {std::make_shared<const ActorBody>(std::move(body)), mean_log_gains(b)};
-  }
-  return bodies_.emplace(id, std::move(most)).first->second;
-}
-
-std::shared_ptr<const ActorBody> DividedModel::borrowed(int block, const Model& model,
-                                                        std::int64_t id,
-                                                        std::array<float, 3>* gain) const {
-  const auto* const splat = dynamic_cast<const SplatModel*>(&model);
-  if (!splat || splat->has_body(id)) return nullptr;
-  const Body& body = body_of(id);
-  const LogGains here = mean_log_gains(block);
-  for (int c = 0; body.gaussians && c < 3; ++c)
-    (*gain)[c] *= static_cast<float>(std::exp(body.log_gains[c] - here[c]));
-  return body.gaussians;
-}
-
-void DividedModel::render_block(kernels::Backend& backend, int block, const RayTable& rays,
+void DividedField::render_block(kernels::Backend& backend, int block, const RayTable& rays,
                                 const ShutterPoses& world_from_camera, const Exposure& exposure,
                                 RenderedImage* image) const {
   const auto loaded = cache_.get(block);
@@ -176,7 +129,7 @@ void DividedModel::render_block(kernels::Backend& backend, int block, const RayT
   brighten(in.log_factors, image);
 }
 
-void DividedModel::render_to(kernels::Backend& backend, const RayTable& rays,
+void DividedField::render_to(kernels::Backend& backend, const RayTable& rays,
                              const ShutterPoses& world_from_camera, const Exposure& exposure,
                              RenderedImage* image) const {
   const BlockWay::Place place = drive_.way.place(world_from_camera.at(0.5).translation());
@@ -188,7 +141,7 @@ void DividedModel::render_to(kernels::Backend& backend, const RayTable& rays,
   blend(neighbour_, static_cast<float>(weights.back().weight), image);
 }
 
-std::vector<DividedModel::BlockRays> DividedModel::divided(const kernels::Rays& rays) const {
+std::vector<DividedField::BlockRays> DividedField::divided(const kernels::Rays& rays) const {
   const auto n = static_cast<std::size_t>(rays.n);
   std::vector<BlockRays> parts(drive_.way.blocks());
   for (std::size_t i = 0; i < n; ++i)
@@ -204,7 +157,7 @@ std::vector<DividedModel::BlockRays> DividedModel::divided(const kernels::Rays& 
   return parts;
 }
 
-RenderedRays DividedModel::trace(kernels::Backend& backend, const kernels::Rays& rays) const {
+RenderedRays DividedField::trace(kernels::Backend& backend, const kernels::Rays& rays) const {
   const auto n = static_cast<std::size_t>(rays.n);
   RenderedRays all{std::vector<float>(n), std::vector<float>(n)};
   const std::vector<BlockRays> parts = divided(rays);
@@ -214,7 +167,7 @@ RenderedRays DividedModel::trace(kernels::Backend& backend, const kernels::Rays&
   return all;
 }
 
-void DividedModel::trace_actors(kernels::Backend& backend, const kernels::Rays& rays,
+void DividedField::trace_actors(kernels::Backend& backend, const kernels::Rays& rays,
                                 std::span<const std::int64_t> t_ns,
                                 const std::vector<MovingObject>& actors,
                                 RenderedRays* rendered) const {
@@ -237,23 +190,6 @@ void DividedModel::trace_actors(kernels::Backend& backend, const kernels::Rays& 
     block->model->trace_actors(backend, parts[b].rays(), times, here, &some);
     parts[b].put(some, rendered);
   }
-}
-
-std::vector<ExportFormat> DividedModel::export_formats() const {
-  std::vector<ExportFormat> formats = like_->export_formats();
-  for (ExportFormat& format : formats) {
-    REDRIVE_CHECK(format.name == "splat-ply" || format.name == "splat-spz");
-    const bool ply = format.name == "splat-ply";
-    format.encode = [this, ply](const ExportOptions& options) {
-      if (options.actor)
-        throw UsageError("--actor", std::to_string(options.actor->id),
-                         "is exported from a single block of a drive that was trained in blocks");
-      const MergedGaussians merged = merged_gaussians(*this);
-      return ply ? gaussian_ply(merged.gaussians(), options.sh_degree)
-                 : gaussian_spz(merged.gaussians(), options.sh_degree);
-    };
-  }
-  return formats;
 }
 
 }  // namespace redrive

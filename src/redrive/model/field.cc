@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/model/field.h"
+
+#include "redrive/base/error.h"
+#include "redrive/model/gaussian_ply.h"
+#include "redrive/model/gaussian_spz.h"
+
+namespace redrive {
+namespace {
+
+ActorBody body_to_export(const FieldGaussians& gaussians, const MovingObject& actor) {
+  ActorBody body = gaussians.body(actor);
+  if (body.n == 0)
+    throw UsageError("--actor", std::to_string(actor.id),
+                     "has no Gaussians: no training image shows it");
+  return body;
+}
+
+}  // namespace
+
+std::vector<ExportFormat> Field::export_formats() const {
+  const FieldGaussians* const of = as_gaussians();
+  if (!of) return {};
+  return {{"splat-ply", "PLY of 3D Gaussians, as viewers of 3D Gaussian Splatting read it",
+           [of](const ExportOptions& options) {
+             if (!options.actor) return gaussian_ply(of->world().gaussians, options.sh_degree);
+             const ActorBody body = body_to_export(*of, *options.actor);
+             return gaussian_ply({body.n, body.numbers}, options.sh_degree,
+                                 body_comments(body.type, body.size_m));
+           }},
+          {"splat-spz", "SPZ, a fifth of the size; positions, colours and angles are rounded",
+           [of](const ExportOptions& options) {
+             if (!options.actor) return gaussian_spz(of->world().gaussians, options.sh_degree);
+             const ActorBody body = body_to_export(*of, *options.actor);
+             return gaussian_spz({body.n, body.numbers}, options.sh_degree);
+           }}};
+}
+
+}  // namespace redrive

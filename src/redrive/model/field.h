@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: Apache-2.0
+// Interface of a field: what renders images, traces rays and exports. A trained model is one
+// (trainee.h), and so is a drive in blocks (render/divided_field.h).
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "redrive/kernels/backend.h"
+#include "redrive/model/field_gaussians.h"
+#include "redrive/model/rendered_image.h"
+#include "redrive/rays/ray_table.h"
+#include "redrive/scene/scene.h"
+
+namespace redrive {
+
+struct ExportOptions {
+  int sh_degree = 1;  ///< degree of the colours' spherical harmonics, at most: 0 or 1
+  /// Object whose Gaussians are written instead of the world's, in the axes of its box
+  /// (edit/actor_body.h); one that the field draws. Null: none.
+  const MovingObject* actor = nullptr;
+};
+
+/// A file format of other programs to which a field can be written.
+struct ExportFormat {
+  std::string name;                                         ///< value of --to
+  std::string help;                                         ///< one line
+  std::function<std::string(const ExportOptions&)> encode;  ///< returns the bytes of the file
+};
+
+class Field {
+ public:
+  virtual ~Field() = default;
+
+  virtual const char* method() const = 0;    ///< Method::name
+  virtual std::string describe() const = 0;  ///< human-readable sizes and samples
+  /// Whether Scene::actors are drawn; otherwise moving objects are masked.
+  virtual bool draws_actors() const { return false; }
+
+  /// Renders the image of `rays.camera`: colour, depth in metres along the ray and opacity.
+  /// Resizes `image` and writes every pixel; reuses its memory.
+  virtual void render_to(kernels::Backend& backend, const RayTable& rays,
+                         const ShutterPoses& world_from_camera, const Exposure& exposure,
+                         RenderedImage* image) const = 0;
+  RenderedImage render(kernels::Backend& backend, const RayTable& rays,
+                       const ShutterPoses& world_from_camera, const Exposure& exposure) const {
+    RenderedImage image;
+    render_to(backend, rays, world_from_camera, exposure, &image);
+    return image;
+  }
+  /// Renders single rays in world metres, whatever their origins, as a LiDAR's beams.
+  virtual RenderedRays trace(kernels::Backend& backend, const kernels::Rays& rays) const = 0;
+  /// Adds moving objects to rays that trace() has rendered: each is where it is at the ray's own
+  /// time, t_ns [rays.n]. Fields that draw none add nothing.
+  virtual void trace_actors(kernels::Backend& /*backend*/, const kernels::Rays& /*rays*/,
+                            std::span<const std::int64_t> /*t_ns*/,
+                            const std::vector<MovingObject>& /*actors*/,
+                            RenderedRays* /*rendered*/) const {}
+
+  /// Returns the field as the Gaussians that it consists of; null: it consists of something else.
+  virtual const FieldGaussians* as_gaussians() const { return nullptr; }
+  /// Returns the formats that this field can be exported to: files of Gaussians, where it has any.
+  /// They refer to the field.
+  virtual std::vector<ExportFormat> export_formats() const;
+};
+
+}  // namespace redrive
