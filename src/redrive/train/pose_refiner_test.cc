@@ -94,7 +94,7 @@ class Landmarks {
 
 /// Refines zero corrections towards landmarks, with rates of the first and the last update. Returns
 /// the loss before and after.
-std::pair<double, double> refine(const Recording& recording, const Scene& scene,
+std::pair<double, double> refine(const Scene& scene,
                                  const Scene& ground_truth, int steps, double first_m,
                                  double last_m, PoseState* state) {
   const Landmarks landmarks(ground_truth);
@@ -123,7 +123,7 @@ TEST_F(PoseRefinerTest, RecoversErrorsOfFramesCamerasAndTimes) {
   Scene ground_truth = scene_;
   ground_truth.correct(wrong);
   PoseState state(scene_);
-  const auto [before, after] = refine(recording_, scene_, ground_truth, 600, 3e-3, 3e-5, &state);
+  const auto [before, after] = refine(scene_, ground_truth, 600, 3e-3, 3e-5, &state);
   EXPECT_GT(before, 1e-3);
   EXPECT_LT(after, before / 100);
   // The mean correction of the cameras belongs to the frames.
@@ -156,7 +156,7 @@ TEST_F(PoseRefinerTest, ClampsCorrectionsToTheirBoundsAndReportsIt) {
   Scene ground_truth = scene_;
   ground_truth.correct(wrong);
   PoseState state(scene_);
-  refine(recording_, scene_, ground_truth, 100, 0.02, 0.02, &state);
+  refine(scene_, ground_truth, 100, 0.02, 0.02, &state);
   for (int f = 0; f < wrong.frames; ++f)
     EXPECT_EQ(state.corrections.values[state.corrections.frame_slot(f) + 1],
               kRefinement.bounds.translation_m)
