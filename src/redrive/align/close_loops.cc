@@ -2,7 +2,6 @@
 #include "redrive/align/close_loops.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstdio>
 #include <map>
@@ -11,6 +10,7 @@
 #include "redrive/align/pose_graph.h"
 #include "redrive/math/angles.h"
 #include "redrive/math/so3.h"
+#include "redrive/math/voxel_grid.h"
 
 namespace redrive {
 namespace {
@@ -130,23 +130,18 @@ std::vector<LoopCandidate> find_loop_candidates(const std::vector<FramePose>& fr
   constexpr double kReach_m = kLanes_m + kMostSearch_m;  // side of a cell of the grid
   const std::vector<double> way = way_of(frames);
   const std::vector<int> knots = knots_of(way);
-  std::map<std::array<long, 3>, std::vector<int>> grid;  // frames at knots
-  const auto cell_of = [](const Eigen::Vector3d& p) {
-    return std::array<long, 3>{std::lround(std::floor(p.x() / kReach_m)),
-                               std::lround(std::floor(p.y() / kReach_m)),
-                               std::lround(std::floor(p.z() / kReach_m))};
-  };
+  std::map<std::uint64_t, std::vector<int>> grid;  // frames at knots
   std::vector<LoopCandidate> found;
   double next_m = 0;
   for (const int knot : knots) {
     const Eigen::Vector3d at = frames[knot].global_from_body.translation();
-    const std::array<long, 3> cell = cell_of(at);
+    const Voxel cell = voxel_of(at, kReach_m);
     std::optional<LoopCandidate> nearest;
     if (way[knot] >= next_m)
       for (long x = -1; x <= 1; ++x)
         for (long y = -1; y <= 1; ++y)
           for (long z = -1; z <= 1; ++z) {
-            const auto there = grid.find({cell[0] + x, cell[1] + y, cell[2] + z});
+            const auto there = grid.find(voxel_key(cell + Voxel(x, y, z)));
             if (there == grid.end()) continue;
             for (const int other : there->second) {
               const double driven_m = way[knot] - way[other],
@@ -161,7 +156,7 @@ std::vector<LoopCandidate> find_loop_candidates(const std::vector<FramePose>& fr
       found.push_back(*nearest);
       next_m = way[knot] + kEach_m;
     }
-    grid[cell].push_back(knot);
+    grid[voxel_key(cell)].push_back(knot);
   }
   return found;
 }

@@ -1,17 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/export/cloud_normals.h"
 
-#include <Eigen/Eigenvalues>
 #include <nanoflann.hpp>
 
 #include "redrive/base/error.h"
+#include "redrive/math/plane_fit.h"
 
 namespace redrive {
 namespace {
 
 constexpr std::size_t kNearest = 12;
 // Points on one line of a LiDAR determine no plane.
-constexpr float kLeastWidth = 1e-3f;  // squared, of the squared length
+constexpr double kLeastWidth = 1e-3f;  // squared, of the squared length
 
 /// Points for nanoflann.
 struct CloudPoints {
@@ -44,14 +44,9 @@ void estimate_normals(std::span<const Eigen::Vector3f> seen_from, ThreadPool& po
       std::array<std::uint32_t, kNearest> near;
       std::array<float, kNearest> squares;
       tree.knnSearch(points[i].position.data(), kNearest, near.data(), squares.data());
-      Eigen::Vector3f mean = Eigen::Vector3f::Zero();
-      for (const std::uint32_t j : near) mean += points[j].position / kNearest;
-      Eigen::Matrix3f covariance = Eigen::Matrix3f::Zero();
-      for (const std::uint32_t j : near)
-        covariance += (points[j].position - mean) * (points[j].position - mean).transpose();
-      const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3f> axes(covariance);
-      if (!(axes.eigenvalues()[1] > kLeastWidth * axes.eigenvalues()[2])) continue;
-      const Eigen::Vector3f normal = axes.eigenvectors().col(0);
+      const PlaneFit plane = fit_plane(near, [&](std::uint32_t j) { return points[j].position; });
+      if (!(plane.variance[1] > kLeastWidth * plane.variance[2])) continue;
+      const Eigen::Vector3f normal = plane.normal().cast<float>();
       const bool away = normal.dot(seen_from[i] - points[i].position) < 0;
       points[i].normal = away ? Eigen::Vector3f(-normal) : normal;
     }

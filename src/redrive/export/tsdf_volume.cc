@@ -7,6 +7,7 @@
 #include <unordered_set>
 
 #include "redrive/base/error.h"
+#include "redrive/math/voxel_grid.h"
 #include "redrive/scene/project_shutter.h"
 
 namespace redrive {
@@ -22,29 +23,15 @@ constexpr double kLeastCosine = 0.05;
 // The plane of a pixel is continued up to this far along the ray, with a weight that falls to 0:
 // the flatter a view, the less it shows of what lies behind.
 constexpr double kBehindTruncations = 4;
-constexpr int kCoordinateBits = 21;
 
 /// Returns floor(a / kSide).
 int block_coordinate(int a) { return a >= 0 ? a / kSide : -((kSide - 1 - a) / kSide); }
 
 /// Names a block by its coordinates, each within +- 2^20.
-std::uint64_t key_of(const Eigen::Vector3i& block) {
-  std::uint64_t key = 0;
-  for (int k = 0; k < 3; ++k) {
-    const int shifted = block[k] + (1 << (kCoordinateBits - 1));
-    REDRIVE_CHECK(shifted >= 0 && shifted < (1 << kCoordinateBits));
-    key = key << kCoordinateBits | static_cast<std::uint64_t>(shifted);
-  }
+std::uint64_t key_of(const Voxel& block) {
+  const std::uint64_t key = voxel_key(block);
+  REDRIVE_CHECK(voxel_of_key(key) == block);
   return key;
-}
-
-Eigen::Vector3i block_of_key(std::uint64_t key) {
-  Eigen::Vector3i block;
-  for (int k = 2; k >= 0; --k) {
-    block[k] = static_cast<int>(key & ((1 << kCoordinateBits) - 1)) - (1 << (kCoordinateBits - 1));
-    key >>= kCoordinateBits;
-  }
-  return block;
 }
 
 /// Whether the pixel has a surface that is seen steeply enough.
@@ -66,14 +53,11 @@ void add_blocks(const DepthImage& image, double range_m, double block_m, double 
       const Eigen::Vector3d point =
           world_from_camera * (static_cast<double>(image.depth_m[pixel]) *
                                image.directions->of_pixel[pixel].cast<double>());
-      Eigen::Vector3i low, high;
-      for (int k = 0; k < 3; ++k) {
-        low[k] = static_cast<int>(std::floor((point[k] - margin_m) / block_m));
-        high[k] = static_cast<int>(std::floor((point[k] + margin_m) / block_m));
-      }
-      for (int i = low.x(); i <= high.x(); ++i)
-        for (int j = low.y(); j <= high.y(); ++j)
-          for (int k = low.z(); k <= high.z(); ++k) keys->insert(key_of({i, j, k}));
+      const Eigen::Vector3d margin = Eigen::Vector3d::Constant(margin_m);
+      const Voxel low = voxel_of(point - margin, block_m), high = voxel_of(point + margin, block_m);
+      for (std::int64_t i = low.x(); i <= high.x(); ++i)
+        for (std::int64_t j = low.y(); j <= high.y(); ++j)
+          for (std::int64_t k = low.z(); k <= high.z(); ++k) keys->insert(key_of({i, j, k}));
     }
   }
 }
@@ -150,7 +134,7 @@ TsdfVolume::TsdfVolume(double voxel_m, std::uint64_t most_bytes)
 
 TsdfVolume::Point TsdfVolume::find(const VoxelIndex& index) const {
   const VoxelIndex block = index.unaryExpr(&block_coordinate);
-  const auto found = of_key_.find(key_of(block));
+  const auto found = of_key_.find(key_of(block.cast<std::int64_t>()));
   if (found == of_key_.end()) return {nullptr, 0};
   const VoxelIndex within = index - kSide * block;
   return {found->second, TsdfBlock::offset(within.x(), within.y(), within.z())};
@@ -169,7 +153,7 @@ TsdfVolume::Point TsdfVolume::add(const VoxelIndex& index) {
   blocks_.push_back(std::make_unique<TsdfBlock>());
   const Eigen::Vector3i block = index.unaryExpr(&block_coordinate);
   blocks_.back()->first = kSide * block;
-  of_key_.emplace(key_of(block), blocks_.back().get());
+  of_key_.emplace(key_of(block.cast<std::int64_t>()), blocks_.back().get());
   return find(index);
 }
 
@@ -182,7 +166,7 @@ void TsdfVolume::fuse(std::span<const DepthImage> images, double range_m, Thread
   for (const auto& keys : of_image) {
     std::vector<std::uint64_t> sorted(keys.begin(), keys.end());
     std::ranges::sort(sorted);
-    for (const std::uint64_t key : sorted) add(kSide * block_of_key(key));
+    for (const std::uint64_t key : sorted) add(kSide * voxel_of_key(key).cast<int>());
   }
   of_image.clear();
 

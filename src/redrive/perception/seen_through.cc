@@ -9,6 +9,7 @@
 #include <unordered_set>
 
 #include "redrive/base/progress.h"
+#include "redrive/math/voxel_grid.h"
 
 namespace redrive {
 namespace {
@@ -39,18 +40,13 @@ Vector3f at(const std::vector<float>& v, std::size_t n, std::size_t i) {
   return {v[i], v[n + i], v[2 * n + i]};
 }
 
-std::int64_t cell_of(int x, int y, int z) {
-  const auto part = [](int v) { return static_cast<std::int64_t>(v) & 0x1fffff; };
-  return part(x) << 42 | part(y) << 21 | part(z);
-}
-
 /// Height of the ground on a grid of 1 m.
 class Ground {
  public:
   explicit Ground(const LidarReturns& returns) {
     constexpr double kLowest = 0.05;  // echoes from below the road are fewer
     const std::size_t step = 1 + returns.n / kMostGroundPoints;
-    std::vector<std::pair<std::int64_t, float>> points;
+    std::vector<std::pair<std::uint64_t, float>> points;
     points.reserve(returns.n / step + 1);
     for (std::size_t i = 0; i < returns.n; i += step) {
       const Vector3f p = at(returns.origin, returns.n, i) +
@@ -76,10 +72,8 @@ class Ground {
   }
 
  private:
-  static std::int64_t cell(float x, float y) {
-    return cell_of(static_cast<int>(std::floor(x)), static_cast<int>(std::floor(y)), 0);
-  }
-  std::unordered_map<std::int64_t, float> lowest_;
+  static std::uint64_t cell(float x, float y) { return voxel_key(voxel_of(Vector3f(x, y, 0), 1)); }
+  std::unordered_map<std::uint64_t, float> lowest_;
 };
 
 /// The rays of a scan, indexed by direction.
@@ -172,14 +166,13 @@ class RayIndex {
 std::vector<SweepPoint> thinned(const LidarReturns& returns,
                                 const std::vector<std::uint32_t>& of_sweep, const Ground& ground) {
   std::vector<SweepPoint> points;
-  std::unordered_set<std::int64_t> taken;
+  std::unordered_set<std::uint64_t> taken;
   for (const std::uint32_t i : of_sweep) {
     const float range_m = returns.range_m[i];
     if (range_m < kLeastRange_m || range_m > kMostRange_m) continue;
     const Vector3f sensor = at(returns.origin, returns.n, i),
                    p = sensor + range_m * at(returns.direction, returns.n, i);
-    const Eigen::Vector3i cell = (p / kThinning_m).array().floor().cast<int>();
-    if (!taken.insert(cell_of(cell.x(), cell.y(), cell.z())).second) continue;
+    if (!taken.insert(voxel_key(voxel_of(p, kThinning_m))).second) continue;
     const float ground_m = ground.under(p);
     if (p.z() - ground_m < kLeastHeight_m || p.z() - ground_m > kMostHeight_m) continue;
     points.push_back({p, sensor, returns.t_ns[i], ground_m});

@@ -2,8 +2,9 @@
 #include "redrive/align/bundle/lidar_ties.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
+
+#include "redrive/math/voxel_grid.h"
 
 namespace redrive {
 namespace {
@@ -15,17 +16,9 @@ constexpr double kPointSigma_m = 0.01;  // deviation of a point from its surface
 constexpr double kCorner_m = 0.5;
 constexpr double kSameDirection = 0.9;  // cosine above which two patches face the same way
 
-using Key = std::array<std::int64_t, 3>;
-
-Key cell_of(const Eigen::Vector3d& point) {
-  Key key;
-  for (int d = 0; d < 3; ++d) key[d] = std::llround(std::floor(point[d] / kNear_m));
-  return key;
-}
-
 /// A return of a patch.
 struct Return {
-  Key cell;
+  std::uint64_t cell = 0;  ///< key of its voxel of kNear_m
   int patch = 0, sample = 0;
   Eigen::Vector3d in_world;
 };
@@ -37,7 +30,7 @@ std::vector<Return> returns_by_cell(const RigModel& model, const std::vector<Lid
     for (const int i : patches[p].samples) {
       const Eigen::Vector3d in_world =
           model.corrected_pose(model.motion_at(lidar[i].t_ns)) * lidar[i].in_body;
-      returns.push_back({cell_of(in_world), static_cast<int>(p), i, in_world});
+      returns.push_back({voxel_key(voxel_of(in_world, kNear_m)), static_cast<int>(p), i, in_world});
     }
   std::ranges::stable_sort(returns, {}, &Return::cell);
   return returns;
@@ -47,11 +40,11 @@ std::vector<Return> returns_by_cell(const RigModel& model, const std::vector<Lid
 template <class Use>
 void for_each_near(const std::vector<Return>& returns, const Eigen::Vector3d& point, double max_m,
                    const Use& use) {
-  const Key centre = cell_of(point);
+  const Voxel centre = voxel_of(point, kNear_m);
   for (int x = -1; x <= 1; ++x)
     for (int y = -1; y <= 1; ++y) {  // cells along z are contiguous
-      const Key low{centre[0] + x, centre[1] + y, centre[2] - 1},
-          high{centre[0] + x, centre[1] + y, centre[2] + 1};
+      const std::uint64_t low = voxel_key(centre + Voxel(x, y, -1)),
+                          high = voxel_key(centre + Voxel(x, y, 1));
       for (auto at = std::ranges::lower_bound(returns, low, {}, &Return::cell);
            at != returns.end() && at->cell <= high; ++at)
         if (const double squared = (at->in_world - point).squaredNorm(); squared < max_m * max_m)

@@ -5,10 +5,9 @@
 #include <array>
 #include <cmath>
 #include <optional>
-#include <tuple>
 
-#include <Eigen/Eigenvalues>
-
+#include "redrive/math/plane_fit.h"
+#include "redrive/math/voxel_grid.h"
 #include "redrive/recording/core/trajectory.h"
 
 namespace redrive {
@@ -21,8 +20,6 @@ constexpr std::size_t kMaxSamplesOfPatch =
     40;  // more points of one patch add little: they share its roughness
 constexpr double kMinSigma_m = 0.005;
 constexpr double kMinInliers = 0.75;  // share of a cell's points that have to lie on its plane
-
-using Key = std::array<std::int64_t, 3>;
 
 /// Samples and their positions by the present corrections.
 struct WorldSamples {
@@ -53,27 +50,17 @@ std::optional<PlanarPatch> fit(const WorldSamples& points, const std::vector<int
   double sigma_m = 0;
   for (int round = 0; round < 4; ++round) {
     if (static_cast<int>(on.size()) < kMinPoints) return std::nullopt;
-    Eigen::Vector3d mean = Eigen::Vector3d::Zero();
-    for (const int i : on) mean += points.in_world[i];
-    mean /= static_cast<double>(on.size());
-    Eigen::Matrix3d spread = Eigen::Matrix3d::Zero();
-    for (const int i : on)
-      spread += (points.in_world[i] - mean) * (points.in_world[i] - mean).transpose();
-    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(spread /
-                                                                static_cast<double>(on.size()));
-    const Eigen::Vector3d sd = solver.eigenvalues().cwiseMax(0).cwiseSqrt();
+    const PlaneFit plane = fit_plane(on, [&](int i) { return points.in_world[i]; });
+    const Eigen::Vector3d sd = plane.extent();
     sigma_m = sd[0];
     if (sd[1] < 0.08 || sd[1] < 3 * sd[0]) return std::nullopt;  // a line or a volume
-    patch.plane.centre = mean;
-    patch.plane.axes.col(0) = solver.eigenvectors().col(2);
-    patch.plane.axes.col(1) = solver.eigenvectors().col(1);
-    patch.plane.axes.col(2) = solver.eigenvectors().col(0);
+    patch.plane.centre = plane.mean;
+    patch.plane.axes = plane.axes.rowwise().reverse();
     if (round == 3) break;
     on.clear();
     const double far_m = std::max(2.5 * sigma_m, 0.02);
     for (const int i : chosen)
-      if (std::abs(patch.plane.axes.col(2).dot(points.in_world[i] - mean)) <= far_m)
-        on.push_back(i);
+      if (std::abs(plane.normal().dot(points.in_world[i] - plane.mean)) <= far_m) on.push_back(i);
   }
   if (sigma_m > options.max_plane_sigma_m ||
       static_cast<double>(on.size()) < kMinInliers * static_cast<double>(chosen.size()))
@@ -185,27 +172,19 @@ std::vector<PlanarPatch> find_planar_patches(const RigModel& model,
                                              const std::vector<LidarSample>& samples,
                                              const PlaneOptions& options, ThreadPool& pool) {
   WorldSamples points{samples, std::vector<Eigen::Vector3d>(samples.size())};
-  std::vector<std::pair<Key, int>> cells(samples.size());
+  std::vector<std::uint64_t> keys(samples.size());
   transform_samples(model, samples, pool, [&](std::size_t i, const Eigen::Vector3d& in_world) {
     points.in_world[i] = in_world;
-    for (int d = 0; d < 3; ++d)
-      cells[i].first[d] = std::llround(std::floor(in_world[d] / options.max_cell_m));
-    cells[i].second = static_cast<int>(i);
+    keys[i] = voxel_key(voxel_of(in_world, options.max_cell_m));
   });
-  std::sort(cells.begin(), cells.end());
-  std::vector<std::size_t> starts;
-  for (std::size_t i = 0; i < cells.size(); ++i)
-    if (i == 0 || cells[i].first != cells[i - 1].first) starts.push_back(i);
-  starts.push_back(cells.size());
-
-  std::vector<std::vector<PlanarPatch>> found(starts.size() - 1);
+  const VoxelGroups cells(keys);
+  std::vector<std::vector<PlanarPatch>> found(cells.size());
   pool.run_ranges(found.size(), 64, [&](std::size_t begin, std::size_t end) {
     for (std::size_t c = begin; c < end; ++c) {
-      std::vector<int> chosen;
-      for (std::size_t i = starts[c]; i < starts[c + 1]; ++i) chosen.push_back(cells[i].second);
-      const Key& key = cells[starts[c]].first;
+      const std::vector<int> chosen(cells[c].begin(), cells[c].end());
       const Eigen::Vector3d corner =
-          options.max_cell_m * Eigen::Vector3d(double(key[0]), double(key[1]), double(key[2]));
+          options.max_cell_m *
+          voxel_of(points.in_world[chosen[0]], options.max_cell_m).cast<double>();
       divide(points, chosen, corner, options.max_cell_m, options, &found[c]);
     }
   });

@@ -4,18 +4,20 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <set>
 #include <unordered_map>
 
 #include <Eigen/Dense>
 
 #include "redrive/math/angles.h"
+#include "redrive/math/plane_fit.h"
 #include "redrive/math/so3.h"
+#include "redrive/math/voxel_grid.h"
 
 namespace redrive {
 namespace {
 
 using Eigen::Vector3d;
-using Eigen::Vector3i;
 using Matrix6 = Eigen::Matrix<double, 6, 6>;
 
 constexpr double kPixel_m = 0.5, kUpright_m = 0.7;  // pixel and least height of the view from above
@@ -33,24 +35,15 @@ constexpr double kSeen_m = 25, kAboveGround_m = 0.4;
 constexpr double kMinOverlap = 0.5, kMinUpright = 0.5;
 constexpr std::size_t kMinMatches = 300, kMinUprightPoints = 100;
 
-std::int64_t key_of(const Vector3i& cell) {
-  const auto part = [](int v) { return static_cast<std::int64_t>(v) & 0x1fffff; };
-  return part(cell.x()) << 42 | part(cell.y()) << 21 | part(cell.z());
-}
-
-Vector3i cell_of(const Vector3d& p, double size_m) {
-  return (p / size_m).array().floor().cast<int>();
-}
-
 /// The lowest and the highest point of a column.
 struct Column {
   double low = 1e9, high = -1e9;
   bool upright() const { return high - low > kUpright_m; }
 };
-using Columns = std::unordered_map<std::int64_t, Column>;
+using Columns = std::unordered_map<std::uint64_t, Column>;
 
-Vector3i column_of(const Vector3d& p) {
-  Vector3i cell = cell_of(p, kPixel_m);
+Voxel column_of(const Vector3d& p) {
+  Voxel cell = voxel_of(p, kPixel_m);
   cell.z() = 0;
   return cell;
 }
@@ -58,7 +51,7 @@ Vector3i column_of(const Vector3d& p) {
 Columns columns_of(const PointMap& points) {
   Columns columns;
   for (const Vector3d& p : points) {
-    Column& column = columns[key_of(column_of(p))];
+    Column& column = columns[voxel_key(column_of(p))];
     column.low = std::min(column.low, p.z());
     column.high = std::max(column.high, p.z());
   }
@@ -67,17 +60,13 @@ Columns columns_of(const PointMap& points) {
 
 /// Centres of the upright columns, on the ground.
 std::vector<Vector3d> upright_places(const PointMap& points, const Columns& columns) {
-  std::unordered_map<std::int64_t, Vector3d> places;
-  for (const Vector3d& p : points) {
-    const Vector3i cell = column_of(p);
-    if (columns.at(key_of(cell)).upright())
-      places.emplace(key_of(cell), kPixel_m * (cell.cast<double>() + Vector3d(0.5, 0.5, 0)));
-  }
-  std::vector<std::pair<std::int64_t, Vector3d>> sorted(places.begin(), places.end());
-  std::sort(sorted.begin(), sorted.end(),
-            [](const auto& a, const auto& b) { return a.first < b.first; });
+  std::set<std::uint64_t> places;
+  for (const Vector3d& p : points)
+    if (const std::uint64_t key = voxel_key(column_of(p)); columns.at(key).upright())
+      places.insert(key);
   std::vector<Vector3d> result;
-  for (const auto& place : sorted) result.push_back(place.second);
+  for (const std::uint64_t key : places)
+    result.push_back(kPixel_m * (voxel_of_key(key).cast<double>() + Vector3d(0.5, 0.5, 0)));
   return result;
 }
 
@@ -90,7 +79,7 @@ class View {
         pixels_(static_cast<std::size_t>(side_) * static_cast<std::size_t>(side_)) {
     for (const int value : {1, 2})
       for (const Vector3d& place : places) {
-        const Vector3i cell = column_of(place);
+        const Voxel cell = column_of(place);
         const int beside = value == 1;
         for (int dx = -beside; dx <= beside; ++dx)
           for (int dy = -beside; dy <= beside; ++dy)
@@ -98,11 +87,13 @@ class View {
               pixels_[index(cell.x() + dx, cell.y() + dy)] = static_cast<std::uint8_t>(value);
       }
   }
-  int at(int x, int y) const { return inside(x, y) ? pixels_[index(x, y)] : 0; }
+  int at(std::int64_t x, std::int64_t y) const { return inside(x, y) ? pixels_[index(x, y)] : 0; }
 
  private:
-  bool inside(int x, int y) const { return std::abs(x) <= half_ && std::abs(y) <= half_; }
-  std::size_t index(int x, int y) const {
+  bool inside(std::int64_t x, std::int64_t y) const {
+    return std::abs(x) <= half_ && std::abs(y) <= half_;
+  }
+  std::size_t index(std::int64_t x, std::int64_t y) const {
     return static_cast<std::size_t>(y + half_) * static_cast<std::size_t>(side_) +
            static_cast<std::size_t>(x + half_);
   }
@@ -126,13 +117,13 @@ Rigid3d correlated(const PointMap& target, const PointMap& source, const Rigid3d
   int best_turn = 0, best_x = 0, best_y = 0;
   for (int turn = -turns; turn <= turns; ++turn) {
     const Eigen::Matrix3d rotation = so3_exp({0, 0, turn * kTurn_rad});
-    std::vector<Vector3i> cells;
+    std::vector<Voxel> cells;
     for (const Vector3d& place : places)
       cells.push_back(column_of(middle + rotation * (place - middle)));
     for (int x = -most; x <= most; ++x)
       for (int y = -most; y <= most; ++y) {
         int sum = 0;
-        for (const Vector3i& cell : cells) sum += view.at(cell.x() + x, cell.y() + y);
+        for (const Voxel& cell : cells) sum += view.at(cell.x() + x, cell.y() + y);
         const double far = std::hypot(x, y) / std::max(most, 1),
                      turned = double(turn) / std::max(turns, 1),
                      score = sum * (1 - 0.1 * far * far - 0.1 * turned * turned);
@@ -145,8 +136,8 @@ Rigid3d correlated(const PointMap& target, const PointMap& source, const Rigid3d
   // The height is the median over columns without anything upright.
   std::vector<double> steps;
   for (const Vector3d& p : moved) {
-    if (of_source.at(key_of(column_of(p))).upright()) continue;
-    const auto found = of_target.find(key_of(column_of(result * p)));
+    if (of_source.at(voxel_key(column_of(p))).upright()) continue;
+    const auto found = of_target.find(voxel_key(column_of(result * p)));
     if (found != of_target.end() && !found->second.upright())
       steps.push_back(found->second.low - p.z());
   }
@@ -165,68 +156,49 @@ struct Plane {
 
 /// A cell's points: with a plane, where they lie on one.
 struct Cell {
-  double n = 0;
-  Vector3d sum = Vector3d::Zero();
-  Eigen::Matrix3d squares = Eigen::Matrix3d::Zero();
+  PlaneSums points;
   bool planar = false;
   Plane plane;
 };
-using Cells = std::unordered_map<std::int64_t, Cell>;
+using Cells = std::unordered_map<std::uint64_t, Cell>;
 
 Cells cells_of(const PointMap& points) {
   Cells cells;
-  for (const Vector3d& p : points) {
-    const Vector3i at = cell_of(p, kCell_m);
-    // relative to the cell, so that numbers stay small
-    const Vector3d inside = p - kCell_m * at.cast<double>();
-    Cell& cell = cells[key_of(at)];
-    cell.n += 1;
-    cell.sum += inside;
-    cell.squares += inside * inside.transpose();
-    cell.plane.mean = kCell_m * at.cast<double>();  // the corner until all points are added
-  }
+  for (const Vector3d& p : points) cells[voxel_key(voxel_of(p, kCell_m))].points.add(p);
   for (auto& [key, cell] : cells) {
-    const Vector3d mean = cell.sum / cell.n;
-    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(cell.squares / cell.n -
-                                                                mean * mean.transpose());
-    const Vector3d sd = solver.eigenvalues().cwiseMax(0).cwiseSqrt();
-    cell.planar =
-        cell.n >= kMinCellPoints && sd[0] < kMaxPlane_m && sd[1] > 0.1 && sd[1] > 2 * sd[0];
-    cell.plane.mean += mean;
-    cell.plane.normal = solver.eigenvectors().col(0);
+    const PlaneFit fit = cell.points.fit();
+    const Vector3d sd = fit.extent();
+    cell.planar = cell.points.n() >= kMinCellPoints && sd[0] < kMaxPlane_m && sd[1] > 0.1 &&
+                  sd[1] > 2 * sd[0];
+    cell.plane.mean = fit.mean;
+    cell.plane.normal = fit.normal();
   }
   return cells;
 }
 
 /// The mean of the points of each cell.
 PointMap thinned(const PointMap& points) {
-  struct Mean {
-    Vector3d sum = Vector3d::Zero();
-    double n = 0;
-  };
-  std::unordered_map<std::int64_t, std::size_t> places;
-  std::vector<Mean> means;
-  for (const Vector3d& p : points) {
-    const auto [place, is_new] = places.try_emplace(key_of(cell_of(p, kThinned_m)), means.size());
-    if (is_new) means.emplace_back();
-    means[place->second].sum += p;
-    means[place->second].n += 1;
-  }
+  std::vector<std::uint64_t> keys;
+  for (const Vector3d& p : points) keys.push_back(voxel_key(voxel_of(p, kThinned_m)));
+  const VoxelGroups voxels(keys);
   PointMap result;
-  for (const Mean& mean : means) result.push_back(mean.sum / mean.n);
+  for (std::size_t v = 0; v < voxels.size(); ++v) {
+    Vector3d sum = Vector3d::Zero();
+    for (const std::uint32_t i : voxels[v]) sum += points[i];
+    result.push_back(sum / static_cast<double>(voxels[v].size()));
+  }
   return result;
 }
 
 /// Returns the planar cell around a point, or the neighbouring one to whose plane it is nearest;
 /// null if there is none. *near: whether there are any points.
 Cell* plane_at(Cells* cells, const Vector3d& p, bool* near) {
-  const Vector3i at = cell_of(p, kCell_m);
+  const Voxel at = voxel_of(p, kCell_m);
   Cell* best = nullptr;
   double least_m = kCell_m;
-  for (const Vector3i& to :
-       {Vector3i(0, 0, 0), Vector3i(1, 0, 0), Vector3i(-1, 0, 0), Vector3i(0, 1, 0),
-        Vector3i(0, -1, 0), Vector3i(0, 0, 1), Vector3i(0, 0, -1)}) {
-    const auto found = cells->find(key_of(at + to));
+  for (const Voxel& to : {Voxel(0, 0, 0), Voxel(1, 0, 0), Voxel(-1, 0, 0), Voxel(0, 1, 0),
+                          Voxel(0, -1, 0), Voxel(0, 0, 1), Voxel(0, 0, -1)}) {
+    const auto found = cells->find(voxel_key(at + to));
     if (found == cells->end()) continue;
     *near = true;
     Cell& cell = found->second;
@@ -296,16 +268,16 @@ double upright_on(Cells* cells, const PointMap& source, const PointMap& points, 
     double ground_m = q.z();
     for (int x = -2; x <= 2; ++x)
       for (int y = -2; y <= 2; ++y)
-        if (const auto found = columns.find(key_of(column_of(q) + Vector3i(x, y, 0)));
+        if (const auto found = columns.find(voxel_key(column_of(q) + Voxel(x, y, 0)));
             found != columns.end())
           ground_m = std::min(ground_m, found->second.low);
     if (q.z() < ground_m + kAboveGround_m) continue;
     ++*count;
     bool near = false;
     const Cell* const cell = plane_at(cells, p, &near);
-    const auto own = cells->find(key_of(cell_of(p, kCell_m)));
+    const auto own = cells->find(voxel_key(voxel_of(p, kCell_m)));
     on += cell ? std::abs(cell->plane.normal.dot(p - cell->plane.mean)) < kOnPlane_m
-               : own != cells->end() && own->second.n >= kMinCellPoints;
+               : own != cells->end() && own->second.points.n() >= kMinCellPoints;
   }
   return *count > 0 ? static_cast<double>(on) / static_cast<double>(*count) : 0;
 }

@@ -2,11 +2,13 @@
 #include "redrive/methods/splat/gaussian_points.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include <Eigen/Geometry>
 
 #include "redrive/base/rng.h"
+#include "redrive/math/voxel_grid.h"
 #include "redrive/scene/point_cloud.h"
 
 namespace redrive {
@@ -27,31 +29,27 @@ Eigen::Vector3f colour_in(const Image8& image, std::size_t index) {
 
 Points one_per_voxel(const Points& points, const NearestCamera& cameras, float voxel,
                      ThreadPool& pool) {
-  std::vector<std::pair<std::uint64_t, std::uint32_t>> keys(points.size());
+  std::vector<std::uint64_t> keys(points.size());
   pool.run_ranges(points.size(), kPointsPerRange, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       const float side = std::max(voxel * cameras.distance(points[i].position.data()), 1e-6f);
       const int level = static_cast<int>(std::floor(2 * std::log2(side)));
       const float step = std::exp2(0.5f * static_cast<float>(level));
-      std::uint64_t key = mix64(static_cast<std::uint64_t>(level + 1000));
-      for (int k = 0; k < 3; ++k)
-        key = mix64(key ^ static_cast<std::uint64_t>(
-                              static_cast<std::int64_t>(std::floor(points[i].position[k] / step))));
-      keys[i] = {key, static_cast<std::uint32_t>(i)};
+      keys[i] = mix64(static_cast<std::uint64_t>(level + 1000));  // levels mix all bits of a key
+      for (const std::int64_t index : voxel_of(points[i].position, step))
+        keys[i] = mix64(keys[i] ^ static_cast<std::uint64_t>(index));
     }
   });
-  std::ranges::sort(keys);
+  const VoxelGroups voxels(keys);
   Points out;
-  for (std::size_t i = 0; i < keys.size();) {
-    Point sum{Eigen::Vector3f::Zero(), Eigen::Vector3f::Zero(), Eigen::Vector3f::Zero()};
-    std::size_t end = i;
-    for (; end < keys.size() && keys[end].first == keys[i].first; ++end) {
-      sum.position += points[keys[end].second].position;
-      sum.rgb += points[keys[end].second].rgb;
+  for (std::size_t v = 0; v < voxels.size(); ++v) {
+    Point sum{Eigen::Vector3f::Zero(), Eigen::Vector3f::Zero(), points[voxels[v][0]].seen_from};
+    for (const std::uint32_t i : voxels[v]) {
+      sum.position += points[i].position;
+      sum.rgb += points[i].rgb;
     }
-    const auto n = static_cast<float>(end - i);
-    out.push_back({sum.position / n, sum.rgb / n, points[keys[i].second].seen_from});
-    i = end;
+    const auto n = static_cast<float>(voxels[v].size());
+    out.push_back({sum.position / n, sum.rgb / n, sum.seen_from});
   }
   return out;
 }
@@ -85,18 +83,17 @@ void append_discs(const Points& points, const NearestCamera& cameras, float size
       std::array<std::uint32_t, kNeighbours> near;
       std::array<float, kNeighbours> squares;
       tree.knnSearch(points[i].position.data(), kNeighbours, near.data(), squares.data());
-      const auto axes = neighbourhood_of(points, near).axes;
+      const PlaneFit plane = plane_of(points, near);
       Eigen::Matrix3f rotation;
-      rotation.col(0) = axes.eigenvectors().col(2);
-      rotation.col(1) = axes.eigenvectors().col(1);
+      rotation.col(0) = plane.axes.col(2).cast<float>();
+      rotation.col(1) = plane.axes.col(1).cast<float>();
       rotation.col(2) = rotation.col(0).cross(rotation.col(1));
       const float distance = cameras.distance(points[i].position.data());
       const float side =
           (std::sqrt(squares[1]) + std::sqrt(squares[2]) + std::sqrt(squares[3])) / 3;
       const float scale = std::clamp(size * side, 5e-4f * distance, 0.02f * distance);
-      const float flat = std::clamp(2 * std::sqrt(std::max(axes.eigenvalues()[0], 0.0f) /
-                                                  std::max(axes.eigenvalues()[1], 1e-20f)),
-                                    kFlattest, 1.0f);
+      const double thickness = std::sqrt(plane.variance[0] / std::max(plane.variance[1], 1e-20));
+      const float flat = std::clamp(2 * static_cast<float>(thickness), kFlattest, 1.0f);
       put_gaussian(points[i], {scale, scale, flat * scale}, Eigen::Quaternionf(rotation), opacity,
                    distance, &list->rows[(first + i) * kGaussianRows]);
     }

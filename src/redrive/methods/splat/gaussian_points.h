@@ -2,16 +2,16 @@
 // Points on surfaces and Gaussians made of them.
 #pragma once
 
-#include <array>
 #include <cstdint>
+#include <span>
 #include <utility>
 #include <vector>
 
-#include <Eigen/Eigenvalues>
 #include <nanoflann.hpp>
 
 #include "redrive/base/parallel.h"
 #include "redrive/image/image.h"
+#include "redrive/math/plane_fit.h"
 #include "redrive/model/gaussian_layout.h"
 #include "redrive/scene/scene.h"
 
@@ -54,20 +54,9 @@ struct PointSet {
 using PointTree = nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<float, PointSet>,
                                                       PointSet, 3, std::uint32_t>;
 
-/// Mean of some points and the principal axes about it, of the smallest variance first.
-struct Neighbourhood {
-  Eigen::Vector3f mean = Eigen::Vector3f::Zero();
-  Eigen::SelfAdjointEigenSolver<Eigen::Matrix3f> axes;
-};
-template <std::size_t n>
-Neighbourhood neighbourhood_of(const Points& points, const std::array<std::uint32_t, n>& near) {
-  Neighbourhood out;
-  for (const std::uint32_t j : near) out.mean += points[j].position / n;
-  Eigen::Matrix3f covariance = Eigen::Matrix3f::Zero();
-  for (const std::uint32_t j : near)
-    covariance += (points[j].position - out.mean) * (points[j].position - out.mean).transpose();
-  out.axes.compute(covariance);
-  return out;
+/// Fits a plane to some of the points.
+inline PlaneFit plane_of(const Points& points, std::span<const std::uint32_t> near) {
+  return fit_plane(near, [&](std::uint32_t i) { return points[i].position; });
 }
 
 /// Returns the colour of pixel `index`, in [0, 1].

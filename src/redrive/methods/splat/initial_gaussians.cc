@@ -49,7 +49,7 @@ void move_onto_planes(const Points& returns, const NearestCamera& cameras, Threa
   constexpr std::size_t kPlaneReturns = 8;
   constexpr float kNear = 0.05f;      // part of the distance: the returns lie around the point
   constexpr float kMoved = 0.05f;     // largest part of the distance that it moves along the ray
-  constexpr float kThickness = 0.1f;  // thickness of a plane, as a part of its smaller extent
+  constexpr double kThickness = 0.1;  // thickness of a plane, as a part of its smaller extent
   if (returns.size() < kPlaneReturns) return;
   const PointSet set{returns};
   PointTree tree(3, set, nanoflann::KDTreeSingleIndexAdaptorParams(16));
@@ -62,9 +62,9 @@ void move_onto_planes(const Points& returns, const NearestCamera& cameras, Threa
       std::array<float, kPlaneReturns> squares;
       tree.knnSearch(point.position.data(), kPlaneReturns, near.data(), squares.data());
       if (squares.back() > std::pow(std::max(kNear * distance, 0.3f), 2)) continue;
-      const auto [mean, axes] = neighbourhood_of(returns, near);
-      if (axes.eigenvalues()[0] > kThickness * kThickness * axes.eigenvalues()[1]) continue;
-      const Eigen::Vector3f normal = axes.eigenvectors().col(0),
+      const PlaneFit plane = plane_of(returns, near);
+      if (plane.variance[0] > kThickness * kThickness * plane.variance[1]) continue;
+      const Eigen::Vector3f mean = plane.mean.cast<float>(), normal = plane.normal().cast<float>(),
                             ray = point.position - point.seen_from;
       const float along = normal.dot(ray);
       if (std::fabs(along) < 1e-3f * ray.norm()) continue;

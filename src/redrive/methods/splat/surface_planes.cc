@@ -115,13 +115,12 @@ SurfacePlanes::SurfacePlanes(const Scene& scene, const LidarReturns& lidar, Thre
       std::array<std::uint32_t, kNeighbours> near;
       std::array<float, kNeighbours> squares;
       tree_.knnSearch(position.data(), kNeighbours, near.data(), squares.data());
-      const Neighbourhood around = neighbourhood_of(points_, near);
-      const auto extent = [&](int k) {
-        return std::sqrt(std::max(0.0f, around.axes.eigenvalues()[k]) / kNeighbours);
-      };
+      const PlaneFit plane = plane_of(points_, near);
+      const Eigen::Vector3f extent = plane.extent().cast<float>();
       const float residual = kResidual_m + kRelativeResidual * cameras.distance(position.data());
-      if (extent(0) > std::min(residual, kFlatness * extent(1))) continue;
-      planes_[i] = {around.mean, around.axes.eigenvectors().col(0), std::sqrt(squares.back())};
+      if (extent[0] > std::min(residual, kFlatness * extent[1])) continue;
+      planes_[i] = {plane.mean.cast<float>(), plane.normal().cast<float>(),
+                    std::sqrt(squares.back())};
     }
   });
 }

@@ -10,13 +10,14 @@
 
 #include "redrive/camera/plain_camera.h"
 #include "redrive/math/rigid3.h"
+#include "redrive/math/voxel_grid.h"
 
 namespace redrive {
 namespace {
 
 /// Side of the cells by which origins are grouped, metres. The centre of a group is at most 4.3 cm
 /// from its origins: from 1.6 m on that shifts a surface by less than the tile around each ray.
-constexpr float kGroup_m = 0.05f;
+constexpr double kGroup_m = 0.05;
 /// Pixels along a face, without its margin. One spans 0.11 degrees in the middle of the face and
 /// 0.06 at the middle of an edge, similar to training images and to a beam's divergence.
 constexpr int kFacePixels = 1024;
@@ -31,8 +32,8 @@ constexpr int kIterations = 4;
 
 /// A ray in its group: the cell of its origin and the face that it crosses.
 struct GroupedRay {
-  std::array<int, 3> cell{};
-  int face = 0;  ///< 2 axis + (negative ? 1 : 0)
+  std::uint64_t cell = 0;  ///< key of its voxel
+  int face = 0;            ///< 2 axis + (negative ? 1 : 0)
   int ray = 0;
 
   auto operator<=>(const GroupedRay&) const = default;
@@ -51,8 +52,7 @@ std::vector<GroupedRay> grouped(const kernels::Rays& rays) {
   for (std::size_t i = 0; i < n; ++i) {
     GroupedRay& ray = out[i];
     ray.ray = static_cast<int>(i);
-    for (std::size_t k = 0; k < 3; ++k)
-      ray.cell[k] = static_cast<int>(std::floor(rays.origin[k * n + i] / kGroup_m));
+    ray.cell = voxel_key(voxel_of(vector_at(rays.origin, n, i), kGroup_m));
     int axis = 0;
     const Eigen::Vector3d direction = vector_at(rays.direction, n, i);
     direction.cwiseAbs().maxCoeff(&axis);
