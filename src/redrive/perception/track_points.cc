@@ -4,14 +4,16 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <span>
 #include <utility>
 
-#include <Eigen/Eigenvalues>
 #include <opencv2/imgproc.hpp>
 #include <opencv2/video/tracking.hpp>
 
 #include "redrive/base/error.h"
 #include "redrive/base/opencv_threads.h"
+#include "redrive/perception/feature_flow.h"
+#include "redrive/perception/nearest_to_rays.h"
 
 namespace redrive {
 namespace {
@@ -37,7 +39,7 @@ constexpr int kMaxPixels = 1'000'000;  // larger images are reduced: they are se
 // the baseline spans these angles (rad). Lucas-Kanade finds corners within some 30 pixels.
 constexpr std::array<double, 3> kParallaxes{0, 0.07, 0.18};
 constexpr int kLevelsWithPoint = 1;  // pyramid levels searched for a track that has a point
-constexpr float kForwardBackward_px = 0.5f, kEdge_px = 2;
+constexpr float kForwardBackward_px = 0.5f;
 constexpr double kMaxResidual_px = 1.2, kTracking_px = 0.35;  // error of an observation
 constexpr double kMaxRelativeSigma = 0.06;                    // sigma as a part of the distance
 // sigma of a distance at which a track ends: it is exact enough
@@ -65,14 +67,6 @@ struct TrackImage {
   std::vector<cv::Mat> pyramid = {};  ///< pyramid of the reduced image, likewise
 };
 
-/// Area-averages by a whole factor; the remainder is cropped, as Camera::downscaled does.
-cv::Mat reduced(const cv::Mat& image, int factor) {
-  cv::Mat small;
-  const cv::Size size(image.cols / factor, image.rows / factor);
-  cv::resize(image(cv::Rect({0, 0}, size * factor)), small, size, 0, 0, cv::INTER_AREA);
-  return small;
-}
-
 cv::Mat grey_of(const Image8& image) {
   const cv::Mat rgb(image.height, image.width, CV_8UC3,
                     const_cast<std::uint8_t*>(image.rgb.data()));
@@ -91,7 +85,7 @@ cv::Mat usable_pixels(const Image8& image, int factor) {
   const int size = 2 * kMargin_px * factor + 1;
   if (!image.used.empty() || !image.alpha.empty())
     cv::erode(usable, usable, cv::Mat::ones(size, size, CV_8U));
-  return reduced(usable, factor) == 255;
+  return averaged(usable, factor) == 255;
 }
 
 /// Returns the standard deviation of the noise of the usable pixels, grey levels: the median of a
@@ -115,74 +109,38 @@ double noise_of(const cv::Mat& grey, const cv::Mat& usable) {
 std::vector<cv::Point2f> find_corners(const cv::Mat& grey, const cv::Mat& usable) {
   const int cell = std::max(
       kMinCell_px, static_cast<int>(std::ceil(std::sqrt(double(grey.total()) / kMaxCells))));
-  // For 8-bit images OpenCV averages (2 gradient / 255)^2.
   const double levels = std::max(kCornerLevels, kCornerNoises * noise_of(grey, usable));
-  const auto least = static_cast<float>(4 * levels * levels / (255 * 255));
-  cv::Mat strength;
-  cv::cornerMinEigenVal(grey, strength, kBlock_px);
-  constexpr int kBorder = kWindow_px / 2;
   std::vector<cv::Point2f> corners;
-  for (int top = kBorder; top < grey.rows - kBorder; top += cell)
-    for (int left = kBorder; left < grey.cols - kBorder; left += cell) {
-      float best = least;
-      cv::Point at(-1, -1);
-      for (int y = top; y < std::min(top + cell, grey.rows - kBorder); ++y)
-        for (int x = left; x < std::min(left + cell, grey.cols - kBorder); ++x)
-          if (strength.at<float>(y, x) > best && usable.at<std::uint8_t>(y, x) != 0) {
-            best = strength.at<float>(y, x);
-            at = {x, y};
-          }
-      if (at.x >= 0) corners.emplace_back(at);
-    }
+  for_each_corner(grey, usable, {cell, kBlock_px, kWindow_px / 2, levels},
+                  [&](const cv::Point& at) { corners.emplace_back(at); });
   return corners;
 }
 
 /// The rays of one track, in the world.
 struct TrackRays {
   int n = 0;
-  std::array<Eigen::Vector3d, kLength> origin, direction;
-};
+  std::array<WorldRay, kLength> ray;
 
-/// The point with the least sum of squared distances to the rays.
-struct NearestToRays {
-  Eigen::Vector3d from_first;   ///< from the first ray's origin, not finite for parallel rays
-  double least_eigenvalue = 0;  ///< least eigenvalue of the normal equations
+  NearestToRays nearest() const { return nearest_to_rays(std::span(ray).first(n)); }
 };
-
-NearestToRays nearest_to_rays(const TrackRays& rays) {
-  Eigen::Matrix3d normal = Eigen::Matrix3d::Zero();
-  Eigen::Vector3d right = Eigen::Vector3d::Zero();
-  for (int i = 0; i < rays.n; ++i) {
-    const Eigen::Matrix3d across =
-        Eigen::Matrix3d::Identity() - rays.direction[i] * rays.direction[i].transpose();
-    normal += across;
-    right += across * (rays.origin[i] - rays.origin[0]);
-  }
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(normal);
-  const Eigen::Vector3d along = solver.eigenvectors().transpose() * right;
-  return {solver.eigenvectors() * along.cwiseQuotient(solver.eigenvalues()),
-          solver.eigenvalues()[0]};
-}
 
 /// Returns the nearest_to_rays; nothing if it contradicts a ray, is not within the range or has an
 /// uncertain distance. rad_per_px: angle of a pixel.
 std::optional<Eigen::Vector3d> triangulate_rays(const TrackRays& rays, double rad_per_px,
                                                 const DistanceRange& range) {
   if (rays.n < kMinObservations) return std::nullopt;
-  const NearestToRays nearest = nearest_to_rays(rays);
-  // In its least certain direction a point at distance r is known to
-  // r (error of a ray) / sqrt(least eigenvalue).
+  const NearestToRays nearest = rays.nearest();
   if (!(nearest.least_eigenvalue > 0) ||
       kTracking_px * rad_per_px > kMaxRelativeSigma * std::sqrt(nearest.least_eigenvalue))
     return std::nullopt;
   const double distance = nearest.from_first.norm();
   if (!(distance > range.nearest && distance < range.furthest)) return std::nullopt;
-  const Eigen::Vector3d point = rays.origin[0] + nearest.from_first;
+  const Eigen::Vector3d point = rays.ray[0].origin + nearest.from_first;
   const double max_sine = std::sin(kMaxResidual_px * rad_per_px);
-  for (int i = 0; i < rays.n; ++i) {
-    const Eigen::Vector3d to_point = point - rays.origin[i];
-    if (!(to_point.dot(rays.direction[i]) > 0) ||
-        to_point.cross(rays.direction[i]).norm() > max_sine * to_point.norm())
+  for (const WorldRay& ray : std::span(rays.ray).first(rays.n)) {
+    const Eigen::Vector3d to_point = point - ray.origin;
+    if (!(to_point.dot(ray.direction) > 0) ||
+        to_point.cross(ray.direction).norm() > max_sine * to_point.norm())
       return std::nullopt;
   }
   return point;
@@ -198,7 +156,7 @@ struct ActiveTrack {
   bool is_exact() const {
     return rays->n >= kMinObservations &&
            kTracking_px * rad_per_px <
-               kExactSigma * std::sqrt(nearest_to_rays(*rays).least_eigenvalue);
+               kExactSigma * std::sqrt(rays->nearest().least_eigenvalue);
   }
 };
 
@@ -232,7 +190,7 @@ class CameraTracker {
       TrackImage& of = images_[begin + k];
       if (of.image) return;
       of.image = images[of.view];
-      cv::buildOpticalFlowPyramid(reduced(grey_of(*of.image), factor_), of.pyramid,
+      cv::buildOpticalFlowPyramid(averaged(grey_of(*of.image), factor_), of.pyramid,
                                   {kWindow_px, kWindow_px}, levels_, /*withDerivatives=*/false);
     });
   }
@@ -265,7 +223,7 @@ class CameraTracker {
       if (const auto point = triangulate_rays(tracks[t], factor_ * rad_per_px(pixel), range_))
         points.push_back({point->cast<float>(),
                           colour_at(first, visible_pixel(first, pixel).value()),
-                          tracks[t].origin[0].cast<float>()});
+                          tracks[t].ray[0].origin.cast<float>()});
     }
     return points;
   }
@@ -286,8 +244,7 @@ class CameraTracker {
     const auto direction = camera_.unproject(pixel);
     if (!direction) return false;
     const Rigid3d pose = image.world_from_camera.at(row_fraction(pixel.y(), camera_.height));
-    track->origin[track->n] = pose.translation();
-    track->direction[track->n++] = pose.linear() * *direction;
+    track->ray[track->n++] = {pose.translation(), pose.linear() * *direction};
     return true;
   }
 
@@ -310,7 +267,8 @@ class CameraTracker {
         at.push_back(track.at);
         guesses.push_back(pixel ? reduced_pixel(*pixel) : track.at);
       }
-      const std::vector<std::optional<cv::Point2f>> next = search(from, to, at, guesses, levels);
+      const auto next = flow_there_and_back(from.pyramid, to.pyramid, at, guesses,
+                                            {kWindow_px, levels, kForwardBackward_px});
       for (std::size_t k = 0; k < searched.size(); ++k) found[searched[k]] = next[k];
     }
     std::size_t kept = 0;
@@ -325,11 +283,10 @@ class CameraTracker {
   /// or, before it has one, the point on its ray from which the way to the camera spans `parallax`.
   static Eigen::Vector3d predicted(const TrackRays& rays, const Rigid3d& camera_from_world,
                                    double parallax) {
-    const Eigen::Vector3d &origin = rays.origin[rays.n - 1],
-                          &direction = rays.direction[rays.n - 1];
+    const auto& [origin, direction] = rays.ray[rays.n - 1];
     if (rays.n > 1) {
-      const NearestToRays nearest = nearest_to_rays(rays);
-      const Eigen::Vector3d point = rays.origin[0] + nearest.from_first;
+      const NearestToRays nearest = rays.nearest();
+      const Eigen::Vector3d point = rays.ray[0].origin + nearest.from_first;
       if (nearest.least_eigenvalue > 0 && (point - origin).dot(direction) > 0)
         return camera_from_world * point;
     } else if (parallax > 0) {
@@ -337,41 +294,6 @@ class CameraTracker {
       return camera_from_world * Eigen::Vector3d(origin + baseline / parallax * direction);
     }
     return camera_from_world.linear() * direction;
-  }
-
-  /// Returns where Lucas-Kanade finds the points `at` again, starting from the guesses: nothing
-  /// where tracking back does not return to them.
-  std::vector<std::optional<cv::Point2f>> search(const TrackImage& from, const TrackImage& to,
-                                                 const std::vector<cv::Point2f>& at,
-                                                 const std::vector<cv::Point2f>& guesses,
-                                                 int levels) const {
-    std::vector<std::optional<cv::Point2f>> result(at.size());
-    if (at.empty()) return result;
-    const auto flow = [&](const TrackImage& a, const TrackImage& b,
-                          const std::vector<cv::Point2f>& points, std::vector<cv::Point2f>* found) {
-      std::vector<std::uint8_t> good;
-      std::vector<float> error;
-      cv::calcOpticalFlowPyrLK(a.pyramid, b.pyramid, points, *found, good, error,
-                               {kWindow_px, kWindow_px}, levels,
-                               {cv::TermCriteria::COUNT | cv::TermCriteria::EPS, 20, 0.02},
-                               cv::OPTFLOW_USE_INITIAL_FLOW);
-      return good;
-    };
-    std::vector<cv::Point2f> found = guesses, returned(at.size());
-    const std::vector<std::uint8_t> there = flow(from, to, at, &found);
-    // Tracks back with the guessed motion, not with the found one, which would confirm itself.
-    for (std::size_t i = 0; i < at.size(); ++i) returned[i] = found[i] - (guesses[i] - at[i]);
-    const std::vector<std::uint8_t> back = flow(to, from, found, &returned);
-    const cv::Size size = to.pyramid[0].size();
-    for (std::size_t i = 0; i < at.size(); ++i) {
-      const cv::Point2f error = returned[i] - at[i], &p = found[i];
-      if (there[i] && back[i] &&
-          std::max(std::abs(error.x), std::abs(error.y)) < kForwardBackward_px && p.x >= kEdge_px &&
-          p.y >= kEdge_px && p.x <= static_cast<float>(size.width - 1) - kEdge_px &&
-          p.y <= static_cast<float>(size.height - 1) - kEdge_px)
-        result[i] = p;
-    }
-    return result;
   }
 
   /// The angle of a pixel's side, rad: square root of its solid angle.

@@ -5,6 +5,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "redrive/base/opencv_threads.h"
+#include "redrive/perception/feature_flow.h"
 #include "redrive/perception/masks.h"
 #include "redrive/scene/load_views.h"
 
@@ -32,14 +33,6 @@ cv::Mat with_margin(const std::vector<std::uint8_t>& used, const Camera& camera,
   return with_margin(
       cv::Mat(camera.height, camera.width, CV_8U, const_cast<std::uint8_t*>(used.data())),
       margin_px);
-}
-
-/// Area-averages by a whole factor; the remainder is cropped, as Camera::downscaled does.
-cv::Mat averaged(const cv::Mat& image, int factor) {
-  cv::Mat small;
-  const cv::Size size(image.cols / factor, image.rows / factor);
-  cv::resize(image(cv::Rect({0, 0}, size * factor)), small, size, 0, 0, cv::INTER_AREA);
-  return small;
 }
 
 }  // namespace

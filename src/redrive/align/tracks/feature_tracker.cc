@@ -7,20 +7,22 @@
 #include "redrive/align/tracks/epipolar.h"
 #include "redrive/align/tracks/patch.h"
 #include "redrive/base/opencv_threads.h"
+#include "redrive/perception/feature_flow.h"
 
 namespace redrive {
 namespace {
 
 constexpr int kPyramidLevels = 3;
 constexpr double kNearest_px = 4;  // points closer than this are duplicates
-constexpr double kForwardBackward_px =
+constexpr float kForwardBackward_px =
     1;  // error of Lucas-Kanade forward and backward; registration is finer
 constexpr double kRegister_px = 3;  // largest correction of Lucas-Kanade by registration
 // scale of a patch relative to its first one; beyond, the last patch becomes the reference
 constexpr double kLargestScale = 1.6;
 constexpr double kFar_m = 1e5;
-constexpr float kCornerLevels =
-    1.5f;  // least gradient of a corner in its weaker direction, grey levels per pixel
+constexpr int kCornerBlock_px = 7;
+constexpr double kCornerLevels =
+    1.5;  // least gradient of a corner in its weaker direction, grey levels per pixel
 
 /// A track in progress.
 struct ActiveTrack {
@@ -124,16 +126,6 @@ class FeatureTracker {
     return all;
   }
 
-  void lucas_kanade(const PreparedImage& from, const PreparedImage& to,
-                    const std::vector<cv::Point2f>& points, std::vector<cv::Point2f>* found,
-                    std::vector<std::uint8_t>* good) const {
-    std::vector<float> error;
-    cv::calcOpticalFlowPyrLK(from.pyramid, to.pyramid, points, *found, *good, error,
-                             {kPatchSize, kPatchSize}, kPyramidLevels,
-                             {cv::TermCriteria::COUNT | cv::TermCriteria::EPS, 20, 0.03},
-                             cv::OPTFLOW_USE_INITIAL_FLOW, 1e-4);
-  }
-
   /// Continues all active tracks into `next` and finishes the lost ones.
   void advance(const PreparedImage& next) {
     const Rigid3d next_from_now = images_.world_from_camera[camera_][next.frame].inverse() *
@@ -143,7 +135,7 @@ class FeatureTracker {
       Guess guess;
     };
     std::vector<Candidate> candidates;
-    std::vector<cv::Point2f> from, to;
+    std::vector<cv::Point2f> from, guessed;
     const auto point = [](const Eigen::Vector2d& p) {
       return cv::Point2f(static_cast<float>(p.x()), static_cast<float>(p.y()));
     };
@@ -152,39 +144,34 @@ class FeatureTracker {
         if (g) {
           candidates.push_back({i, *g});
           from.push_back(point(active_[i].pixel()));
-          to.push_back(point(g->pixel));
+          guessed.push_back(point(g->pixel));
         }
     std::vector<std::optional<PatchFit>> best(active_.size());
     std::vector<Patch> patches(active_.size());  // references of the best fits
     std::vector<std::uint8_t> renewed(active_.size());
-    if (!candidates.empty()) {
-      std::vector<std::uint8_t> there, back;
-      lucas_kanade(now_, next, from, &to, &there);
-      std::vector<cv::Point2f> returned = from;
-      lucas_kanade(next, now_, to, &returned, &back);
-      for (std::size_t k = 0; k < candidates.size(); ++k) {
-        const std::size_t i = candidates[k].active;
-        if (!there[k] || !back[k] || cv::norm(returned[k] - from[k]) > kForwardBackward_px)
-          continue;
-        const Eigen::Vector2d start(to[k].x, to[k].y);
-        if (best[i] && (best[i]->pixel - start).norm() < 0.3)
-          continue;  // another prediction converged here
-        const ActiveTrack& active = active_[i];
-        auto fit = good_fit(active.patch, next, start, candidates[k].guess.warp * active.warp);
-        if (fit && (!best[i] || fit->correlation > best[i]->correlation)) {
-          best[i] = fit;
-          patches[i] = active.patch;
-          renewed[i] = 0;
-        }
-        if (fit || best[i]) continue;
-        const auto last =
-            sample_patch(now_.smooth, active.pixel());  // the appearance may have changed too much
-        if (last) fit = good_fit(*last, next, start, candidates[k].guess.warp);
-        if (!fit) continue;
+    const auto found = flow_there_and_back(now_.pyramid, next.pyramid, from, guessed,
+                                           {kPatchSize, kPyramidLevels, kForwardBackward_px});
+    for (std::size_t k = 0; k < candidates.size(); ++k) {
+      const std::size_t i = candidates[k].active;
+      if (!found[k]) continue;
+      const Eigen::Vector2d start(found[k]->x, found[k]->y);
+      if (best[i] && (best[i]->pixel - start).norm() < 0.3)
+        continue;  // another prediction converged here
+      const ActiveTrack& active = active_[i];
+      auto fit = good_fit(active.patch, next, start, candidates[k].guess.warp * active.warp);
+      if (fit && (!best[i] || fit->correlation > best[i]->correlation)) {
         best[i] = fit;
-        patches[i] = *last;
-        renewed[i] = 1;
+        patches[i] = active.patch;
+        renewed[i] = 0;
       }
+      if (fit || best[i]) continue;
+      const auto last =
+          sample_patch(now_.smooth, active.pixel());  // the appearance may have changed too much
+      if (last) fit = good_fit(*last, next, start, candidates[k].guess.warp);
+      if (!fit) continue;
+      best[i] = fit;
+      patches[i] = *last;
+      renewed[i] = 1;
     }
     keep(next, best, patches);
   }
@@ -238,33 +225,20 @@ class FeatureTracker {
     const int cell =
         std::max(8, static_cast<int>(std::sqrt(double(value.cols) * value.rows /
                                                std::max(1, options_.points_per_image))));
-    cv::Mat strength, occupied(value.size(), CV_8U, cv::Scalar(0));
-    cv::cornerMinEigenVal(value, strength, 7);
-    // OpenCV sums squared Sobel gradients (8 x gradient) times (1 / (4 block))^2 over block^2
-    // pixels: 4 mean of gradient^2.
-    const float least = 4 * kCornerLevels * kCornerLevels;
+    cv::Mat free = images_.usable[camera_][now_.frame].clone();
+    const auto occupy = [&](const cv::Point& at, int radius) {
+      cv::circle(free, at, radius, cv::Scalar(0), cv::FILLED);
+    };
     for (const ActiveTrack& active : active_)
-      cv::circle(occupied, {cvRound(active.pixel().x()), cvRound(active.pixel().y())}, cell / 2,
-                 cv::Scalar(255), cv::FILLED);
-    const cv::Mat& usable = images_.usable[camera_][now_.frame];
-    for (int top = 0; top < value.rows; top += cell)
-      for (int left = 0; left < value.cols; left += cell) {
-        float best = least;
-        cv::Point at(-1, -1);
-        for (int y = top; y < std::min(top + cell, value.rows); ++y)
-          for (int x = left; x < std::min(left + cell, value.cols); ++x)
-            if (strength.at<float>(y, x) > best && usable.at<std::uint8_t>(y, x) &&
-                !occupied.at<std::uint8_t>(y, x)) {
-              best = strength.at<float>(y, x);
-              at = {x, y};
-            }
-        const Eigen::Vector2d pixel(at.x, at.y);
-        if (at.x < 0 || !images_.may_be_static(camera_, now_.frame, pixel, now_.moving)) continue;
-        const auto patch = sample_patch(now_.smooth, pixel);
-        if (!patch) continue;
-        active_.push_back({Track{{{camera_, now_.frame, pixel}}}, *patch});
-        cv::circle(occupied, at, static_cast<int>(kNearest_px), cv::Scalar(255), cv::FILLED);
-      }
+      occupy({cvRound(active.pixel().x()), cvRound(active.pixel().y())}, cell / 2);
+    for_each_corner(value, free, {cell, kCornerBlock_px, 0, kCornerLevels}, [&](const cv::Point& at) {
+      const Eigen::Vector2d pixel(at.x, at.y);
+      if (!images_.may_be_static(camera_, now_.frame, pixel, now_.moving)) return;
+      const auto patch = sample_patch(now_.smooth, pixel);
+      if (!patch) return;
+      active_.push_back({Track{{{camera_, now_.frame, pixel}}}, *patch});
+      occupy(at, static_cast<int>(kNearest_px));
+    });
   }
 
   const RigImages& images_;

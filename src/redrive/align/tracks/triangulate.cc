@@ -4,30 +4,10 @@
 #include <Eigen/Cholesky>
 
 #include "redrive/base/error.h"
+#include "redrive/perception/nearest_to_rays.h"
 
 namespace redrive {
 namespace {
-
-struct RayToPoint {
-  Eigen::Vector3d origin, direction;  ///< in the world, unit
-};
-
-/// The point with the least sum of squared distances to the rays' lines; nothing if they are all
-/// parallel.
-std::optional<Eigen::Vector3d> nearest_to_rays(std::span<const RayToPoint> rays) {
-  Eigen::Matrix3d a = Eigen::Matrix3d::Zero();
-  Eigen::Vector3d b = Eigen::Vector3d::Zero();
-  const Eigen::Vector3d near = rays[0].origin;  // keeps the numbers small
-  for (const RayToPoint& ray : rays) {
-    const Eigen::Matrix3d across =
-        Eigen::Matrix3d::Identity() - ray.direction * ray.direction.transpose();
-    a += across;
-    b += across * (ray.origin - near);
-  }
-  const Eigen::LDLT<Eigen::Matrix3d> solver(a);
-  if (solver.info() != Eigen::Success || solver.rcond() < 1e-12) return std::nullopt;
-  return near + solver.solve(b);
-}
 
 struct Problem {
   const Track& track;
@@ -98,7 +78,7 @@ std::optional<Eigen::Vector3d> triangulate(const Track& track,
   const std::size_t n = track.seen.size();
   REDRIVE_CHECK_OP(world_from_camera.size(), ==, n);
   if (n < 2) return std::nullopt;
-  std::vector<RayToPoint> rays;
+  std::vector<WorldRay> rays;
   for (std::size_t i = 0; i < n; ++i) {
     const auto direction = cameras[track.seen[i].camera].unproject(track.seen[i].pixel);
     if (!direction) return std::nullopt;
@@ -108,15 +88,21 @@ std::optional<Eigen::Vector3d> triangulate(const Track& track,
 
   const Problem problem{track, world_from_camera, cameras, options.outlier_px};
   std::vector<Eigen::Vector3d> starts;
-  if (const auto point = nearest_to_rays(rays)) starts.push_back(*point);
+  const auto add_start = [&](std::span<const WorldRay> of) {
+    constexpr double kParallel = 1e-12;  // least eigenvalue of a ray
+    const NearestToRays nearest = nearest_to_rays(of);
+    if (nearest.least_eigenvalue > kParallel * static_cast<double>(of.size()))
+      starts.push_back(of[0].origin + nearest.from_first);
+  };
+  add_start(rays);
   if (n > 2) {  // pairs of up to five observations spread over the track: one without outliers is a
                 // good start
     const std::size_t spread = std::min<std::size_t>(n, 5);
     for (std::size_t a = 0; a < spread; ++a)
       for (std::size_t b = a + 1; b < spread; ++b) {
-        const RayToPoint two[] = {rays[a * (n - 1) / (spread - 1)],
-                                  rays[b * (n - 1) / (spread - 1)]};
-        if (const auto point = nearest_to_rays(two)) starts.push_back(*point);
+        const WorldRay two[] = {rays[a * (n - 1) / (spread - 1)],
+                                rays[b * (n - 1) / (spread - 1)]};
+        add_start(two);
       }
   }
   if (starts.empty()) return std::nullopt;
