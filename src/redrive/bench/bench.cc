@@ -2,7 +2,10 @@
 #include "redrive/bench/bench.h"
 
 #include <algorithm>
+#include <array>
 #include <chrono>
+#include <span>
+#include <string_view>
 #include <stdexcept>
 
 #include <nlohmann/json.hpp>
@@ -145,14 +148,13 @@ void time_render(Runner& runner, kernels::Backend& backend, const SyntheticDrive
   });
 }
 
-/// A fisheye of 1400 x 1400 as sensor cars have it, Mei's model with xi of 1.
-Camera bench_fisheye() {
+/// A camera of 1400 x 1400, as fisheyes of sensor cars have it. parameters: the model's own.
+Camera bench_camera(std::string_view model, double f, std::span<const double> parameters) {
   constexpr int kSide = 1400;
-  return make_camera({"FISHEYE",
-                      "mei",
-                      {820, 820, (kSide - 1) / 2.0, (kSide - 1) / 2.0, 0, 0, 0, 0, 0, 1},
-                      kSide,
-                      kSide});
+  CameraCalibration camera{
+      "BENCH", std::string(model), {f, f, (kSide - 1) / 2.0, (kSide - 1) / 2.0}, kSide, kSide};
+  camera.parameters.insert(camera.parameters.end(), parameters.begin(), parameters.end());
+  return make_camera(camera);
 }
 
 /// Times whole images of Gaussians and steps on one window, also with twice the Gaussians, and with
@@ -197,7 +199,12 @@ void time_gaussians(Runner& runner, kernels::Backend& backend, const SyntheticDr
     });
   };
   time_render("400k-1280x704", drive.scene.rig[0].camera);
-  time_render("400k-mei-1400x1400", bench_fisheye());
+  time_render("400k-mei-1400x1400",
+              bench_camera("mei", 820, std::array{0.0, 0.0, 0.0, 0.0, 0.0, 1.0}));
+  time_render("400k-opencv_fisheye-1400x1400",
+              bench_camera("opencv_fisheye", 430, OpenCvFisheye::kTypical));
+  time_render("400k-opencv_rational-1400x1400",
+              bench_camera("opencv_rational", 800, OpenCvRational::kTypical));
   time_step("400k", drive, kGaussians);
   time_step("800k", drive, 2 * kGaussians);
   SyntheticDrive with_actors = drive;

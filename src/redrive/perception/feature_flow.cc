@@ -51,10 +51,9 @@ std::vector<std::optional<cv::Point2f>> flow_there_and_back(const std::vector<cv
                         const std::vector<cv::Point2f>& points, std::vector<cv::Point2f>* found) {
     std::vector<std::uint8_t> good;
     std::vector<float> error;
-    cv::calcOpticalFlowPyrLK(a, b, points, *found, good, error,
-                             {options.window_px, options.window_px}, options.levels,
-                             {cv::TermCriteria::COUNT | cv::TermCriteria::EPS, 20, 0.02},
-                             cv::OPTFLOW_USE_INITIAL_FLOW);
+    cv::calcOpticalFlowPyrLK(
+        a, b, points, *found, good, error, {options.window_px, options.window_px}, options.levels,
+        {cv::TermCriteria::COUNT | cv::TermCriteria::EPS, 20, 0.02}, cv::OPTFLOW_USE_INITIAL_FLOW);
     return good;
   };
   std::vector<cv::Point2f> found = guesses, returned(at.size());
@@ -66,7 +65,8 @@ std::vector<std::optional<cv::Point2f>> flow_there_and_back(const std::vector<cv
   for (std::size_t i = 0; i < at.size(); ++i) {
     const cv::Point2f error = returned[i] - at[i], &p = found[i];
     if (there[i] && back[i] && std::max(std::abs(error.x), std::abs(error.y)) < options.error_px &&
-        p.x >= kEdge_px && p.y >= kEdge_px && p.x <= static_cast<float>(size.width - 1) - kEdge_px &&
+        p.x >= kEdge_px && p.y >= kEdge_px &&
+        p.x <= static_cast<float>(size.width - 1) - kEdge_px &&
         p.y <= static_cast<float>(size.height - 1) - kEdge_px)
       result[i] = p;
   }

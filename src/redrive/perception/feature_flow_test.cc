@@ -20,8 +20,8 @@ cv::Mat waves(double right, double down, int type) {
   for (int y = 0; y < kSide; ++y)
     for (int x = 0; x < kSide; ++x) {
       const double u = x - right, v = y - down;
-      image.at<float>(y, x) = static_cast<float>(
-          128 + 50 * std::sin(0.5 * u) * std::cos(0.4 * v) + 40 * std::sin(0.17 * u + 0.23 * v));
+      image.at<float>(y, x) = static_cast<float>(128 + 50 * std::sin(0.5 * u) * std::cos(0.4 * v) +
+                                                 40 * std::sin(0.17 * u + 0.23 * v));
     }
   cv::Mat out;
   image.convertTo(out, type);
@@ -83,8 +83,7 @@ TEST(FeatureFlow, FindsShiftedPointsAndDropsWrongOnes) {
 
 TEST(NearestToRays, MeetsThePointOfTwoRaysAndRatesParallelOnes) {
   const Eigen::Vector3d point(3, -2, 20), right(2, 0, 0);
-  const WorldRay rays[] = {{{0, 0, 0}, point.normalized()},
-                           {right, (point - right).normalized()}};
+  const WorldRay rays[] = {{{0, 0, 0}, point.normalized()}, {right, (point - right).normalized()}};
   const NearestToRays nearest = nearest_to_rays(rays);
   EXPECT_LT((nearest.from_first - point).norm(), 1e-11);
   // Two unit rays at the angle a: the eigenvalues of A are 2, 1 + cos a and 1 - cos a.

@@ -155,8 +155,7 @@ struct ActiveTrack {
   /// Whether further images would hardly make its point more exact.
   bool is_exact() const {
     return rays->n >= kMinObservations &&
-           kTracking_px * rad_per_px <
-               kExactSigma * std::sqrt(rays->nearest().least_eigenvalue);
+           kTracking_px * rad_per_px < kExactSigma * std::sqrt(rays->nearest().least_eigenvalue);
   }
 };
 

@@ -148,7 +148,6 @@ class FeatureTracker {
         }
     std::vector<std::optional<PatchFit>> best(active_.size());
     std::vector<Patch> patches(active_.size());  // references of the best fits
-    std::vector<std::uint8_t> renewed(active_.size());
     const auto found = flow_there_and_back(now_.pyramid, next.pyramid, from, guessed,
                                            {kPatchSize, kPyramidLevels, kForwardBackward_px});
     for (std::size_t k = 0; k < candidates.size(); ++k) {
@@ -162,7 +161,6 @@ class FeatureTracker {
       if (fit && (!best[i] || fit->correlation > best[i]->correlation)) {
         best[i] = fit;
         patches[i] = active.patch;
-        renewed[i] = 0;
       }
       if (fit || best[i]) continue;
       const auto last =
@@ -171,7 +169,6 @@ class FeatureTracker {
       if (!fit) continue;
       best[i] = fit;
       patches[i] = *last;
-      renewed[i] = 1;
     }
     keep(next, best, patches);
   }
@@ -231,14 +228,15 @@ class FeatureTracker {
     };
     for (const ActiveTrack& active : active_)
       occupy({cvRound(active.pixel().x()), cvRound(active.pixel().y())}, cell / 2);
-    for_each_corner(value, free, {cell, kCornerBlock_px, 0, kCornerLevels}, [&](const cv::Point& at) {
-      const Eigen::Vector2d pixel(at.x, at.y);
-      if (!images_.may_be_static(camera_, now_.frame, pixel, now_.moving)) return;
-      const auto patch = sample_patch(now_.smooth, pixel);
-      if (!patch) return;
-      active_.push_back({Track{{{camera_, now_.frame, pixel}}}, *patch});
-      occupy(at, static_cast<int>(kNearest_px));
-    });
+    for_each_corner(value, free, {cell, kCornerBlock_px, 0, kCornerLevels},
+                    [&](const cv::Point& at) {
+                      const Eigen::Vector2d pixel(at.x, at.y);
+                      if (!images_.may_be_static(camera_, now_.frame, pixel, now_.moving)) return;
+                      const auto patch = sample_patch(now_.smooth, pixel);
+                      if (!patch) return;
+                      active_.push_back({Track{{{camera_, now_.frame, pixel}}}, *patch});
+                      occupy(at, static_cast<int>(kNearest_px));
+                    });
   }
 
   const RigImages& images_;

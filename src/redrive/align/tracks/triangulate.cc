@@ -100,8 +100,7 @@ std::optional<Eigen::Vector3d> triangulate(const Track& track,
     const std::size_t spread = std::min<std::size_t>(n, 5);
     for (std::size_t a = 0; a < spread; ++a)
       for (std::size_t b = a + 1; b < spread; ++b) {
-        const WorldRay two[] = {rays[a * (n - 1) / (spread - 1)],
-                                rays[b * (n - 1) / (spread - 1)]};
+        const WorldRay two[] = {rays[a * (n - 1) / (spread - 1)], rays[b * (n - 1) / (spread - 1)]};
         add_start(two);
       }
   }
