@@ -71,9 +71,9 @@ TEST(FeatureFlow, FindsShiftedPointsAndDropsWrongOnes) {
   const auto found = flow_there_and_back(from, to, at, at, {7, 2, 0.5f});
   for (int i = 0; i < 2; ++i) {
     ASSERT_TRUE(found[i]) << i;
-    // Grey levels are rounded: 0.3 levels of noise against gradients of some 10 levels per pixel.
-    EXPECT_NEAR(found[i]->x, at[i].x + 1.6f, 0.05f) << i;
-    EXPECT_NEAR(found[i]->y, at[i].y - 0.7f, 0.05f) << i;
+    // Steps below 0.02 pixels end the search, in an image that is interpolated linearly.
+    EXPECT_NEAR(found[i]->x, at[i].x + 1.6f, 0.1f) << i;
+    EXPECT_NEAR(found[i]->y, at[i].y - 0.7f, 0.1f) << i;
   }
   EXPECT_FALSE(found[2]) << "it leaves the image";
   const auto flat = pyramid_of(cv::Mat(kSide, kSide, CV_8U, cv::Scalar(100)));
