@@ -6,11 +6,15 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <string>
+#include <string_view>
 #include <vector>
 
 #include <gtest/gtest.h>
 
 #include "candidates.h"
+#include "redrive/camera/camera.h"
+#include "redrive/camera/plain_camera.h"
 #include "redrive/kernels/gaussian/gaussian_stages.h"
 #include "redrive/math/rigid3.h"
 #include "redrive/math/so3.h"
@@ -23,6 +27,8 @@ namespace {
 class GaussianStagesTest : public BackendConformance {};
 INSTANTIATE_TEST_SUITE_P(Backends, GaussianStagesTest, testing::ValuesIn(candidates()), name_of);
 
+constexpr std::string_view kPinhole = "opencv_pinhole", kMei = "mei";
+
 struct GaussianCase {
   std::size_t n = 203;  // no multiple of a block
   std::vector<float> numbers;
@@ -34,24 +40,13 @@ struct GaussianCase {
   std::vector<std::vector<PlainPose>> poses_of_part;
   std::vector<GaussianPart> parts;
 
-  explicit GaussianCase(bool mei, bool rolling, bool ranges, bool masked = false) {
-    camera.fx = 60;
-    camera.fy = 58;
-    camera.cx = 33;
-    camera.cy = 20;
-    camera.k1 = -0.1f;
-    camera.k2 = 0.02f;
-    camera.p1 = 0.002f;
-    camera.width = 70;
-    camera.height = 43;
-    camera.max_radius2 = 1.5f;
-    if (mei) {
-      camera.kind = PlainCamera::Kind::kMei;
-      camera.xi = 0.9f;
-      camera.min_cosine = -0.9f;
-      camera.fx *= 1.5f;
-      camera.fy *= 1.5f;
-    }
+  explicit GaussianCase(std::string_view model, bool rolling, bool ranges, bool masked = false) {
+    const CameraModelInfo& info = *find_camera_model(model);
+    const double f = info.perspective ? 60 : model == kMei ? 90 : 45;
+    CameraCalibration calibration{"CAM", std::string(model), {f, 0.97 * f, 33, 20}, 70, 43};
+    calibration.parameters.insert(calibration.parameters.end(), info.typical.begin(),
+                                  info.typical.end());
+    camera = make_plain_camera(make_camera(calibration));
     size = raster_size(camera.width, camera.height);
     for (int key = 0; key < (rolling ? 3 : 1); ++key) {
       Rigid3d pose = Rigid3d::Identity();
@@ -193,11 +188,12 @@ void expect_same(const GaussianCase& c, const Result& a, const Result& b) {
 
 TEST_P(GaussianStagesTest, ImagesAndGradientsAgreeWithTheOracle) {
   const auto backend = make(), ref = make_ref_backend();
-  for (const bool mei : {false, true})
+  for (const CameraModelInfo& model : camera_models())
     for (const bool rolling : {false, true}) {
-      SCOPED_TRACE(mei ? "mei" : "pinhole");
+      SCOPED_TRACE(model.name);
       SCOPED_TRACE(rolling ? "rolling" : "global");
-      const GaussianCase c(mei, rolling, /*ranges=*/mei != rolling, /*masked=*/mei);
+      const bool masked = !model.perspective;
+      const GaussianCase c(model.name, rolling, /*ranges=*/masked != rolling, masked);
       expect_same(c, run(*backend, c), run(*ref, c));
     }
 }
@@ -206,7 +202,7 @@ TEST_P(GaussianStagesTest, PartsThatMoveAgreeWithTheOracle) {
   const auto backend = make(), ref = make_ref_backend();
   for (const bool rolling : {false, true}) {
     SCOPED_TRACE(rolling ? "rolling" : "global");
-    GaussianCase c(false, rolling, /*ranges=*/true);
+    GaussianCase c(kPinhole, rolling, /*ranges=*/true);
     const Result whole = run(*backend, c);
     c.cut_into_parts();
     const Result found = run(*backend, c), expected = run(*ref, c);
@@ -223,7 +219,7 @@ TEST_P(GaussianStagesTest, PartsThatMoveAgreeWithTheOracle) {
 /// A part is drawn as the same Gaussians moved in the world.
 TEST_P(GaussianStagesTest, APartIsSeenWhereItsPoseIs) {
   const auto backend = make();
-  GaussianCase moved(true, false, false);
+  GaussianCase moved(kMei, false, false);
   for (std::size_t i = 0; i < moved.n; ++i)
     for (int row = kHarmonicsRow; row < kDistanceRow; ++row)
       moved.numbers[gaussian_slot(i, row)] = 0;  // they turn with the part
@@ -266,7 +262,7 @@ TEST_P(GaussianStagesTest, APartIsSeenWhereItsPoseIs) {
 
 TEST_P(GaussianStagesTest, AnotherImageBetweenForwardAndBackwardChangesNothing) {
   const auto backend = make();
-  const GaussianCase c(true, true, false), other(false, false, true);
+  const GaussianCase c(kMei, true, false), other(kPinhole, false, true);
   const Result expected = run(*backend, c);
   for (const bool released : {false, true}) {
     const Result found = run(*backend, c, [&] {
@@ -285,7 +281,7 @@ TEST_P(GaussianStagesTest, AnotherImageBetweenForwardAndBackwardChangesNothing) 
 
 TEST_P(GaussianStagesTest, AWindowIsAPartOfTheImage) {
   const auto backend = make();
-  const GaussianCase c(true, true, false);
+  const GaussianCase c(kMei, true, false);
   GaussianStages& stages = backend->gaussians();
   const Raster whole = stages.rasterise(c.view(), c.gaussians(), c.options());
   GaussianCamera window = c.view();
@@ -467,7 +463,7 @@ Updated run_update(Backend& backend, const GaussianCase& c, bool kept = false) {
 // Adam as optim/adam.h has it, by the gradients that the same backend gives.
 TEST_P(GaussianStagesTest, AnUpdateIsAdamByTheGradients) {
   const auto backend = make();
-  GaussianCase c(false, false, false);
+  GaussianCase c(kPinhole, false, false);
   for (std::size_t i = 0; i < c.n; ++i)
     c.numbers[gaussian_slot(i, kDistanceRow)] =
         std::fabs(c.numbers[gaussian_slot(i, kDistanceRow)]) + 0.1f;
@@ -520,7 +516,7 @@ TEST_P(GaussianStagesTest, AnUpdateIsAdamByTheGradients) {
 
 TEST_P(GaussianStagesTest, AnUpdateByKeptGradientsIsTheSame) {
   const auto backend = make();
-  const GaussianCase c(true, true, true);
+  const GaussianCase c(kMei, true, true);
   const Updated in_step = run_update(*backend, c), after = run_update(*backend, c, true);
   EXPECT_EQ(in_step.moments, after.moments);
   EXPECT_EQ(in_step.numbers, after.numbers);
@@ -528,7 +524,7 @@ TEST_P(GaussianStagesTest, AnUpdateByKeptGradientsIsTheSame) {
 
 TEST_P(GaussianStagesTest, ThreadsChangeNoBit) {
   if (make()->name() != "cpu") GTEST_SKIP() << "it has one thread";
-  const GaussianCase c(true, false, true);
+  const GaussianCase c(kMei, false, true);
   const Isa isa = *make()->isa();
   const auto one = make_cpu_backend(isa, 1), four = make_cpu_backend(isa, 4);
   const Result a = run(*one, c), b = run(*four, c);
@@ -542,7 +538,7 @@ TEST_P(GaussianStagesTest, ThreadsChangeNoBit) {
 // Sigmoid is 1 in floats: nothing may stop an opaque Gaussian from being trained.
 TEST_P(GaussianStagesTest, OpaqueGaussiansHaveGradients) {
   const auto backend = make();
-  GaussianCase c(false, false, false);
+  GaussianCase c(kPinhole, false, false);
   for (std::size_t i = 0; i < c.n; ++i) c.numbers[gaussian_slot(i, kOpacityRow)] = 25;
   const Result result = run(*backend, c);
   int seen = 0, trained = 0;
@@ -557,8 +553,9 @@ TEST_P(GaussianStagesTest, OpaqueGaussiansHaveGradients) {
 /// A disc that lies in a plane has that plane's depth in every pixel, not its centre's.
 TEST_P(GaussianStagesTest, DepthOfADiscIsThatOfItsPlane) {
   const auto backend = make();
-  for (const bool mei : {false, true}) {
-    GaussianCase c(mei, false, false);
+  for (const CameraModelInfo& model : camera_models()) {
+    SCOPED_TRACE(model.name);
+    GaussianCase c(model.name, false, false);
     c.n = 1;
     c.numbers.assign(kBlockSize, 0);
     const Eigen::Vector3d centre(0.5, 0.3, 6),
@@ -617,8 +614,9 @@ TEST_P(GaussianStagesTest, DepthOfADiscIsThatOfItsPlane) {
 /// What a user may steer a camera into: inside a Gaussian, at the fold, needles, huge Gaussians.
 TEST_P(GaussianStagesTest, ExtremeGaussiansGiveFiniteImagesAndGradients) {
   const auto backend = make();
-  for (const bool mei : {false, true}) {
-    GaussianCase c(mei, false, false);
+  for (const CameraModelInfo& model : camera_models()) {
+    SCOPED_TRACE(model.name);
+    GaussianCase c(model.name, false, false);
     for (std::size_t i = 0; i < c.n; ++i) {
       for (int k = 0; k < 3; ++k)
         c.numbers[gaussian_slot(i, kLogScaleRow + k)] = (i + k) % 4 == 0   ? 6.0f

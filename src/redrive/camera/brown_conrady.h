@@ -14,29 +14,24 @@
 #include <Eigen/Core>
 
 #include "redrive/camera/calibration.h"
+#include "redrive/camera/lens.h"
 
 namespace redrive {
 
-/// Returns the point times its radial factor g, with the tangential terms of p1 and p2.
-template <class T>
-std::array<T, 2> with_tangential(const std::array<T, 2>& point, const T& g, double p1, double p2) {
-  const T& x = point[0];
-  const T& y = point[1];
-  const T xx = x * x, yy = y * y, xy = x * y, s = xx + yy;
-  return {x * g + T(2 * p1) * xy + T(p2) * (s + T(2) * xx),
-          y * g + T(p1) * (s + T(2) * yy) + T(2 * p2) * xy};
-}
+/// Coefficients in any precision (camera/lens.h).
+template <class S>
+struct BrownConradyNumbers {
+  S k1, k2, p1, p2, k3;
+};
 
-struct BrownConrady {
+struct BrownConrady : BrownConradyNumbers<double> {
   static constexpr std::array<CameraParameter, 5> kParameters{
       {{"k1"}, {"k2"}, {"p1"}, {"p2"}, {"k3"}}};
-  double k1 = 0, k2 = 0, p1 = 0, p2 = 0, k3 = 0;
-
   /// Undistorted radius of the disc on which the map is one-to-one: the valid region. Beyond it the
   /// polynomial folds back, and two points have the same image. Infinity if it never folds.
   double max_radius = std::numeric_limits<double>::infinity();
 
-  BrownConrady() = default;
+  BrownConrady() : BrownConradyNumbers<double>{} {}
   /// k1 k2 p1 p2 k3, all finite. Finds max_radius: the first r > 0 where d(r g(r^2))/dr = 1 + 3 k1
   /// r^2 + 5 k2 r^4 + 7 k3 r^6 falls to (20/3) |p| r. The map is a gradient (its Jacobian J is
   /// symmetric), so it is one-to-one on a disc where J is positive definite; with p = 0 that ends
@@ -49,10 +44,11 @@ struct BrownConrady {
   /// image of one on the disc: r g - 6 |p| r^2 at its edge. Infinity if there is no edge.
   double covered_radius() const;
 
-  template <class T>
-  std::array<T, 2> distort(const std::array<T, 2>& point) const {
-    const T s = point[0] * point[0] + point[1] * point[1];
-    return with_tangential(point, T(1) + s * (T(k1) + s * (T(k2) + s * T(k3))), p1, p2);
+  template <class M, class Numbers>
+  static REDRIVE_LANES RadialFactor<M> radial_factor(const Numbers& c, typename M::Real s) {
+    const typename M::Real k1 = M::constant(c.k1), k2 = M::constant(c.k2), k3 = M::constant(c.k3);
+    return {M::constant(1) + s * (k1 + s * (k2 + s * k3)),
+            k1 + s * (M::constant(2) * k2 + s * (M::constant(3) * k3))};
   }
 
   /// Returns the point of the disc whose image is `distorted`, by Newton's method to

@@ -34,8 +34,11 @@ TEST(BrownConrady, TangentialTermsShrinkTheValidRegion) {
     for (int i = 0; i < 3600; ++i) {
       using Jet = ceres::Jet<double, 2>;
       const double angle = i * std::numbers::pi / 1800;
-      const auto d = lens.distort<Jet>({Jet(r * std::cos(angle), 0), Jet(r * std::sin(angle), 1)});
-      smallest = std::min(smallest, d[0].v[0] * d[1].v[1] - d[0].v[1] * d[1].v[0]);
+      using M = NumberMath<Jet>;
+      const Jet x(r * std::cos(angle), 0), y(r * std::sin(angle), 1);
+      const LensPoint<M> d =
+          distort<BrownConrady, M>(lens, Jet(1e9), PlanePoint<M>{x, y, x * x + y * y, true});
+      smallest = std::min(smallest, d.x.v[0] * d.y.v[1] - d.x.v[1] * d.y.v[0]);
     }
     return smallest;
   };

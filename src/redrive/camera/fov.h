@@ -15,10 +15,18 @@
 #include <Eigen/Core>
 
 #include "redrive/camera/calibration.h"
+#include "redrive/camera/opencv_pinhole.h"
 
 namespace redrive {
 
-struct Fov {
+/// Coefficients in any precision (camera/lens.h).
+template <class S>
+struct FovNumbers {
+  S omega;
+  S slope;  ///< slope of omega r_d at the axis, 2 tan(omega / 2)
+};
+
+struct Fov : FovNumbers<double> {
   static constexpr const char* kName = "fov";
   static constexpr std::array<CameraParameter, 0> kDistortion{};
   static constexpr std::array<CameraParameter, 1> kOther{{{"omega", 0, 3.1}}};
@@ -30,14 +38,33 @@ struct Fov {
   /// radius.
   static constexpr double kMaxAngle_rad = std::numbers::pi / 2 - 1e-6;
 
-  double omega = 0;
-  double slope = 1;  ///< slope of omega r_d at the axis, 2 tan(omega / 2)
+  using Plane = PerspectivePlane;
+  using Radial = Fov;
+  template <class S>
+  using Numbers = FovNumbers<S>;
 
-  Fov() = default;
+  Fov() : Numbers<double>{} {}
   /// omega, in [0, 3.1].
   explicit Fov(std::span<const double> parameters)
-      : omega(parameters[0]), slope(2 * std::tan(parameters[0] / 2)) {}
+      : Numbers<double>{parameters[0], 2 * std::tan(parameters[0] / 2)} {}
 
+  /// r_d / r.
+  template <class M, class C>
+  static REDRIVE_LANES RadialFactor<M> radial_factor(const C& c, typename M::Real s) {
+    using Real = typename M::Real;
+    const Real zero = M::constant(0), one = M::constant(1);
+    if (c.omega == 0) return {one, zero};
+    const Real omega = M::constant(c.omega), slope = M::constant(c.slope), r = M::sqrt(s);
+    // This close to the axis atan(x) is x to rounding; on it r_d / r is 0 / 0.
+    const auto near = s <= M::constant(1e-18f);
+    const Real at_axis = slope / omega,
+               g = M::select(near, at_axis, M::atan2(slope * r, one) / (omega * r));
+    return {
+        g, M::select(near, zero, (at_axis / (one + slope * slope * s) - g) / (M::constant(2) * s))};
+  }
+
+  const Numbers<double>& numbers() const { return *this; }
+  double max_plane_radius() const { return std::tan(kMaxAngle_rad) / slope; }
   double covered_radius() const {
     return omega > 0 ? kMaxAngle_rad / omega : std::numeric_limits<double>::infinity();
   }
@@ -46,19 +73,7 @@ struct Fov {
   /// the camera.
   template <class T>
   std::optional<std::array<T, 2>> project(const std::array<T, 3>& point) const {
-    using std::atan2;
-    using std::sqrt;
-    const T rr = point[0] * point[0] + point[1] * point[1];
-    if (!(point[2] > T(0)) || !(rr >= T(0))) return std::nullopt;  // or NaN
-    // This close to the axis atan(x) is x to rounding; on it r_d / r is 0 / 0.
-    if (omega == 0 || rr <= T(1e-18) * point[2] * point[2]) {
-      const T scale = T(omega == 0 ? 1 : slope / omega) / point[2];
-      return std::array<T, 2>{scale * point[0], scale * point[1]};
-    }
-    const T r = sqrt(rr), angle = atan2(T(slope) * r, point[2]);
-    if (!(angle <= T(kMaxAngle_rad * (1 + 1e-12)))) return std::nullopt;
-    const T scale = angle / (T(omega) * r);
-    return std::array<T, 2>{scale * point[0], scale * point[1]};
+    return project_point(*this, point);
   }
 
   /// Returns the direction (not normalised) that is projected to `distorted`, or nothing.

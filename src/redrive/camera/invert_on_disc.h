@@ -2,31 +2,49 @@
 // Inverts a distortion by Newton's method on the disc on which it is one-to-one.
 #pragma once
 
-#include <array>
+#include <limits>
 #include <optional>
 
 #include <Eigen/Core>
 #include <Eigen/LU>
 
-#include "redrive/math/dual.h"
+#include "redrive/camera/lens.h"
+#include "redrive/camera/roots.h"
 
 namespace redrive {
 
-/// Returns the x with |x| <= max_radius and map(x) = target, to 1e-12 (1 + |target|), or nothing if
-/// there is none. `map` and `jacobian` take an Eigen::Vector2d. Newton's method from `start`: steps
-/// that leave the disc or do not lower the residual are halved.
-template <class Map, class Jacobian>
-std::optional<Eigen::Vector2d> invert_on_disc(const Map& map, const Jacobian& jacobian,
-                                              const Eigen::Vector2d& target,
-                                              const Eigen::Vector2d& start, double max_radius) {
-  const auto residual = [&](const Eigen::Vector2d& x) -> Eigen::Vector2d {
-    return map(x) - target;
+/// Returns the point of the plane with |x| <= max_radius, the disc on which the distortion is
+/// one-to-one, whose image is `distorted`, to 1e-12 (1 + |distorted|), or nothing if there is none.
+/// Newton's method from the point without tangential terms: steps that leave the disc or do not
+/// lower the residual are halved.
+template <class Radial, class Numbers>
+std::optional<Eigen::Vector2d> invert_on_disc(const Numbers& c, const Eigen::Vector2d& distorted,
+                                              double max_radius) {
+  using M = NumberMath<double>;
+  constexpr double kNoLimit = std::numeric_limits<double>::infinity();
+  const auto plane_point = [](const Eigen::Vector2d& x) {
+    return PlanePoint<M>{x.x(), x.y(), x.squaredNorm(), true};
   };
-  const double length = target.norm();
-  Eigen::Vector2d x = start;
+  const auto residual = [&](const Eigen::Vector2d& x) {
+    const LensPoint<M> at = distort<Radial, M>(c, kNoLimit, plane_point(x));
+    return Eigen::Vector2d(at.x - distorted.x(), at.y - distorted.y());
+  };
+  const auto factor = [&](double r) { return Radial::template radial_factor<M>(c, r * r); };
+  const double length = distorted.norm();
+  if (length == 0) return distorted;
+  const double start = increasing_root([&](double r) { return r * factor(r).value; },
+                                       [&](double r) {
+                                         const RadialFactor<M> g = factor(r);
+                                         return g.value + 2 * r * r * g.slope;
+                                       },
+                                       length, length, max_radius);
+  Eigen::Vector2d x = distorted * (start / length);
   Eigen::Vector2d error = residual(x);
   for (int iteration = 0; iteration < 60 && error.norm() > 1e-14 * (1 + length); ++iteration) {
-    Eigen::Vector2d step = jacobian(x).inverse() * error, next = x - step;
+    const LensSlopes<M> by = distort_slopes<Radial, M>(c, kNoLimit, plane_point(x));
+    Eigen::Matrix2d jacobian;
+    jacobian << by.x_by_x, by.x_by_y, by.y_by_x, by.y_by_y;
+    Eigen::Vector2d step = jacobian.inverse() * error, next = x - step;
     Eigen::Vector2d next_error = residual(next);
     int halvings = 0;
     while ((!(next.norm() <= max_radius) || !(next_error.norm() < error.norm())) && halvings < 30) {
@@ -41,25 +59,6 @@ std::optional<Eigen::Vector2d> invert_on_disc(const Map& map, const Jacobian& ja
   }
   if (!(error.norm() <= 1e-12 * (1 + length)) || !(x.norm() <= max_radius)) return std::nullopt;
   return x;
-}
-
-/// The same for a lens with a `distort` templated on its scalar, which is differentiated
-/// automatically.
-template <class Lens>
-std::optional<Eigen::Vector2d> invert_on_disc(const Lens& lens, const Eigen::Vector2d& target,
-                                              const Eigen::Vector2d& start, double max_radius) {
-  return invert_on_disc(
-      [&](const Eigen::Vector2d& x) {
-        const std::array<double, 2> d = lens.template distort<double>({x.x(), x.y()});
-        return Eigen::Vector2d(d[0], d[1]);
-      },
-      [&](const Eigen::Vector2d& x) {
-        const std::array<Dual, 2> d = lens.template distort<Dual>({Dual(x.x(), 0), Dual(x.y(), 1)});
-        Eigen::Matrix2d j;
-        j << d[0].d[0], d[0].d[1], d[1].d[0], d[1].d[1];
-        return j;
-      },
-      target, start, max_radius);
 }
 
 }  // namespace redrive

@@ -14,6 +14,7 @@
 #include <cmath>
 #include <optional>
 #include <span>
+#include <type_traits>
 
 #include <Eigen/Core>
 
@@ -22,6 +23,53 @@
 
 namespace redrive {
 
+/// Coefficients in any precision (camera/lens.h).
+template <class S>
+struct MeiNumbers : BrownConradyNumbers<S> {
+  S xi;
+};
+
+/// (x, y) = (X, Y) / w with w = Z + xi |point|.
+struct SpherePlane {
+  /// Least w, in lengths of the point, that floats are projected with: sigma points near the edge
+  /// of the sphere stay finite. Nothing nearer to it is seen. Doubles reach the edge.
+  template <class S>
+  static constexpr S kLeast = std::is_same_v<S, float> ? 0.02f : 0;
+
+  template <class M, class S>
+  static REDRIVE_LANES PlanePoint<M> project(const MeiNumbers<S>& c, typename M::Real x,
+                                             typename M::Real y, typename M::Real z) {
+    using Real = typename M::Real;
+    PlanePoint<M> p;
+    p.length = M::sqrt(x * x + y * y + z * z);
+    const Real xi = M::constant(c.xi), w = z + xi * p.length,
+               least = M::constant(kLeast<S>) * p.length;
+    p.scale = M::constant(1) / M::max(w, least);
+    p.x = x * p.scale;
+    p.y = y * p.scale;
+    p.s = p.x * p.x + p.y * p.y;
+    // Directions further back than the edge: w = 0, or cos a = -1/xi where the lift has no root.
+    p.seen = M::both(w > least, p.length + xi * z > M::constant(0));
+    return p;
+  }
+  template <class M, class S>
+  static REDRIVE_LANES void adjoint(const MeiNumbers<S>& c, typename M::Real x, typename M::Real y,
+                                    typename M::Real z, const PlanePoint<M>& p,
+                                    typename M::Real d_x, typename M::Real d_y,
+                                    typename M::Real* d_point) {
+    using Real = typename M::Real;
+    const Real xi = M::constant(c.xi), least = M::constant(kLeast<S>), zero = M::constant(0);
+    const auto is_least = z + xi * p.length < least * p.length;
+    d_x = d_x * p.scale;
+    d_y = d_y * p.scale;
+    const Real d_w = zero - (d_x * p.x + d_y * p.y),
+               by_length = d_w * M::select(is_least, least, xi) / p.length;
+    d_point[0] = d_point[0] + d_x + by_length * x;
+    d_point[1] = d_point[1] + d_y + by_length * y;
+    d_point[2] = d_point[2] + by_length * z + M::select(is_least, zero, d_w);
+  }
+};
+
 struct Mei {
   static constexpr const char* kName = "mei";
   static constexpr auto kDistortion = BrownConrady::kParameters;
@@ -29,6 +77,11 @@ struct Mei {
   static constexpr std::array<std::string_view, 0> kTransformsNames{};
   static constexpr bool kPerspective = false, kImageCircle = true;
   static constexpr std::array<double, 6> kTypical{0.03, -0.08, 0, 0, 0, 1.02};
+
+  using Plane = SpherePlane;
+  using Radial = BrownConrady;
+  template <class S>
+  using Numbers = MeiNumbers<S>;
 
   BrownConrady distortion;  ///< max_radius: the lens's or the sphere's, whichever is smaller
   double xi = 0;            ///< distance of the projection centre from the sphere's centre, >= 0:
@@ -43,21 +96,15 @@ struct Mei {
       distortion.max_radius = std::min(distortion.max_radius, (1 - 1e-9) / std::sqrt(xi * xi - 1));
   }
 
+  Numbers<double> numbers() const { return {distortion, xi}; }
+  double max_plane_radius() const { return distortion.max_radius; }
   double covered_radius() const { return distortion.covered_radius(); }
 
   /// Returns the distorted normalised coordinates of a point (any length > 0), or nothing beyond
   /// the edge of the sphere or the fold.
   template <class T>
   std::optional<std::array<T, 2>> project(const std::array<T, 3>& point) const {
-    using std::sqrt;
-    const T length = sqrt(point[0] * point[0] + point[1] * point[1] + point[2] * point[2]);
-    if (!(length > T(0)) || !(point[2] > length * T(xi > 1 ? -1 / xi : -xi))) return std::nullopt;
-    const T w = point[2] + T(xi) * length;
-    const std::array<T, 2> m{point[0] / w, point[1] / w};
-    if (!(m[0] * m[0] + m[1] * m[1] <=
-          T(distortion.max_radius * distortion.max_radius * (1 + 1e-12))))
-      return std::nullopt;
-    return distortion.distort(m);
+    return project_point(*this, point);
   }
 
   /// Returns the unit direction that is projected to `distorted`, or nothing.

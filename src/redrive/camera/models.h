@@ -13,10 +13,13 @@
 //    - kTypical: parameters of a common lens, used by every test of camera_test.cc.
 //    - a constructor from std::span<const double>: kDistortion, then kOther.
 //    - covered_radius(): Camera::covered_radius.
+//    - Plane, Radial and Numbers, of which camera/lens.h makes the projection and its derivatives,
+//      for numbers and vectors; numbers(), and max_plane_radius(), which ends the region where the
+//      model is one-to-one. A further model often takes the Plane or the Radial of another.
 //    - `template <class T> std::optional<std::array<T, 2>> project(const std::array<T, 3>& point)
-//      const`, which also takes numbers that carry derivatives (ceres::Jet), and
+//      const`, which returns project_point(*this, point), and
 //      `std::optional<Eigen::Vector3d> unproject(const Eigen::Vector2d&) const`. Both return
-//      nothing outside the region where the model is one-to-one.
+//      nothing outside that region.
 // 2. Its type in CameraModel below.
 // 3. camera/<model>_test.cc: properties of this model alone.
 #pragma once

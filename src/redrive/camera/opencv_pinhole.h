@@ -14,6 +14,31 @@
 
 namespace redrive {
 
+/// (x, y) = (X/Z, Y/Z), in front of the camera.
+struct PerspectivePlane {
+  template <class M, class Numbers>
+  static REDRIVE_LANES PlanePoint<M> project(const Numbers&, typename M::Real x, typename M::Real y,
+                                             typename M::Real z) {
+    PlanePoint<M> p;
+    p.scale = M::constant(1) / z;
+    p.x = x * p.scale;
+    p.y = y * p.scale;
+    p.s = p.x * p.x + p.y * p.y;
+    p.seen = z > M::constant(0);
+    return p;
+  }
+  template <class M, class Numbers>
+  static REDRIVE_LANES void adjoint(const Numbers&, typename M::Real, typename M::Real,
+                                    typename M::Real, const PlanePoint<M>& p, typename M::Real d_x,
+                                    typename M::Real d_y, typename M::Real* d_point) {
+    d_x = d_x * p.scale;
+    d_y = d_y * p.scale;
+    d_point[0] = d_point[0] + d_x;
+    d_point[1] = d_point[1] + d_y;
+    d_point[2] = d_point[2] - (d_x * p.x + d_y * p.y);
+  }
+};
+
 struct OpenCvPinhole {
   static constexpr const char* kName = "opencv_pinhole";
   static constexpr auto kDistortion = BrownConrady::kParameters;
@@ -23,25 +48,26 @@ struct OpenCvPinhole {
   static constexpr bool kPerspective = true, kImageCircle = false;
   static constexpr std::array<double, 5> kTypical{-0.3, 0.08, 0.002, 0.0006, 0};
 
+  using Plane = PerspectivePlane;
+  using Radial = BrownConrady;
+  template <class S>
+  using Numbers = BrownConradyNumbers<S>;
+
   BrownConrady distortion;
 
   OpenCvPinhole() = default;
   /// k1 k2 p1 p2 k3, all finite.
   explicit OpenCvPinhole(std::span<const double> parameters) : distortion(parameters.first<5>()) {}
 
+  const Numbers<double>& numbers() const { return distortion; }
+  double max_plane_radius() const { return distortion.max_radius; }
   double covered_radius() const { return distortion.covered_radius(); }
 
   /// Returns the distorted normalised coordinates of a point (any length), or nothing behind the
   /// camera or beyond the fold.
   template <class T>
   std::optional<std::array<T, 2>> project(const std::array<T, 3>& point) const {
-    if (!(point[2] > T(0))) return std::nullopt;
-    const std::array<T, 2> m{point[0] / point[2], point[1] / point[2]};
-    // 1e-12: margin for rounding of a ray that unproject returned on the edge.
-    if (!(m[0] * m[0] + m[1] * m[1] <=
-          T(distortion.max_radius * distortion.max_radius * (1 + 1e-12))))
-      return std::nullopt;
-    return distortion.distort(m);
+    return project_point(*this, point);
   }
 
   /// Returns the direction (not normalised) that is projected to `distorted`, or nothing.

@@ -32,7 +32,7 @@ std::vector<double> times_derivative(std::vector<double> polynomial) {
 // With g = n / d, the derivative of r g is (n d + r n' d - r n d') / d^2. The bound of
 // camera/brown_conrady.h on it, times d^2, is a polynomial.
 OpenCvRational::OpenCvRational(std::span<const double> c)
-    : k1(c[0]), k2(c[1]), p1(c[2]), p2(c[3]), k3(c[4]), k4(c[5]), k5(c[6]), k6(c[7]) {
+    : Numbers<double>{c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7]} {
   const std::vector<double> n = {1, 0, k1, 0, k2, 0, k3}, d = {1, 0, k4, 0, k5, 0, k6};
   const std::vector<double> nd = product(n, d), n_slope = product(times_derivative(n), d),
                             d_slope = product(n, times_derivative(d)),
@@ -48,24 +48,14 @@ OpenCvRational::OpenCvRational(std::span<const double> c)
 double OpenCvRational::covered_radius() const {
   if (!std::isfinite(max_radius)) return max_radius;
   const double s = max_radius * max_radius;
-  return max_radius * radial_factor(s) - 6 * std::hypot(p1, p2) * s;
+  return max_radius * radial_factor<NumberMath<double>>(*this, s).value -
+         6 * std::hypot(p1, p2) * s;
 }
 
 std::optional<Eigen::Vector3d> OpenCvRational::unproject(const Eigen::Vector2d& distorted) const {
-  const double length = distorted.norm();
-  if (!std::isfinite(length)) return std::nullopt;
-  if (length == 0) return Eigen::Vector3d(0, 0, 1);
-  const auto radius = [&](double r) { return r * radial_factor(r * r); };
-  const auto slope = [&](double r) {
-    const double s = r * r, n = 1 + s * (k1 + s * (k2 + s * k3)),
-                 d = 1 + s * (k4 + s * (k5 + s * k6));
-    const double n_slope = 2 * s * (k1 + s * (2 * k2 + s * 3 * k3)),
-                 d_slope = 2 * s * (k4 + s * (2 * k5 + s * 3 * k6));
-    return (n * d + n_slope * d - n * d_slope) / (d * d);
-  };
-  const double start =
-      increasing_root(radius, slope, length, length, std::min(max_radius, kFarthest));
-  const auto m = invert_on_disc(*this, distorted, distorted * (start / length), max_radius);
+  if (!distorted.allFinite()) return std::nullopt;
+  const auto m =
+      invert_on_disc<OpenCvRational>(numbers(), distorted, std::min(max_radius, kFarthest));
   if (!m) return std::nullopt;
   return Eigen::Vector3d(m->x(), m->y(), 1);
 }

@@ -11,12 +11,18 @@
 
 #include <Eigen/Core>
 
-#include "redrive/camera/brown_conrady.h"
 #include "redrive/camera/calibration.h"
+#include "redrive/camera/opencv_pinhole.h"
 
 namespace redrive {
 
-struct OpenCvRational {
+/// Coefficients in any precision (camera/lens.h).
+template <class S>
+struct RationalNumbers {
+  S k1, k2, p1, p2, k3, k4, k5, k6;
+};
+
+struct OpenCvRational : RationalNumbers<double> {
   static constexpr const char* kName = "opencv_rational";
   static constexpr std::array<CameraParameter, 8> kDistortion{
       {{"k1"}, {"k2"}, {"p1"}, {"p2"}, {"k3"}, {"k4"}, {"k5"}, {"k6"}}};
@@ -26,39 +32,41 @@ struct OpenCvRational {
   static constexpr std::array<double, 8> kTypical{0.2,  -0.1, 0.001, -0.0005,
                                                   0.01, 0.5,  -0.08, 0.02};
 
-  double k1 = 0, k2 = 0, p1 = 0, p2 = 0, k3 = 0, k4 = 0, k5 = 0, k6 = 0;
+  using Plane = PerspectivePlane;
+  using Radial = OpenCvRational;
+  template <class S>
+  using Numbers = RationalNumbers<S>;
 
   /// Undistorted radius of the disc on which the map is one-to-one, as BrownConrady::max_radius: it
   /// also ends before the denominator reaches 0. Infinity if there is no such radius.
   double max_radius = std::numeric_limits<double>::infinity();
 
-  OpenCvRational() = default;
+  OpenCvRational() : Numbers<double>{} {}
   /// k1 k2 p1 p2 k3 k4 k5 k6, all finite.
   explicit OpenCvRational(std::span<const double> coefficients);
 
-  template <class T>
-  T radial_factor(const T& s) const {
-    return (T(1) + s * (T(k1) + s * (T(k2) + s * T(k3)))) /
-           (T(1) + s * (T(k4) + s * (T(k5) + s * T(k6))));
-  }
-  template <class T>
-  std::array<T, 2> distort(const std::array<T, 2>& point) const {
-    const T s = point[0] * point[0] + point[1] * point[1];
-    return with_tangential(point, radial_factor(s), p1, p2);
+  template <class M, class C>
+  static REDRIVE_LANES RadialFactor<M> radial_factor(const C& c, typename M::Real s) {
+    using Real = typename M::Real;
+    const Real one = M::constant(1), two = M::constant(2), three = M::constant(3);
+    const Real k1 = M::constant(c.k1), k2 = M::constant(c.k2), k3 = M::constant(c.k3),
+               k4 = M::constant(c.k4), k5 = M::constant(c.k5), k6 = M::constant(c.k6);
+    const Real below = one + s * (k4 + s * (k5 + s * k6)),
+               g = (one + s * (k1 + s * (k2 + s * k3))) / below;
+    return {
+        g, (k1 + s * (two * k2 + s * (three * k3)) - g * (k4 + s * (two * k5 + s * (three * k6)))) /
+               below};
   }
 
+  const Numbers<double>& numbers() const { return *this; }
+  double max_plane_radius() const { return max_radius; }
   double covered_radius() const;
 
   /// Returns the distorted normalised coordinates of a point (any length), or nothing behind the
   /// camera or beyond the fold.
   template <class T>
   std::optional<std::array<T, 2>> project(const std::array<T, 3>& point) const {
-    if (!(point[2] > T(0))) return std::nullopt;
-    const std::array<T, 2> m{point[0] / point[2], point[1] / point[2]};
-    // 1e-12: margin for rounding of a ray that unproject returned on the edge.
-    if (!(m[0] * m[0] + m[1] * m[1] <= T(max_radius * max_radius * (1 + 1e-12))))
-      return std::nullopt;
-    return distort(m);
+    return project_point(*this, point);
   }
 
   /// Returns the direction (not normalised) that is projected to `distorted`, or nothing.

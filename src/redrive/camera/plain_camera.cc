@@ -2,60 +2,49 @@
 #include "redrive/camera/plain_camera.h"
 
 #include <algorithm>
+#include <array>
+#include <bit>
 #include <cmath>
 
-#include "redrive/math/dual.h"
+#include "redrive/camera/camera.h"
 
 namespace redrive {
 namespace {
 
 constexpr double kMargin = 1.15;  // times the radius of the image's corners
 
-/// Returns the undistorted radius where the distorted one reaches `radius`, or the model's edge.
-double valid_radius(const BrownConrady& lens, double radius) {
+/// Returns the radius on the model's plane where the distorted one reaches `radius`, or the model's
+/// edge.
+template <class Model>
+double valid_radius(const Model& model, double radius) {
   constexpr double kStep = 1e-3, kMost = 10;
   double r = 0;
-  while (r < kMost && r + kStep < lens.max_radius) {
-    const double s = r * r;
-    if (r * (1 + s * (lens.k1 + s * (lens.k2 + s * lens.k3))) > radius) break;
+  while (r < kMost && r + kStep < model.max_plane_radius()) {
+    if (r * Model::Radial::template radial_factor<NumberMath<double>>(model.numbers(), r * r)
+                .value >
+        radius)
+      break;
     r += kStep;
   }
   return r;
 }
 
-void set_distortion(const BrownConrady& lens, double corner, PlainCamera* out) {
-  out->k1 = static_cast<float>(lens.k1);
-  out->k2 = static_cast<float>(lens.k2);
-  out->p1 = static_cast<float>(lens.p1);
-  out->p2 = static_cast<float>(lens.p2);
-  out->k3 = static_cast<float>(lens.k3);
-  const double radius = valid_radius(lens, kMargin * corner);
+template <class Model>
+void set_model(const Model& model, double corner, PlainCamera* out) {
+  using Numbers = typename Model::template Numbers<double>;
+  const Numbers numbers = model.numbers();
+  const auto all = std::bit_cast<std::array<double, sizeof(Numbers) / sizeof(double)>>(numbers);
+  std::ranges::transform(all, out->numbers, [](double x) { return static_cast<float>(x); });
+  out->perspective = Model::kPerspective;
+  const double radius = valid_radius(model, kMargin * corner);
   out->max_radius2 = static_cast<float>(radius * radius);
-}
-
-/// Projects one point through any model, with derivatives.
-bool project_any(const void* camera, const float* point, float* normalised, float* jacobian) {
-  const Camera& c = *static_cast<const Camera*>(camera);
-  return std::visit(
-      [&](const auto& model) {
-        const auto distorted = model.template project<Dual>(
-            {Dual(static_cast<double>(point[0]), 0), Dual(static_cast<double>(point[1]), 1),
-             Dual(static_cast<double>(point[2]), 2)});
-        if (!distorted) return false;
-        for (int row = 0; row < 2; ++row) {
-          normalised[row] = static_cast<float>((*distorted)[row].value);
-          for (int k = 0; k < 3; ++k)
-            jacobian[3 * row + k] = static_cast<float>((*distorted)[row].d[k]);
-        }
-        return true;
-      },
-      c.model);
 }
 
 }  // namespace
 
 PlainCamera make_plain_camera(const Camera& camera) {
   PlainCamera out;
+  out.model = static_cast<int>(camera.model.index());
   out.fx = static_cast<float>(camera.fx);
   out.fy = static_cast<float>(camera.fy);
   out.cx = static_cast<float>(camera.cx);
@@ -67,20 +56,7 @@ PlainCamera make_plain_camera(const Camera& camera) {
     for (const double v : {-0.5, camera.height - 0.5})
       corner =
           std::max(corner, std::hypot((u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy));
-  if (const auto* pinhole = std::get_if<OpenCvPinhole>(&camera.model)) {
-    set_distortion(pinhole->distortion, corner, &out);
-  } else if (const auto* mei = std::get_if<Mei>(&camera.model)) {
-    out.kind = PlainCamera::Kind::kMei;
-    out.xi = static_cast<float>(mei->xi);
-    // Points with a clamped w (math/plain_camera.h) have another pixel than the camera's.
-    out.min_cosine = static_cast<float>(std::max(mei->xi > 1 ? -1 / mei->xi : -mei->xi,
-                                                 static_cast<double>(kMinMeiDepth) - mei->xi));
-    set_distortion(mei->distortion, corner, &out);
-  } else {
-    out.kind = PlainCamera::Kind::kOther;
-    out.project_point = project_any;
-    out.model = &camera;
-  }
+  std::visit([&](const auto& model) { set_model(model, corner, &out); }, camera.model);
   return out;
 }
 

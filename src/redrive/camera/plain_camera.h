@@ -1,19 +1,92 @@
 // SPDX-License-Identifier: Apache-2.0
-// A camera in plain numbers for kernels that project points (math/plain_camera.h).
+// A camera in plain numbers, for kernels that project many points. Templated on the arithmetic M
+// (math/lanes.h): one number or a vector of them. The formulas are those of the camera's model.
 #pragma once
 
-#include "redrive/camera/camera.h"
-#include "redrive/math/plain_camera.h"
+#include <cstring>
+
+#include "redrive/camera/lens.h"
+#include "redrive/camera/models.h"
 
 namespace redrive {
 
+struct Camera;
+
+struct PlainCamera {
+  static constexpr int kMostNumbers = 8;
+
+  int model = 0;                         ///< index into CameraModel
+  bool perspective = true;               ///< whether the model sees only what is in front of it
+  float fx = 1, fy = 1, cx = 0, cy = 0;  ///< pixel = f (x, y) + c; integers are pixel centres
+  float numbers[kMostNumbers] = {};      ///< the model's Numbers
+  /// Square of the radius on the model's plane up to which points count; its radial factor is
+  /// constant beyond. Ends where the model folds, or somewhat outside the image.
+  float max_radius2 = 1e9f;
+  int width = 0, height = 0;
+};
+
 /// Points count up to 1.15 times the radius of the image's corners, so that what is centred beyond
-/// the edge reaches into the image, or to where the model folds. Models without lanes of their own
-/// are projected one point at a time: `camera` must outlive the result.
+/// the edge reaches into the image, or to where the model folds.
 PlainCamera make_plain_camera(const Camera& camera);
-PlainCamera make_plain_camera(const Camera&&) = delete;
 
 /// Returns the camera of the window of width x height pixels from (x, y) on.
 PlainCamera window_of(PlainCamera camera, int x, int y, int width, int height);
+
+template <class M>
+struct PlainPixel {
+  typename M::Real u, v;
+  typename M::Mask valid;
+};
+
+namespace plain_camera_detail {
+
+template <class Model>
+struct ModelTag {
+  using Type = Model;
+};
+
+/// Calls use(ModelTag<Model>{}, the model's numbers) for the camera's model.
+template <int i = 0, class Use>
+REDRIVE_LANES void with_model(const PlainCamera& camera, const Use& use) {
+  using Model = std::variant_alternative_t<i, CameraModel>;
+  using Numbers = typename Model::template Numbers<float>;
+  static_assert(sizeof(Numbers) <= sizeof camera.numbers);
+  if constexpr (i + 1 < static_cast<int>(std::variant_size_v<CameraModel>))
+    if (camera.model != i) return with_model<i + 1>(camera, use);
+  Numbers numbers;
+  std::memcpy(&numbers, camera.numbers, sizeof numbers);
+  use(ModelTag<Model>{}, numbers);
+}
+
+}  // namespace plain_camera_detail
+
+/// Projects points in camera axes. u and v are finite where the point is in front of the camera,
+/// and in the valid region if `valid` holds.
+template <class M>
+REDRIVE_LANES PlainPixel<M> project(const PlainCamera& camera, typename M::Real x,
+                                    typename M::Real y, typename M::Real z) {
+  PlainPixel<M> out;
+  plain_camera_detail::with_model(
+      camera, [&](auto model, const auto& numbers) __attribute__((always_inline)) {
+        const LensPoint<M> at = project_lens<typename decltype(model)::Type, M>(
+            numbers, M::constant(camera.max_radius2), x, y, z);
+        out = {M::constant(camera.fx) * at.x + M::constant(camera.cx),
+               M::constant(camera.fy) * at.y + M::constant(camera.cy), at.valid};
+      });
+  return out;
+}
+
+/// Adds the derivatives of u d_u + v d_v with respect to the point to d_point[3].
+template <class M>
+REDRIVE_LANES void project_adjoint(const PlainCamera& camera, typename M::Real x,
+                                   typename M::Real y, typename M::Real z, typename M::Real d_u,
+                                   typename M::Real d_v, typename M::Real* d_point) {
+  plain_camera_detail::with_model(
+      camera, [&](auto model, const auto& numbers) __attribute__((always_inline)) {
+        project_lens_adjoint<typename decltype(model)::Type, M>(
+            numbers, M::constant(camera.max_radius2), x, y, z, d_u * M::constant(camera.fx),
+            d_v * M::constant(camera.fy), d_point);
+      });
+}
 
 }  // namespace redrive

@@ -3,7 +3,6 @@
 #include "redrive/camera/plain_camera.h"
 
 #include <cmath>
-#include <utility>
 
 #include <gtest/gtest.h>
 
@@ -13,13 +12,6 @@ namespace redrive {
 namespace {
 
 using Math = NumberMath<double>;
-
-// A plain camera refers to the camera that it was made from.
-template <class T>
-concept MakesPlainCamera = requires(T&& camera) {
-  make_plain_camera(std::forward<T>(camera));
-};
-static_assert(MakesPlainCamera<const Camera&> && !MakesPlainCamera<Camera>);
 
 /// The typical lens of each model in front of a narrow and of a wide image.
 std::vector<ExampleCamera> typical_cameras() {

@@ -15,7 +15,7 @@
 
 #include <cstddef>
 
-#include "redrive/math/plain_camera.h"
+#include "redrive/camera/plain_camera.h"
 
 namespace redrive {
 
@@ -159,7 +159,7 @@ REDRIVE_LANES void project_mean(const PlainCamera& camera, const GaussianPose<M>
   const PlainPixel<M> pixel = project<M>(camera, out->point[0], out->point[1], out->point[2]);
   out->mean[0] = pixel.u;
   out->mean[1] = pixel.v;
-  const Real depth = camera.kind == PlainCamera::Kind::kPinhole ? out->point[2] : out->length;
+  const Real depth = camera.perspective ? out->point[2] : out->length;
   out->visible = M::both(pixel.valid, depth > M::constant(kNearPlane_m));
 }
 
@@ -181,7 +181,7 @@ REDRIVE_LANES void project_gaussian(const PlainCamera& camera, const GaussianPos
   Real q[3][3];
   rotation_from_quaternion<M>(out->q, q);
   const Real depth =
-      M::stopped(camera.kind == PlainCamera::Kind::kPinhole ? out->point[2] : out->length);
+      M::stopped(camera.perspective ? out->point[2] : out->length);
   Real xx = M::constant(0), xy = M::constant(0), yy = M::constant(0);
   Real with_distance[2] = {xx, xx};  // covariance of the pixel and the logarithm of the distance
   for (int j = 0; j < 3; ++j) {

@@ -10,6 +10,7 @@
 #include <ceres/jet.h>
 #include <gtest/gtest.h>
 
+#include "redrive/camera/camera.h"
 #include "redrive/math/so3.h"
 
 namespace redrive {
@@ -20,30 +21,16 @@ using Jet = ceres::Jet<double, kVariables>;
 using Numbers = NumberMath<double>;
 using Jets = NumberMath<Jet>;
 
-PlainCamera pinhole() {
-  PlainCamera camera;
-  camera.fx = 200;
-  camera.fy = 190;
-  camera.cx = 96;
-  camera.cy = 52;
-  camera.k1 = -0.2f;
-  camera.k2 = 0.05f;
-  camera.p1 = 0.001f;
-  camera.p2 = -0.002f;
-  camera.width = 192;
-  camera.height = 104;
-  camera.max_radius2 = 1.2f;
+PlainCamera camera_of(const CameraModel& model, float max_radius2) {
+  PlainCamera camera = make_plain_camera(Camera{model, 200, 190, 96, 52, 192, 104});
+  camera.max_radius2 = max_radius2;
   return camera;
 }
-
+PlainCamera pinhole() {
+  return camera_of(OpenCvPinhole(std::array{-0.2, 0.05, 0.001, -0.002, 0.0}), 1.2f);
+}
 PlainCamera fisheye() {
-  PlainCamera camera = pinhole();
-  camera.kind = PlainCamera::Kind::kMei;
-  camera.xi = 1.4f;
-  camera.min_cosine = -1 / 1.4f;
-  camera.k3 = 0.01f;
-  camera.max_radius2 = 0.9f;
-  return camera;
+  return camera_of(Mei(std::array{-0.2, 0.05, 0.001, -0.002, 0.01, 1.4}), 0.9f);
 }
 
 std::array<double, kDistanceRow> random_rows(std::mt19937* random, double log_scale) {
@@ -123,6 +110,12 @@ void expect_adjoint(const PlainCamera& camera, double log_scale, unsigned seed) 
 
 TEST(GaussianTest, AdjointOfAPinhole) { expect_adjoint(pinhole(), -2, 1); }
 TEST(GaussianTest, AdjointOfAFisheye) { expect_adjoint(fisheye(), -2, 2); }
+TEST(GaussianTest, AdjointOfEveryModel) {
+  for (const CameraModelInfo& model : camera_models()) {
+    SCOPED_TRACE(model.name);
+    expect_adjoint(camera_of(model.make(model.typical), 1.2f), -2, 4);
+  }
+}
 TEST(GaussianTest, AdjointOfLargeGaussians) { expect_adjoint(fisheye(), 1.2, 3); }
 
 TEST(GaussianTest, AColourBelowZeroMayRiseButNotFall) {

@@ -31,6 +31,11 @@ struct Dual {
     for (int i = 0; i < 3; ++i) a.d[i] += b.d[i];
     return a;
   }
+  friend Dual operator-(Dual a, const Dual& b) {
+    a.value -= b.value;
+    for (int i = 0; i < 3; ++i) a.d[i] -= b.d[i];
+    return a;
+  }
   friend Dual operator*(Dual a, const Dual& b) {
     for (int i = 0; i < 3; ++i) a.d[i] = a.d[i] * b.value + a.value * b.d[i];
     a.value *= b.value;

@@ -16,7 +16,7 @@ template <class T>
 T of_all_operations(const T& x, const T& y, const T& z) {
   using std::atan2;
   using std::sqrt;
-  return atan2(sqrt(x * x + y * y), z) * (x / (z + T(2) * y));
+  return atan2(sqrt(x * x + y * y), z) * (x / (z + T(2) * y) - y);
 }
 
 TEST(Dual, AgreesWithJets) {

@@ -27,6 +27,10 @@ struct NumberMath {
     using std::sqrt;
     return sqrt(x);
   }
+  static Real atan2(const Real& y, const Real& x) {
+    using std::atan2;
+    return atan2(y, x);
+  }
   static Real exp(const Real& x) {
     using std::exp;
     return exp(x);
@@ -43,9 +47,6 @@ struct NumberMath {
   static bool any(Mask mask) { return mask; }
   /// Returns x without its derivatives.
   static Real stopped(const Real& x) { return Real(value_of(x)); }
-  static float get(const Real& x, int) { return static_cast<float>(value_of(x)); }
-  static void set(Real* x, int, float value) { *x = Real(value); }
-  static void set_mask(Mask* mask, int, bool value) { *mask = value; }
 };
 
 }  // namespace redrive

@@ -6,7 +6,7 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "redrive/math/plain_camera.h"
+#include "redrive/camera/plain_camera.h"
 
 namespace redrive::kernels {
 
