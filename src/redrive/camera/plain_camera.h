@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A camera in plain numbers, for kernels that project many points. Templated on the arithmetic M
-// (math/lanes.h): one number or a vector of them. The formulas are those of the camera's model.
+// A camera in plain numbers, for kernels that project many points. The arithmetic M is a template
+// parameter (math/lanes.h): one number or a vector of them. The formulas belong to the model.
 #pragma once
 
 #include <cstring>

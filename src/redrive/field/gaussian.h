@@ -180,8 +180,7 @@ REDRIVE_LANES void project_gaussian(const PlainCamera& camera, const GaussianPos
   for (int k = 0; k < 4; ++k) out->q[k] = rows[kQuaternionRow + k] * out->inverse_norm;
   Real q[3][3];
   rotation_from_quaternion<M>(out->q, q);
-  const Real depth =
-      M::stopped(camera.perspective ? out->point[2] : out->length);
+  const Real depth = M::stopped(camera.perspective ? out->point[2] : out->length);
   Real xx = M::constant(0), xy = M::constant(0), yy = M::constant(0);
   Real with_distance[2] = {xx, xx};  // covariance of the pixel and the logarithm of the distance
   for (int j = 0; j < 3; ++j) {

@@ -41,7 +41,7 @@ inline Voxel voxel_of_key(std::uint64_t key) {
 /// Points by voxel: voxels in the order of their keys, the points of each in their own order.
 class VoxelGroups {
  public:
-  /// keys[i]: of point i; any numbers that are equal for points of one voxel.
+  /// keys[i] belongs to point i: any numbers that are equal for points of one voxel.
   explicit VoxelGroups(std::span<const std::uint64_t> keys) {
     std::vector<std::pair<std::uint64_t, std::uint32_t>> sorted(keys.size());
     for (std::size_t i = 0; i < keys.size(); ++i)

@@ -8,6 +8,7 @@
 #include <optional>
 #include <vector>
 
+#include "redrive/camera/camera.h"
 #include "redrive/camera/plain_camera.h"
 #include "redrive/math/rigid3.h"
 #include "redrive/math/voxel_grid.h"
