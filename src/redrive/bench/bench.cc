@@ -5,8 +5,8 @@
 #include <array>
 #include <chrono>
 #include <span>
-#include <string_view>
 #include <stdexcept>
+#include <string_view>
 
 #include <nlohmann/json.hpp>
 

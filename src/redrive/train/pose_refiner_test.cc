@@ -94,9 +94,8 @@ class Landmarks {
 
 /// Refines zero corrections towards landmarks, with rates of the first and the last update. Returns
 /// the loss before and after.
-std::pair<double, double> refine(const Scene& scene,
-                                 const Scene& ground_truth, int steps, double first_m,
-                                 double last_m, PoseState* state) {
+std::pair<double, double> refine(const Scene& scene, const Scene& ground_truth, int steps,
+                                 double first_m, double last_m, PoseState* state) {
   const Landmarks landmarks(ground_truth);
   Scene now = scene;
   RayBatch batch;
