@@ -7,6 +7,8 @@
 #include <opencv2/imgproc.hpp>
 #include <opencv2/video/tracking.hpp>
 
+#include "redrive/base/opencv_threads.h"
+
 namespace redrive {
 
 cv::Mat averaged(const cv::Mat& image, int factor) {

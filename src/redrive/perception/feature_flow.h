@@ -10,6 +10,8 @@
 
 #include <opencv2/core.hpp>
 
+#include "redrive/base/opencv_threads.h"
+
 namespace redrive {
 
 /// Area-averages by a whole factor; the remainder is cropped, as Camera::downscaled does.
