@@ -157,8 +157,8 @@ Camera bench_camera(std::string_view model, double f, std::span<const double> pa
   return make_camera(camera);
 }
 
-/// Times whole images of Gaussians and steps on one window, also with twice the Gaussians, and with
-/// as many of which 50 objects have a quarter. A sample is a Gaussian.
+/// Times whole images of Gaussians, and steps on one window: with 400,000 Gaussians, with twice as
+/// many, and where 50 objects have a quarter of them. Rates count Gaussians.
 void time_gaussians(Runner& runner, kernels::Backend& backend, const SyntheticDrive& drive,
                     const Method& method) {
   constexpr double kRead = kGaussianRows * sizeof(float);  // bytes of a Gaussian

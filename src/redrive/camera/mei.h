@@ -31,8 +31,8 @@ struct MeiNumbers : BrownConradyNumbers<S> {
 
 /// (x, y) = (X, Y) / w with w = Z + xi |point|.
 struct SpherePlane {
-  /// Least w, in lengths of the point, that floats are projected with: sigma points near the edge
-  /// of the sphere stay finite. Nothing nearer to it is seen. Doubles reach the edge.
+  /// Least w, in lengths of the point, that floats are divided by, so that sigma points near the
+  /// sphere's edge (w = 0) stay finite; a point with less is not seen. Doubles reach the edge.
   template <class S>
   static constexpr S kLeast = std::is_same_v<S, float> ? 0.02f : 0;
 

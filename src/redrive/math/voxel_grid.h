@@ -21,8 +21,8 @@ Voxel voxel_of(const Eigen::MatrixBase<Point>& point, typename Point::Scalar sid
   return (point / side).array().floor().template cast<std::int64_t>();
 }
 
-/// Packs a voxel, 21 bits a coordinate. Keys have the order of x, then y, then z; voxels a multiple
-/// of 2^21 apart have the same key.
+/// Packs a voxel, 21 bits a coordinate. Keys are ordered by x, then y, then z. Voxels whose
+/// coordinates differ by multiples of 2^21 share a key.
 inline std::uint64_t voxel_key(const Voxel& voxel) {
   std::uint64_t key = 0;
   for (int k = 0; k < 3; ++k)

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a method contributes to `redrive bench` (bench/bench.h): its stages alone, and models whose
-// steps and images are timed.
+// A method's part of `redrive bench` (bench/bench.h): timings of its stages, and models whose steps
+// and images are timed.
 #pragma once
 
 #include <functional>

@@ -51,7 +51,7 @@ class Field {
     render_to(backend, rays, world_from_camera, exposure, &image);
     return image;
   }
-  /// Renders single rays in world metres, whatever their origins, as a LiDAR's beams.
+  /// Renders single rays in world metres, each with its own origin, such as a LiDAR's beams.
   virtual RenderedRays trace(kernels::Backend& backend, const kernels::Rays& rays) const = 0;
   /// Adds moving objects to rays that trace() has rendered: each is where it is at the ray's own
   /// time, t_ns [rays.n]. Fields that draw none add nothing.

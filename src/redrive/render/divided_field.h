@@ -17,9 +17,9 @@
 
 namespace redrive {
 
-/// What a DividedField knows of its drive.
+/// The drive that a DividedField renders.
 struct DividedDrive {
-  std::vector<std::string> cameras;  ///< as Scene::rig
+  std::vector<std::string> cameras;  ///< names, in the order of Scene::rig
   std::vector<std::int64_t> t_ns;    ///< times of the frames
   BlockWay way;
   SeamExposure seams;

@@ -29,7 +29,8 @@ enum class TrainEnd { kFinished, kInterrupted };
 
 /// Trains from run->state.step to the end of the run, or until `stop`. A resumed run ends with the
 /// same weights as an uninterrupted one, except with max_seconds and after a divergence, which
-/// rolls back to the last checkpoint.
+/// rolls back to the last checkpoint. The run's scene has the pose corrections while it trains, and
+/// the recorded poses again afterwards.
 TrainEnd train(Run* run, kernels::Backend& backend, const std::atomic<bool>& stop,
                StepObserver* observer = nullptr);
 /// Trains likewise with loaded data. `processes`: null, or those that call this for the same run at

@@ -53,7 +53,7 @@ struct RigModel {
   Rigid3d global_from_world = Rigid3d::Identity();
   std::vector<PosedFrame> initial_frames;  ///< at least two
   std::vector<Vector6d> corrections;       ///< (rho, phi) by frame, body axes
-  std::vector<RigModelCamera> cameras;     ///< as Recording::cameras
+  std::vector<RigModelCamera> cameras;     ///< in the order of Recording::cameras
 
   /// The motion that, with the present corrections added, is the smooth motion. Before the first
   /// and after the last frame it continues uniformly.

@@ -45,9 +45,9 @@ class ReturnTimes {
 std::vector<ShownReturn> find_shown_returns(const TrainingSet& data, const ReturnTimes& times,
                                             std::size_t of_view);
 
-/// Returns the pixels of a view's returns by the corrected poses, in their order; not those that
-/// have left the image. LiDAR and camera ride on one body: its corrections move the returns of a
-/// drive with the image, while the camera's change the pixels. Points of photographs stay in the
+/// Returns the pixels of a view's returns by the corrected poses, in their order, without returns
+/// that have left the image. LiDAR and camera ride on one body: its corrections move the returns of
+/// a drive with the image, while the camera's change the pixels. Points of photographs stay in the
 /// world.
 std::vector<RangePixel> range_pixels(const Scene& scene, const View& view,
                                      std::span<const ShownReturn> returns, ThreadPool& pool);
