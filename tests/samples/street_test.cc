@@ -151,10 +151,6 @@ LidarReturns returns_of(const redrive::Run& run) {
                             pool);
 }
 
-Eigen::Vector3d column(const std::vector<float>& values, std::size_t n, std::size_t i) {
-  return {values[i], values[n + i], values[2 * n + i]};
-}
-
 // Projects returns of all revolutions into images of single frames: static points agree with the
 // image's depth, or are hidden, or (at an edge, by noise) are a little nearer.
 TEST(Street, ReturnsOfAllRevolutionsAreFixedInTheWorld) {
@@ -172,10 +168,9 @@ TEST(Street, ReturnsOfAllRevolutionsAreFixedInTheWorld) {
   for (std::size_t i = 0; i < ground_truth.size(); ++i) {
     const GroundTruthView view = ground_truth.load(i);
     const Rigid3d camera_from_world = view.world_from_camera.inverse(Eigen::Isometry);
+    LidarPoses poses(run.scene, returns);
     for (std::size_t k = 0; k < returns.n; ++k) {
-      const Eigen::Vector3d in_camera =
-          camera_from_world * (column(returns.origin, returns.n, k) +
-                               returns.range_m[k] * column(returns.direction, returns.n, k));
+      const Eigen::Vector3d in_camera = camera_from_world * poses.in_world(k);
       const auto at = view.camera.project(in_camera);
       if (!at) continue;
       const long x = std::lround(at->x()), y = std::lround(at->y());
@@ -275,18 +270,18 @@ TEST(StreetTraffic, DropsReturnsOfMovingVehicles) {
   ASSERT_EQ(boxes[0].object_id, 1);  // the parked one
   const Rigid3d box_from_world =
       (world_from_body * boxes[0].body_from_box).inverse(Eigen::Isometry);
+  LidarPoses poses(run.scene, with);
   for (std::size_t i = 0; i < with.n; ++i) {
     const auto [begin, end] = by_time.equal_range(with.t_ns[i]);
-    const Eigen::Vector3d direction = column(with.direction, with.n, i);
+    const Eigen::Vector3d direction = with.direction_in_sensor(i);
     for (auto it = begin; it != end; ++it) {
       // Half of the angle between two channels or packets, and the rotation of near rays by the
       // files' rounding to millimetres.
-      if ((column(without.direction, without.n, it->second) - direction).norm() > 2e-3) continue;
+      if ((without.direction_in_sensor(it->second) - direction).norm() > 2e-3) continue;
       if (std::abs(with.range_m[i] - without.range_m[it->second]) < 0.3) {
         ++same;
       } else if (with.range_m[i] < without.range_m[it->second]) {
-        const Eigen::Vector3d in_box =
-            box_from_world * (column(with.origin, with.n, i) + with.range_m[i] * direction);
+        const Eigen::Vector3d in_box = box_from_world * poses.in_world(i);
         ++((in_box.cwiseAbs().array() <= boxes[0].size_m.array() / 2 + 0.1).all()
                ? earlier_on_parked
                : earlier_elsewhere);

@@ -375,7 +375,7 @@ std::vector<LidarSample> load_align_samples(const Recording& recording, const Al
   const LidarReturns returns =
       load_lidar_returns(recording, scene, read_moving_objects(recording, scene), pool);
   if (damaged && returns.damaged) damaged->push_back(*returns.damaged);
-  return lidar_samples(recording, scene, returns);
+  return lidar_samples(recording, returns);
 }
 
 namespace {

@@ -250,12 +250,10 @@ int export_las(const ExportCommandOptions& options) {
     throw InputError(options.from, "", "", "the recording has no LiDAR revolutions");
   ThreadPool pool(options.backend.threads > 0 ? options.backend.threads : hardware_threads());
   const LidarReturns returns = static_returns(source, pool);
+  LidarPoses poses(run.scene, returns);
   std::vector<LidarRecord> points(returns.n);
   for (std::size_t i = 0; i < returns.n; ++i) {
-    for (int k = 0; k < 3; ++k)
-      points[i].position_m[k] =
-          double(returns.origin[k * returns.n + i]) +
-          double(returns.range_m[i]) * double(returns.direction[k * returns.n + i]);
+    points[i].position_m = poses.in_world(i);
     points[i].t_ns = returns.t_ns[i];
     points[i].intensity = returns.intensity[i];
   }

@@ -174,8 +174,8 @@ Inspection inspect(const InspectOptions& options, ThreadPool& pool) {
 std::vector<MovingObject> search_moving(const Recording& recording, const Scene& scene,
                                         const MovingObjects& annotated, ThreadPool& pool) {
   if (recording.lidar_files.empty()) return {};
-  return find_moving_objects(load_lidar_returns(recording, scene, annotated, pool), annotated,
-                             pool);
+  return find_moving_objects(scene, load_lidar_returns(recording, scene, annotated, pool),
+                             annotated, pool);
 }
 
 /// Writes <CAM>.png and moving.json, to be edited, and <CAM>_overlay.png, to be inspected: the
@@ -225,13 +225,14 @@ void write_report(const std::filesystem::path& folder, ThreadPool& pool, Inspect
   if (const auto unusable = unusable_returns(lidar)) result->findings.push_back(*unusable);
   std::vector<LidarSample> samples;
   if (result->recording.metric && result->recording.body_from_lidar)
-    samples = lidar_samples(result->recording, images.scene, lidar);
+    samples = lidar_samples(result->recording, lidar);
   result->preflight = check_recording(result->recording, images, samples, pool);
   if (lidar.n > 0) result->preflight->shared.push_back(check_lidar_in_images(images.scene, lidar));
   const std::vector<Finding> black = find_black_images(images);
   result->findings.insert(result->findings.end(), black.begin(), black.end());
   if (!result->recording.lidar_files.empty()) {
-    const std::vector<MovingObject> found = find_moving_objects(lidar, images.moving, pool);
+    const std::vector<MovingObject> found =
+        find_moving_objects(images.scene, lidar, images.moving, pool);
     if (!found.empty())
       result->findings.push_back(
           {"moving objects", std::to_string(found.size()) +

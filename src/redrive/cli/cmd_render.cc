@@ -68,7 +68,7 @@ ShiftAxes shift_axes(const RenderOptions& options, const Run& run) {
 }
 
 void no_such_frame(const std::string& frame, const Run& run) {
-  throw UsageError("--frame", frame, unknown_frame(parse_frame("--frame", frame), run.recording));
+  throw UsageError("--frame", frame, unknown_frame(parse_frame("--frame", frame), run.scene));
 }
 
 namespace {
@@ -132,8 +132,8 @@ std::optional<Exposure> chosen_exposure(const RenderOptions& options, const Run&
   };
   if (colon == std::string::npos) fail("must be own, none or CAMERA:FRAME");
   const std::string of = options.exposure.substr(0, colon);
-  const Exposure exposure = exposure_at(
-      run.recording, run.scene, of, parse_frame("--exposure", options.exposure.substr(colon + 1)));
+  const Exposure exposure =
+      exposure_at(run.scene, of, parse_frame("--exposure", options.exposure.substr(colon + 1)));
   if (exposure.camera < 0) fail("the run has no such camera or the recording no such frame");
   return exposure;
 }
@@ -144,7 +144,7 @@ namespace {
 Exposure exposure_of(const RenderOptions& options, const Run& run, const std::string& camera,
                      std::int64_t frame) {
   const std::optional<Exposure> chosen = chosen_exposure(options, run);
-  return chosen ? *chosen : exposure_at(run.recording, run.scene, camera, frame);
+  return chosen ? *chosen : exposure_at(run.scene, camera, frame);
 }
 
 int render_one(const RenderOptions& options) {
@@ -167,7 +167,7 @@ int render_one(const RenderOptions& options) {
 
   const Run run = open_edited_run(options);
   const RigCamera camera = chosen_camera(options, run.scene);
-  const auto pose = world_from_body(run.recording, run.scene, frame, camera);
+  const auto pose = world_from_body(run.scene, frame, camera);
   if (!pose) no_such_frame(options.frame, run);
   const ShiftAxes axes = shift_axes(options, run);
   const Rigid3d world_from_camera =
@@ -179,10 +179,9 @@ int render_one(const RenderOptions& options) {
   std::printf("%s\n", kernels::describe(*backend).c_str());
   check_rendering_memory(run, &camera.camera);
   const RayTable rays = make_ray_table(camera.camera, backend->pool());
-  const RenderedImage image =
-      render_image(*backend, *run.field(), rays,
-                   posed_at_frame(run.recording, run.scene, camera, world_from_camera, frame),
-                   exposure_of(options, run, camera.name, frame));
+  const RenderedImage image = render_image(
+      *backend, *run.field(), rays, posed_at_frame(run.scene, camera, world_from_camera, frame),
+      exposure_of(options, run, camera.name, frame));
   write_image(options.out, to_image8(image));
   std::printf("%s: %d x %d\n", options.out.c_str(), image.width, image.height);
   if (has_extension(options.depth, {".exr"})) {
@@ -223,11 +222,11 @@ int render_poses(const RenderOptions& options) {
   for (std::size_t i = 0; i < poses.views.size(); ++i) {  // check all before the first is rendered
     const RigCamera& camera = requested_camera(poses, i, rig);
     cameras.push_back(&camera);
-    poses_of.push_back(posed_at_frame(
-        run.recording, run.scene, camera,
-        requested_world_from_body(poses, i, camera, run.recording, run.scene, options.relative) *
-            camera.body_from_sensor,
-        poses.views[i].frame_id));
+    poses_of.push_back(
+        posed_at_frame(run.scene, camera,
+                       requested_world_from_body(poses, i, camera, run.scene, options.relative) *
+                           camera.body_from_sensor,
+                       poses.views[i].frame_id));
     exposures.push_back(exposure_of(options, run, camera.name, poses.views[i].frame_id));
   }
 

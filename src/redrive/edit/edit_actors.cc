@@ -132,6 +132,7 @@ void set_body(const ActorChange& change, const std::vector<MovingObject>& own,
 /// `own`: the objects before the edit.
 void apply(const ActorChange& change, const Scene& scene, const std::vector<MovingObject>& own,
            const BodyOfFile& body_of_file, MovingObject* actor) {
+  actor->apply_corrections();
   if (!change.track.empty()) set_track(change.track, scene, actor);
   if (change.speed != 1) set_speed(change.speed, scene, actor);
   const Rigid3d moved = own_motion(change);

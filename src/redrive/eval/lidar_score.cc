@@ -108,17 +108,14 @@ std::optional<LidarScore> score_lidar(const Run& run, kernels::Backend& backend,
         load_lidar_returns(run.recording, run.scene, left_out, backend.pool(),
                            {[&](std::int64_t id) { return id == frame; }});
     const std::size_t n = recorded.n;
-    const kernels::Rays rays{static_cast<int>(n), recorded.origin, recorded.direction};
+    const LidarRays in_world = rays_in_world(run.scene, recorded, backend.pool());
+    const kernels::Rays rays{static_cast<int>(n), in_world.origin, in_world.direction};
     RenderedRays rendered = run.field()->trace(backend, rays);
     run.field()->trace_actors(backend, rays, recorded.t_ns, run.scene.actors, &rendered);
     Cloud measured, seen;
     std::vector<MovingBox> boxes;
     for (std::size_t i = 0; i < n; ++i) {
-      Eigen::Vector3f origin, direction;
-      for (int k = 0; k < 3; ++k) {
-        origin[k] = recorded.origin[k * n + i];
-        direction[k] = recorded.direction[k * n + i];
-      }
+      const Eigen::Vector3f origin = in_world.origin_at(i), direction = in_world.direction_at(i);
       measured.push_back(origin + recorded.range_m[i] * direction);
       std::optional<double> range_m;
       if (rendered.opacity[i] >= kMinReturnOpacity && rendered.depth[i] >= kMinReturn_m &&

@@ -43,17 +43,15 @@ GroundTruthView NovelGroundTruth::load(std::size_t index) const {
   const Rigid3d world_from_body =
       view.global_from_body
           ? ground_truth_global_from_world_.inverse(Eigen::Isometry) * *view.global_from_body
-          : requested_world_from_body(poses_, views_[index], camera, run_.recording, run_.scene,
-                                      false);
+          : requested_world_from_body(poses_, views_[index], camera, run_.scene, false);
   const Rigid3d world_from_camera = world_from_body * camera.body_from_sensor;
-  GroundTruthView ground_truth{
-      view.file,
-      camera.camera,
-      world_from_camera,
-      posed_at_frame(run_.recording, run_.scene, camera, world_from_camera, view.frame_id),
-      exposure_at(run_.recording, run_.scene, camera.name, view.frame_id),
-      load_view(scene, scene.views[0]),
-      {}};
+  GroundTruthView ground_truth{view.file,
+                               camera.camera,
+                               world_from_camera,
+                               posed_at_frame(run_.scene, camera, world_from_camera, view.frame_id),
+                               exposure_at(run_.scene, camera.name, view.frame_id),
+                               load_view(scene, scene.views[0]),
+                               {}};
   const std::filesystem::path depth = image.parent_path() / (image.stem().string() + "_depth.png");
   if (std::filesystem::exists(depth)) ground_truth.depth_m = load_depth(depth, camera);
   return ground_truth;
@@ -62,7 +60,7 @@ GroundTruthView NovelGroundTruth::load(std::size_t index) const {
 std::optional<TrajectoryRegistration> register_with_ground_truth(const Run& run) {
   if (run.recording.ground_truth_frames.empty()) return std::nullopt;
   std::vector<FramePose> used;
-  for (const FramePose& frame : run.recording.frames)
+  for (const FramePose& frame : run.scene.corrected_trajectory())
     if (run.scene.frame_index(frame.id) >= 0) used.push_back(frame);
   return register_trajectories(used, run.recording.ground_truth_frames, run.recording.root);
 }

@@ -15,6 +15,7 @@ Recording drive_of_scene(const Recording& recording, const Scene& scene) {
                      "photographs have neither metres nor times, which a drive needs; export them "
                      "--to colmap or --to transforms");
   Recording drive = recording;
+  drive.frames = scene.corrected_trajectory();
   keep_frames({scene.frames.front().id, scene.frames.back().id}, &drive);
   drive.cameras.clear();
   for (std::size_t c = 0; c < scene.rig.size(); ++c) {

@@ -21,7 +21,7 @@ struct DriveNotes {
   std::vector<std::string> left_out;  ///< what is not written
 };
 
-/// Returns the part of a recording that its scene uses, with the scene's extrinsics and time
+/// Returns the part of a recording that its scene uses, with the scene's poses, extrinsics and time
 /// offsets. Poses, LiDAR and boxes range from the scene's first to its last frame. InputError for
 /// photographs, which have neither metres nor times.
 Recording drive_of_scene(const Recording& recording, const Scene& scene);

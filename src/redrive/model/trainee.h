@@ -183,7 +183,7 @@ class Trainee : public Configurable, public Field {
   virtual void check_actors(const std::filesystem::path& /*recording*/,
                             const std::filesystem::path& /*found*/,
                             const std::vector<MovingObject>&) const {}
-  /// Applies what training corrected in the tracks of objects, for rendering; call it once.
+  /// Sets MovingObject::corrections to what training corrected so far.
   virtual void correct_actors(std::vector<MovingObject>*) const {}
   virtual std::string describe_batch() const = 0;  ///< the largest batch: "2048 rays"
   virtual std::int64_t steps_per_epoch(const TrainingSet& data, int world_size) const = 0;

@@ -378,10 +378,10 @@ MovingObject object_of(const Track& track, const std::vector<Sweep>& sweeps) {
 
 }  // namespace
 
-std::vector<MovingObject> find_moving_objects(const LidarReturns& returns,
+std::vector<MovingObject> find_moving_objects(const Scene& scene, const LidarReturns& returns,
                                               const MovingObjects& annotated, ThreadPool& pool) {
   const Progress progress("following what moves in the LiDAR");
-  const std::vector<Sweep> sweeps = seen_through(returns, pool);
+  const std::vector<Sweep> sweeps = seen_through(scene, returns, pool);
   std::vector<std::vector<Cluster>> clusters(sweeps.size());
   pool.run(static_cast<int>(sweeps.size()),
            [&](int s) { clusters[s] = clusters_of(sweeps[s], s); });

@@ -19,10 +19,10 @@ namespace redrive {
 
 /// Returns objects with the ids -1, -2, ... and the type "FOUND". Their boxes stand on the ground,
 /// enclose the returns on them, and extend away from the sensor to the object's usual size; their
-/// tracks are smooth. The result does not depend on threads. `returns`: returns of scans, in the
-/// world, whose z axis points up, without returns on `annotated` objects; leftovers of these are no
-/// object.
-std::vector<MovingObject> find_moving_objects(const LidarReturns& returns,
+/// tracks are smooth. The result does not depend on threads. `returns`: returns of the scans of
+/// `scene`, whose world's z axis points up, without returns on `annotated` objects; leftovers of
+/// these are no object.
+std::vector<MovingObject> find_moving_objects(const Scene& scene, const LidarReturns& returns,
                                               const MovingObjects& annotated, ThreadPool& pool);
 
 /// Adds objects that were found in a later part of a drive to the objects of the earlier parts,

@@ -32,7 +32,7 @@ Comparison compare(const std::filesystem::path& root, PoseSource source) {
   const MovingObjects annotated = read_moving_objects(recording, scene), none;
   const LidarReturns returns = load_lidar_returns(recording, scene, none, pool);
   Comparison out;
-  out.found = find_moving_objects(returns, none, pool);
+  out.found = find_moving_objects(scene, returns, none, pool);
   const MovingObjects found(out.found);
   for (const View& view : scene.views) {
     const auto a = object_map(scene, view, annotated), b = object_map(scene, view, found);
@@ -78,7 +78,7 @@ TEST(FindMovingStreet, FindsNothingBesideTheBoxes) {
   ThreadPool pool(2);
   const MovingObjects annotated = read_moving_objects(recording, scene);
   const LidarReturns rest = load_lidar_returns(recording, scene, annotated, pool);
-  EXPECT_TRUE(find_moving_objects(rest, annotated, pool).empty());
+  EXPECT_TRUE(find_moving_objects(scene, rest, annotated, pool).empty());
 }
 
 std::string real_drive(const std::string& name) { return REDRIVE_SHARED "/data/" + name; }

@@ -8,6 +8,7 @@
 
 #include <gtest/gtest.h>
 
+#include "redrive/scene/lidar_testing.h"
 #include "redrive/scene/moving_objects.h"
 
 namespace redrive {
@@ -17,6 +18,7 @@ using Eigen::AlignedBox3d;
 using Eigen::Vector3d;
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
+constexpr std::int64_t kBegin_ns = 1'000'000'000;
 
 /// Distance along a unit direction to an axis-parallel box, by the slab test.
 double distance_to(const AlignedBox3d& box, const Vector3d& from, const Vector3d& direction) {
@@ -52,12 +54,7 @@ class Street {
     std::mt19937 random(1);
     std::uniform_real_distribution<double> unit(0, 1);
     std::normal_distribution<double> noise(0, 0.02);
-    struct Hit {
-      Vector3d from, direction;
-      double range_m;
-      std::int64_t t_ns;
-    };
-    std::vector<Hit> hits;
+    std::vector<MeasuredPoint> hits;
     for (int turn = 0; turn < static_cast<int>(10 * seconds); ++turn)
       for (int step = 0; step < kSteps; ++step)
         for (int beam = 0; beam < kBeams; ++beam) {
@@ -76,27 +73,22 @@ class Street {
             if (hedge.contains(Vector3d(from + (in_m + 1e-6) * direction)) && unit(random) < 0.3)
               range_m = in_m;
           hits.push_back(
-              {from, direction, range_m + noise(random), 1'000'000'000 + std::llround(1e9 * t_s)});
+              {from + (range_m + noise(random)) * direction, kBegin_ns + std::llround(1e9 * t_s)});
         }
-    LidarReturns out;
-    out.n = hits.size();
-    for (int d = 0; d < 3; ++d)
-      for (const Hit& hit : hits) {
-        out.origin.push_back(static_cast<float>(hit.from[d]));
-        out.direction.push_back(static_cast<float>(hit.direction[d]));
-      }
-    for (const Hit& hit : hits) {
-      out.range_m.push_back(static_cast<float>(hit.range_m));
-      out.t_ns.push_back(hit.t_ns);
-      out.intensity.push_back(1);
-    }
-    return out;
+    return returns_of(scene(), hits, {0, -1, 1.7});
+  }
+  static Scene scene() {
+    Scene scene;
+    for (const double t_s : {0.0, 100.0})
+      scene.add_frame({static_cast<int>(t_s), kBegin_ns + std::llround(1e9 * t_s),
+                       Rigid3d(Eigen::Translation3d(8 * t_s, 0, 0))});
+    return scene;
   }
 };
 
 std::vector<MovingObject> found_in(const LidarReturns& returns) {
   ThreadPool pool(2);
-  return find_moving_objects(returns, {}, pool);
+  return find_moving_objects(Street::scene(), returns, {}, pool);
 }
 
 TEST(FindMoving, FindsNothingWhereNothingMoves) {
@@ -121,11 +113,10 @@ TEST(FindMoving, EnclosesWhatIsSeenOfAMovingCar) {
   EXPECT_GE(found[0].keys.size(), 15u);
   const MovingObjects objects(found);
   std::size_t on_car = 0, covered = 0, beside = 0;
+  const Scene scene = Street::scene();
+  LidarPoses poses(scene, returns);
   for (std::size_t i = 0; i < returns.n; ++i) {
-    Vector3d p;
-    for (int d = 0; d < 3; ++d)
-      p[d] = returns.origin[d * returns.n + i] +
-             returns.range_m[i] * returns.direction[d * returns.n + i];
+    const Vector3d p = poses.in_world(i);
     const double t_s = 1e-9 * static_cast<double>(returns.t_ns[i] - 1'000'000'000);
     if (t_s < 0.6 || t_s > 1.9) continue;
     const auto boxes = objects.at(returns.t_ns[i]);
@@ -165,8 +156,9 @@ TEST(FindMoving, FindsNothingAtThePlaceOfAnAnnotatedObject) {
     annotated.keys.push_back(key);
   }
   ThreadPool pool(2);
-  EXPECT_EQ(find_moving_objects(returns, {}, pool).size(), 1u);
-  EXPECT_TRUE(find_moving_objects(returns, MovingObjects({annotated}), pool).empty());
+  EXPECT_EQ(find_moving_objects(Street::scene(), returns, {}, pool).size(), 1u);
+  EXPECT_TRUE(
+      find_moving_objects(Street::scene(), returns, MovingObjects({annotated}), pool).empty());
 }
 
 MovingObject along_x(double from_m, double y_m, double first_s, double last_s) {
@@ -204,7 +196,7 @@ TEST(FindMoving, DoesNotDependOnThreads) {
   street.car_m_per_s = Vector3d(-9, 0, 0);
   const LidarReturns returns = street.returns();
   ThreadPool one(1);
-  const auto a = find_moving_objects(returns, {}, one), b = found_in(returns);
+  const auto a = find_moving_objects(Street::scene(), returns, {}, one), b = found_in(returns);
   ASSERT_GE(a.size(), 1u);
   ASSERT_EQ(a.size(), b.size());
   EXPECT_LT(a[0].keys[a[0].keys.size() / 2].velocity_in_world_m_per_s.x(), -7) << "oncoming";

@@ -36,21 +36,26 @@ constexpr std::size_t kMostGroundPoints = 4'000'000;
 
 constexpr std::int64_t kMostSweeps = 1'000'000;  // one day; anything longer has gaps or wrong times
 
-Vector3f at(const std::vector<float>& v, std::size_t n, std::size_t i) {
-  return {v[i], v[n + i], v[2 * n + i]};
-}
+/// Returns and their rays in the world.
+struct Scans {
+  const LidarReturns& returns;
+  LidarRays rays;
+
+  Vector3f end(std::size_t i) const {
+    return rays.origin_at(i) + returns.range_m[i] * rays.direction_at(i);
+  }
+};
 
 /// Height of the ground on a grid of 1 m.
 class Ground {
  public:
-  explicit Ground(const LidarReturns& returns) {
+  explicit Ground(const Scans& scans) {
     constexpr double kLowest = 0.05;  // echoes from below the road are fewer
-    const std::size_t step = 1 + returns.n / kMostGroundPoints;
+    const std::size_t n = scans.returns.n, step = 1 + n / kMostGroundPoints;
     std::vector<std::pair<std::uint64_t, float>> points;
-    points.reserve(returns.n / step + 1);
-    for (std::size_t i = 0; i < returns.n; i += step) {
-      const Vector3f p = at(returns.origin, returns.n, i) +
-                         returns.range_m[i] * at(returns.direction, returns.n, i);
+    points.reserve(n / step + 1);
+    for (std::size_t i = 0; i < n; i += step) {
+      const Vector3f p = scans.end(i);
       points.emplace_back(cell(p.x(), p.y()), p.z());
     }
     std::ranges::sort(points);
@@ -84,14 +89,14 @@ class RayIndex {
   static constexpr float kRow_rad = std::numbers::pi_v<float> / 2 / kRows;
 
   RayIndex() = default;
-  RayIndex(const LidarReturns& returns, const std::vector<std::uint32_t>& of_sweep) {
+  RayIndex(const Scans& scans, const std::vector<std::uint32_t>& of_sweep) {
     const std::size_t step = 1 + of_sweep.size() / kMostRays;
     std::vector<Vector3f> origins(kColumns, Vector3f::Zero());
     std::vector<int> counts(kColumns), cells;
     begin_.assign(kColumns * kRows + 1, 0);
     for (std::size_t k = 0; k < of_sweep.size(); k += step) {
-      const Vector3f origin = at(returns.origin, returns.n, of_sweep[k]);
-      const auto [column, row] = cell(at(returns.direction, returns.n, of_sweep[k]));
+      const Vector3f origin = scans.rays.origin_at(of_sweep[k]);
+      const auto [column, row] = cell(scans.rays.direction_at(of_sweep[k]));
       origins[column] += origin;
       ++counts[column];
       mean_ += origin;
@@ -114,7 +119,7 @@ class RayIndex {
   bool empty() const { return rays_.empty(); }
 
   /// Counts the scan's rays at the point.
-  void look(const LidarReturns& returns, SweepPoint* point) const {
+  void look(const Scans& scans, SweepPoint* point) const {
     const Vector3f& p = point->in_world;
     // The sensor moves while it turns: finds where it was when it looked at the point.
     Vector3f towards = p - mean_;
@@ -134,10 +139,9 @@ class RayIndex {
         const int k = r * kColumns + (c + kColumns) % kColumns;
         for (std::uint32_t i = begin_[k]; i < begin_[k + 1]; ++i) {
           const std::uint32_t ray = rays_[i];
-          const Vector3f d = at(returns.direction, returns.n, ray),
-                         from = p - at(returns.origin, returns.n, ray);
+          const Vector3f d = scans.rays.direction_at(ray), from = p - scans.rays.origin_at(ray);
           const float along_m = from.dot(d), across_m = (from - along_m * d).norm(),
-                      beyond_m = returns.range_m[ray] - along_m;
+                      beyond_m = scans.returns.range_m[ray] - along_m;
           if (across_m < ended_m && std::abs(beyond_m) < kAlong_m) {
             ++point->ended;
             return;
@@ -163,19 +167,18 @@ class RayIndex {
   std::vector<std::uint32_t> rays_;   ///< indices of returns
 };
 
-std::vector<SweepPoint> thinned(const LidarReturns& returns,
-                                const std::vector<std::uint32_t>& of_sweep, const Ground& ground) {
+std::vector<SweepPoint> thinned(const Scans& scans, const std::vector<std::uint32_t>& of_sweep,
+                                const Ground& ground) {
   std::vector<SweepPoint> points;
   std::unordered_set<std::uint64_t> taken;
   for (const std::uint32_t i : of_sweep) {
-    const float range_m = returns.range_m[i];
+    const float range_m = scans.returns.range_m[i];
     if (range_m < kLeastRange_m || range_m > kMostRange_m) continue;
-    const Vector3f sensor = at(returns.origin, returns.n, i),
-                   p = sensor + range_m * at(returns.direction, returns.n, i);
+    const Vector3f p = scans.end(i);
     if (!taken.insert(voxel_key(voxel_of(p, kThinning_m))).second) continue;
     const float ground_m = ground.under(p);
     if (p.z() - ground_m < kLeastHeight_m || p.z() - ground_m > kMostHeight_m) continue;
-    points.push_back({p, sensor, returns.t_ns[i], ground_m});
+    points.push_back({p, scans.rays.origin_at(i), scans.returns.t_ns[i], ground_m});
   }
   points.shrink_to_fit();
   return points;
@@ -186,9 +189,10 @@ std::vector<SweepPoint> thinned(const LidarReturns& returns,
 std::uint64_t search_bytes(std::uint64_t returns, std::uint64_t revolutions) {
   // bytes of a vector that grew by doubling; bytes of a ground point with a hash table cell of its
   // own
-  constexpr std::uint64_t kIndex = 2 * sizeof(std::uint32_t), kGroundPoint = 16 + 40;
+  constexpr std::uint64_t kIndex = 2 * sizeof(std::uint32_t), kRay = 6 * sizeof(float),
+                          kGroundPoint = 16 + 40;
   const std::uint64_t indices = std::min<std::uint64_t>(revolutions, kBlock + 2 * kOffsets.back());
-  return returns * (kIndex + sizeof(SweepPoint)) +
+  return returns * (kIndex + kRay + sizeof(SweepPoint)) +
          std::min<std::uint64_t>(returns, kMostGroundPoints) * kGroundPoint +
          indices * (sizeof(std::uint32_t) * (kMostRays + RayIndex::kColumns * RayIndex::kRows) +
                     sizeof(Vector3f) * RayIndex::kColumns);
@@ -200,7 +204,7 @@ std::int64_t search_looks(std::int64_t sweeps) {
   return looks;
 }
 
-std::vector<Sweep> seen_through(const LidarReturns& returns, ThreadPool& pool) {
+std::vector<Sweep> seen_through(const Scene& scene, const LidarReturns& returns, ThreadPool& pool) {
   std::vector<Sweep> sweeps;
   if (returns.n == 0) return sweeps;
   const auto [first, last] = std::ranges::minmax(returns.t_ns);
@@ -211,7 +215,8 @@ std::vector<Sweep> seen_through(const LidarReturns& returns, ThreadPool& pool) {
   for (std::size_t i = 0; i < returns.n; ++i)
     rays[static_cast<std::size_t>((returns.t_ns[i] - first) / kSweep_ns)].push_back(
         static_cast<std::uint32_t>(i));
-  const Ground ground(returns);
+  const Scans scans{returns, rays_in_world(scene, returns, pool)};
+  const Ground ground(scans);
   std::vector<RayIndex> indices(sweeps.size());
   const int count = static_cast<int>(sweeps.size());
   const auto look = [&](int s) {
@@ -223,7 +228,7 @@ std::vector<Sweep> seen_through(const LidarReturns& returns, ThreadPool& pool) {
     for (SweepPoint& point : sweeps[s].points) {
       auto left = static_cast<int>(others.size());
       for (const RayIndex* other : others) {
-        other->look(returns, &point);
+        other->look(scans, &point);
         if (point.ended > point.through + --left) break;  // it stays, whatever the other scans see
       }
     }
@@ -236,8 +241,8 @@ std::vector<Sweep> seen_through(const LidarReturns& returns, ThreadPool& pool) {
     for (; dropped < begin - kOffsets.back(); ++dropped) indices[dropped] = {};
     pool.run(needed - made, [&](int k) {
       const int s = made + k;
-      sweeps[s].points = thinned(returns, rays[s], ground);
-      indices[s] = RayIndex(returns, rays[s]);
+      sweeps[s].points = thinned(scans, rays[s], ground);
+      indices[s] = RayIndex(scans, rays[s]);
     });
     made = needed;
     pool.run(end - begin, [&](int k) {

@@ -41,6 +41,6 @@ std::int64_t search_looks(std::int64_t sweeps);
 
 /// Returns scans one after the other, empty ones included; none where they span more than a day.
 /// Scans nearer than 0.4 s to one do not count for it.
-std::vector<Sweep> seen_through(const LidarReturns& returns, ThreadPool& pool);
+std::vector<Sweep> seen_through(const Scene& scene, const LidarReturns& returns, ThreadPool& pool);
 
 }  // namespace redrive

@@ -20,22 +20,15 @@ void LidarSampler::gather(std::int64_t step, int n, RayBatch* batch) const {
   batch->target.clear();
   batch->background.clear();
   batch->exposure.clear();
-  const bool moves = !scene_.corrections.values.empty();
+  LidarPoses poses(scene_, returns_);
   for (std::size_t i = 0; i < rays; ++i) {
     const std::uint64_t drawn = static_cast<std::uint64_t>(step) * rays + i,
                         key = random_key(seed_, kStreamLidar, drawn / returns_.n);
     const std::size_t k = permute_index(key, drawn % returns_.n, returns_.n);
     batch->range_m[i] = returns_.range_m[k];
-    Eigen::Vector3d origin, direction;
-    for (int d = 0; d < 3; ++d) {
-      origin[d] = returns_.origin[d * returns_.n + k];
-      direction[d] = returns_.direction[d * returns_.n + k];
-    }
-    if (moves) {
-      const Rigid3d motion = scene_.correction_at(returns_.t_ns[k]);
-      origin = motion * origin;
-      direction = motion.linear() * direction;
-    }
+    const Rigid3d& world_from_sensor = poses.at(k);
+    const Eigen::Vector3d origin = world_from_sensor.translation(),
+                          direction = world_from_sensor.linear() * returns_.direction_in_sensor(k);
     for (int d = 0; d < 3; ++d) {
       batch->origin[d * rays + i] = static_cast<float>(origin[d]);
       batch->direction[d * rays + i] = static_cast<float>(direction[d]);

@@ -15,14 +15,13 @@ constexpr float kLidarBeamAngle_rad = 0.002f;
 
 class LidarSampler {
  public:
-  /// The returns, in the world of the scene's recorded poses, and the scene must outlive the
-  /// sampler; the returns stay unchanged.
+  /// Returns and scene must outlive the sampler; the returns stay unchanged.
   LidarSampler(const LidarReturns& returns, const Scene& scene, std::uint64_t seed);
   LidarSampler(const LidarSampler&) = delete;
   LidarSampler& operator=(const LidarSampler&) = delete;
 
-  /// Gathers batch `step` (from 0): n rays with range_m, without colours, moved with the body by
-  /// the corrections of the scene's poses. There must be returns.
+  /// Gathers batch `step` (from 0): n rays in the world of the scene's poses as they are now, with
+  /// range_m, without colours. There must be returns.
   void gather(std::int64_t step, int n, RayBatch* batch) const;
 
  private:

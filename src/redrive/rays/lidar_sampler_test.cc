@@ -12,17 +12,26 @@ LidarReturns returns(std::size_t n) {
   LidarReturns r;
   r.n = n;
   for (std::size_t k = 0; k < 3; ++k)
-    for (std::size_t i = 0; i < n; ++i) {
-      r.origin.push_back(static_cast<float>(1000 * k + i));
-      r.direction.push_back(static_cast<float>(k == i % 3));
-    }
-  for (std::size_t i = 0; i < n; ++i) r.range_m.push_back(static_cast<float>(1 + i));
+    for (std::size_t i = 0; i < n; ++i) r.direction.push_back(static_cast<float>(k == i % 3));
+  for (std::size_t i = 0; i < n; ++i) {
+    r.range_m.push_back(static_cast<float>(1 + i));
+    r.t_ns.push_back(static_cast<std::int64_t>(i));
+  }
+  r.body_from_sensor = Eigen::Translation3d(1000, 2000, 3000);
   return r;
+}
+
+/// The body drives 1 m per nanosecond.
+Scene driving() {
+  Scene scene;
+  scene.add_frame({0, 0, Rigid3d::Identity()});
+  scene.add_frame({1, 1000, Rigid3d(Eigen::Translation3d(1000, 0, 0))});
+  return scene;
 }
 
 TEST(LidarSampler, VisitsEachReturnOncePerEpoch) {
   const LidarReturns r = returns(60);
-  const Scene scene;
+  const Scene scene = driving();
   const LidarSampler sampler(r, scene, 5);
   RayBatch batch;
   std::map<float, int> drawn;
@@ -36,7 +45,7 @@ TEST(LidarSampler, VisitsEachReturnOncePerEpoch) {
       in_order = in_order && range == 1 + static_cast<float>((15 * step + i) % 60);
       const int k = static_cast<int>(range) - 1;
       for (int d = 0; d < 3; ++d) {
-        EXPECT_EQ(batch.origin[d * 15 + i], 1000 * d + k);
+        EXPECT_FLOAT_EQ(batch.origin[d * 15 + i], static_cast<float>(1000 * (d + 1) + (d ? 0 : k)));
         EXPECT_EQ(batch.direction[d * 15 + i], d == k % 3);
       }
       EXPECT_GT(batch.pixel_angle[i], 0);
@@ -51,7 +60,7 @@ TEST(LidarSampler, VisitsEachReturnOncePerEpoch) {
 
 TEST(LidarSampler, IsAFunctionOfSeedAndStep) {
   const LidarReturns r = returns(1000);
-  const Scene scene;
+  const Scene scene = driving();
   RayBatch a, b, c;
   LidarSampler(r, scene, 5).gather(3, 64, &a);
   LidarSampler(r, scene, 5).gather(3, 64, &b);
@@ -63,8 +72,7 @@ TEST(LidarSampler, IsAFunctionOfSeedAndStep) {
 // The pose of frame 1 is changed, so returns between it and frame 0 move by a fraction, and those
 // at frame 0 do not.
 TEST(LidarSampler, ReturnsMoveWithTheirFrames) {
-  LidarReturns r = returns(60);
-  for (std::size_t i = 0; i < r.n; ++i) r.t_ns.push_back(static_cast<std::int64_t>(i));
+  const LidarReturns r = returns(60);
   Scene scene;
   scene.global_from_world = Rigid3d(Eigen::AngleAxisd(0.9, Eigen::Vector3d(1, -2, 3).normalized()));
   scene.global_from_world.translation() = Eigen::Vector3d(4e6, 1e6, 5e6);

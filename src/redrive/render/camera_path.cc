@@ -91,12 +91,11 @@ double fov_of(const Camera& lens) {
   return std::clamp(2 * std::atan(0.5 * lens.height / lens.fy) / kRadiansPerDegree, 1.0, 179.0);
 }
 
-CameraPath drive_path(const Recording& recording, const Scene& scene, const RigCamera& camera,
-                      double left_m) {
+CameraPath drive_path(const Scene& scene, const RigCamera& camera, double left_m) {
   CameraPath path;
   path.camera = camera.name;
   for (const Frame& frame : scene.frames) {
-    const auto body = world_from_body(recording, scene, frame.id, camera);
+    const auto body = world_from_body(scene, frame.id, camera);
     REDRIVE_CHECK(body.has_value());
     const double t_s = 1e-9 * static_cast<double>(frame.t_ns - scene.frames.front().t_ns);
     path.keys.push_back({t_s,
@@ -108,7 +107,7 @@ CameraPath drive_path(const Recording& recording, const Scene& scene, const RigC
   return path;
 }
 
-PathKey path_key(const PathKeyframe& keyframe, const Recording& recording, const Scene& scene,
+PathKey path_key(const PathKeyframe& keyframe, const Scene& scene,
                  const std::filesystem::path& file, std::size_t index) {
   const auto fail = [&](const char* key, const std::string& value, const std::string& rule) {
     throw InputError(file, "keyframes[" + std::to_string(index) + "]." + key, value, rule);
@@ -116,28 +115,24 @@ PathKey path_key(const PathKeyframe& keyframe, const Recording& recording, const
   const int camera = scene.camera_index(keyframe.camera);
   if (camera < 0) fail("camera", keyframe.camera, unknown_camera(keyframe.camera, scene.rig));
   const RigCamera& of_rig = scene.rig[camera];
-  const auto body = world_from_body(recording, scene, keyframe.frame_id, of_rig);
+  const auto body = world_from_body(scene, keyframe.frame_id, of_rig);
   if (!body)
-    fail("frame_id", std::to_string(keyframe.frame_id),
-         unknown_frame(keyframe.frame_id, recording));
+    fail("frame_id", std::to_string(keyframe.frame_id), unknown_frame(keyframe.frame_id, scene));
   const Rigid3d body_from_sensor =
       turned_sensor(of_rig.body_from_sensor, kRadiansPerDegree * keyframe.yaw_deg,
                     kRadiansPerDegree * keyframe.pitch_deg);
-  return {
-      keyframe.time_s,
-      shifted_camera(scene.global_from_world, *body, body_from_sensor, ShiftAxes::kBody,
-                     Eigen::Vector3d(keyframe.shift_body_m.data())),
-      0,
-      static_cast<double>(exposure_at(recording, scene, keyframe.camera, keyframe.frame_id).t_s)};
+  return {keyframe.time_s,
+          shifted_camera(scene.global_from_world, *body, body_from_sensor, ShiftAxes::kBody,
+                         Eigen::Vector3d(keyframe.shift_body_m.data())),
+          0, static_cast<double>(exposure_at(scene, keyframe.camera, keyframe.frame_id).t_s)};
 }
 
-CameraPath path_of_file(const CameraPathFile& file, const Recording& recording,
-                        const Scene& scene) {
+CameraPath path_of_file(const CameraPathFile& file, const Scene& scene) {
   CameraPath path;
   path.fps = file.fps;
   path.seconds = file.seconds;
   for (std::size_t i = 0; i < file.keyframes.size(); ++i)
-    path.keys.push_back(path_key(file.keyframes[i], recording, scene, file.path, i));
+    path.keys.push_back(path_key(file.keyframes[i], scene, file.path, i));
   if (!file.keyframes.empty()) {
     path.camera = file.keyframes.front().camera;
     return path;

@@ -57,15 +57,14 @@ double fov_of(const Camera& lens);
 
 /// Returns the path of a camera on the drive, `left_m` to the left in body axes, with a key at each
 /// frame of the scene and the drive's own times.
-CameraPath drive_path(const Recording& recording, const Scene& scene, const RigCamera& camera,
-                      double left_m);
+CameraPath drive_path(const Scene& scene, const RigCamera& camera, double left_m);
 
 /// Returns the path in a file. InputError where the run has no such camera or frame.
-CameraPath path_of_file(const CameraPathFile& file, const Recording& recording, const Scene& scene);
+CameraPath path_of_file(const CameraPathFile& file, const Scene& scene);
 
 /// Returns the pose of a keyframe, placed as `redrive render` does. InputError naming `file` and
 /// keyframes[index].
-PathKey path_key(const PathKeyframe& keyframe, const Recording& recording, const Scene& scene,
+PathKey path_key(const PathKeyframe& keyframe, const Scene& scene,
                  const std::filesystem::path& file, std::size_t index);
 
 /// Returns one exposure for the whole path, so that nothing flickers: the exposure of `camera`, an

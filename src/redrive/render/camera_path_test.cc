@@ -115,15 +115,13 @@ class PathOfARun : public testing::Test {
       Rigid3d body = Rigid3d::Identity();
       body.translation() = Eigen::Vector3d(10 * i, 0, 0);
       scene.add_frame({20 + i, i * 500'000'000LL, body});
-      recording.frames.push_back({20 + i, i * 500'000'000LL, body});
     }
   }
   Scene scene;
-  Recording recording;
 };
 
 TEST_F(PathOfARun, FollowsTheDriveBesideIt) {
-  const CameraPath path = drive_path(recording, scene, scene.rig[0], 1.5);
+  const CameraPath path = drive_path(scene, scene.rig[0], 1.5);
   EXPECT_EQ(path.camera, "CAM");
   EXPECT_EQ(path.seconds, 1);
   EXPECT_EQ(path.images(), 24);
@@ -139,7 +137,7 @@ TEST_F(PathOfARun, PlacesKeyframesAsRenderDoes) {
   file.path = "path.json";
   file.seconds = 2;
   file.keyframes = {{0, "CAM", 20, {0, 0, 0}, 0, 0}, {2, "CAM", 22, {1, 2, 3}, 90, 0}};
-  const CameraPath path = path_of_file(file, recording, scene);
+  const CameraPath path = path_of_file(file, scene);
   EXPECT_EQ(path.images(), 48);
   EXPECT_EQ(path.camera, "CAM");
   const Rigid3d end = path.at_image(47).world_from_camera;
@@ -152,7 +150,7 @@ TEST_F(PathOfARun, PlacesKeyframesAsRenderDoes) {
     else
       bad.keyframes[1].frame_id = 5;
     try {
-      path_of_file(bad, recording, scene);
+      path_of_file(bad, scene);
       FAIL();
     } catch (const InputError& error) {
       EXPECT_THAT(error.what(),
@@ -169,7 +167,7 @@ TEST_F(PathOfARun, TakesLensAndTimesOfAFile) {
   file.fps = 10;
   file.seconds = 0.3;
   for (int i = 0; i < 3; ++i) file.cameras.push_back({pose({i * i * 1.0, 0, 0}, 0), 50.0 + i});
-  const CameraPath path = path_of_file(file, recording, scene);
+  const CameraPath path = path_of_file(file, scene);
   ASSERT_EQ(path.images(), 3);
   for (int i = 0; i < 3; ++i) {
     EXPECT_EQ(path.at_image(i).fov_deg, 50 + i);

@@ -1,12 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/render/lidar_scan.h"
 
-#include "redrive/recording/core/trajectory.h"
-
 namespace redrive {
 
 Rigid3d SensorMotion::world_from_body(std::int64_t t_ns) const {
-  return scene.global_from_world.inverse(Eigen::Isometry) * pose_at(recording.frames, t_ns);
+  return scene.world_from_body(t_ns);
 }
 
 Rigid3d SensorMotion::world_from_sensor(std::int64_t t_ns) const {

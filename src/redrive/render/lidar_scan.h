@@ -19,9 +19,8 @@ constexpr float kMinReturnOpacity = 0.5f;
 constexpr double kMinReturn_m = 0.5, kMaxReturn_m = 200;
 
 /// The motion of a sensor: on the body along the trajectory, shifted along `axes` (kCamera: the
-/// sensor's own, x forward, y left, z up). Recording and scene must outlive it.
+/// sensor's own, x forward, y left, z up). The scene must outlive it.
 struct SensorMotion {
-  const Recording& recording;
   const Scene& scene;
   Rigid3d body_from_sensor = Rigid3d::Identity();
   ShiftAxes axes = ShiftAxes::kBody;

@@ -48,7 +48,7 @@ class LidarScanTest : public ::testing::Test {
   TemporaryFolder folder_;
   Recording recording_ = make_test_recording(folder_.path);  // 15 m/s, turns by 1.5 rad/s
   const Scene scene_ = make_scene(recording_, {});
-  SensorMotion motion_{recording_, scene_};
+  SensorMotion motion_{scene_};
   NerfModel model_;
   PaintBackend wall_{[](const auto&, const auto&) { return std::array<float, 3>{}; },
                      [](const auto& origin, const auto& direction) {

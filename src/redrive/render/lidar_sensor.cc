@@ -121,21 +121,10 @@ std::optional<LidarFirings> recorded_firings(const Recording& recording, const S
       revolution, scene, MovingObjects({}, recording.frames, scene.global_from_world), pool,
       {{}, /*repeated=*/true});
   if (returns.n == 0) return std::nullopt;
-  const Rigid3d world_from_global = scene.global_from_world.inverse(Eigen::Isometry);
   LidarFirings out;
   out.t_ns = returns.t_ns;
-  Eigen::Matrix3d lidar_from_world;
-  for (std::size_t i = 0; i < returns.n; ++i) {
-    if (i == 0 || returns.t_ns[i] != returns.t_ns[i - 1])
-      lidar_from_world = (world_from_global * pose_at(recording.frames, returns.t_ns[i]) *
-                          *recording.body_from_lidar)
-                             .linear()
-                             .transpose();
-    out.direction.push_back(
-        (lidar_from_world * Eigen::Vector3d(returns.direction[i], returns.direction[returns.n + i],
-                                            returns.direction[2 * returns.n + i]))
-            .normalized());
-  }
+  for (std::size_t i = 0; i < returns.n; ++i)
+    out.direction.push_back(returns.direction_in_sensor(i).normalized());
   return out;
 }
 

@@ -53,10 +53,12 @@ void correct_tracks(const DividedField& field, std::vector<MovingObject>* actors
     }
     for (MovingObject& actor : *actors) {
       const auto own = std::ranges::find(block->scene.actors, actor.id, &MovingObject::id);
-      if (own == block->scene.actors.end() || own->keys.size() != actor.keys.size()) continue;
+      if (own == block->scene.actors.end() || own->corrections.size() != 6 * actor.keys.size())
+        continue;
+      actor.corrections.resize(own->corrections.size());
       for (std::size_t k = 0; k < actor.keys.size(); ++k)
-        if (drive.block_at_time(actor.keys[k].t_ns) == b) actor.keys[k] = own->keys[k];
-      actor.is_refined = own->is_refined;
+        if (drive.block_at_time(actor.keys[k].t_ns) == b)
+          std::copy_n(&own->corrections[6 * k], 6, &actor.corrections[6 * k]);
     }
   }
 }

@@ -7,7 +7,6 @@
 #include "redrive/base/did_you_mean.h"
 #include "redrive/base/error.h"
 #include "redrive/math/wgs84.h"
-#include "redrive/recording/core/trajectory.h"
 
 namespace redrive {
 namespace {
@@ -27,34 +26,31 @@ std::optional<ShiftAxes> shift_axes_from_name(std::string_view name) {
 
 namespace {
 
-const FramePose* find_frame(const Recording& recording, std::int64_t id) {
-  const auto frame = std::find_if(recording.frames.begin(), recording.frames.end(),
-                                  [id](const FramePose& pose) { return pose.id == id; });
-  return frame == recording.frames.end() ? nullptr : &*frame;
+const FramePose* find_frame(const Scene& scene, std::int64_t id) {
+  const auto frame = std::ranges::find(scene.trajectory, id, &FramePose::id);
+  return frame == scene.trajectory.end() ? nullptr : &*frame;
 }
 
 }  // namespace
 
-Exposure exposure_at(const Recording& recording, const Scene& scene, const std::string& camera,
-                     std::int64_t frame_id) {
+Exposure exposure_at(const Scene& scene, const std::string& camera, std::int64_t frame_id) {
   const int index = scene.camera_index(camera);
-  const FramePose* const frame = find_frame(recording, frame_id);
+  const FramePose* const frame = find_frame(scene, frame_id);
   return index >= 0 && frame ? scene.exposure(index, frame->t_ns) : Exposure{};
 }
 
-ShutterPoses posed_at_frame(const Recording& recording, const Scene& scene, const RigCamera& camera,
+ShutterPoses posed_at_frame(const Scene& scene, const RigCamera& camera,
                             const Rigid3d& world_from_camera, std::int64_t frame_id) {
-  const FramePose* const frame = find_frame(recording, frame_id);
+  const FramePose* const frame = find_frame(scene, frame_id);
   return frame ? scene.with_actors(world_from_camera, camera, frame->t_ns)
                : ShutterPoses(world_from_camera);
 }
 
-std::optional<Rigid3d> world_from_body(const Recording& recording, const Scene& scene,
-                                       std::int64_t frame_id, const RigCamera& camera) {
-  const FramePose* const frame = find_frame(recording, frame_id);
+std::optional<Rigid3d> world_from_body(const Scene& scene, std::int64_t frame_id,
+                                       const RigCamera& camera) {
+  const FramePose* const frame = find_frame(scene, frame_id);
   if (!frame) return std::nullopt;
-  return scene.global_from_world.inverse(Eigen::Isometry) *
-         pose_at(recording.frames, frame->t_ns + camera.time_offset_ns);
+  return scene.world_from_body(frame->t_ns + camera.time_offset_ns);
 }
 
 std::optional<Eigen::Matrix3d> world_from_local_axes(const Rigid3d& global_from_world,
@@ -148,8 +144,8 @@ std::string unknown_camera(const std::string& name, const std::vector<RigCamera>
   return unknown_name(name, names);
 }
 
-std::string unknown_frame(std::int64_t id, const Recording& recording) {
-  const std::vector<FramePose>& frames = recording.frames;
+std::string unknown_frame(std::int64_t id, const Scene& scene) {
+  const std::vector<FramePose>& frames = scene.trajectory;
   const auto nearest = std::ranges::min_element(
       frames, {}, [&](const FramePose& frame) { return std::abs(frame.id - id); });
   return "the recording has no such frame with a pose; it has ids from " +
@@ -166,16 +162,15 @@ const RigCamera& requested_camera(const ViewRequests& poses, std::size_t index,
 }
 
 Rigid3d requested_world_from_body(const ViewRequests& poses, std::size_t index,
-                                  const RigCamera& camera, const Recording& recording,
-                                  const Scene& scene, bool prefer_shift) {
+                                  const RigCamera& camera, const Scene& scene, bool prefer_shift) {
   const RequestedView& view = poses.views[index];
   if (view.global_from_body && !(prefer_shift && view.shift_body_m))
     return scene.global_from_world.inverse(Eigen::Isometry) * *view.global_from_body;
   REDRIVE_CHECK(view.shift_body_m.has_value());
-  const auto pose = world_from_body(recording, scene, view.frame_id, camera);
+  const auto pose = world_from_body(scene, view.frame_id, camera);
   if (!pose)
     throw InputError(poses.path, view_field(index, "frame_id"), std::to_string(view.frame_id),
-                     "shift_body_m moves a frame; " + unknown_frame(view.frame_id, recording));
+                     "shift_body_m moves a frame; " + unknown_frame(view.frame_id, scene));
   return *pose * Eigen::Translation3d(*view.shift_body_m);
 }
 

@@ -27,18 +27,17 @@ std::optional<ShiftAxes> shift_axes_from_name(
 /// Returns world_from_body when `camera` exposes its image of a frame of the recording
 /// (RigCamera::time_offset_ns after the frame's time), even of a frame that the run left out;
 /// nothing if there is no such pose.
-std::optional<Rigid3d> world_from_body(const Recording& recording, const Scene& scene,
-                                       std::int64_t frame_id, const RigCamera& camera);
+std::optional<Rigid3d> world_from_body(const Scene& scene, std::int64_t frame_id,
+                                       const RigCamera& camera);
 
 /// Returns a camera's pose with the moving objects at its exposure of a frame; without them where
 /// the recording has no such frame.
-ShutterPoses posed_at_frame(const Recording& recording, const Scene& scene, const RigCamera& camera,
+ShutterPoses posed_at_frame(const Scene& scene, const RigCamera& camera,
                             const Rigid3d& world_from_camera, std::int64_t frame_id);
 
 /// Returns the exposure of a camera of the run at a frame; none where the run has no such camera or
 /// the recording no such frame.
-Exposure exposure_at(const Recording& recording, const Scene& scene, const std::string& camera,
-                     std::int64_t frame_id);
+Exposure exposure_at(const Scene& scene, const std::string& camera, std::int64_t frame_id);
 
 /// Returns the level axes at the body's position, in the world: columns x, y, z of
 /// ShiftAxes::kLocal. Nothing where the pose is not on the Earth (6.2e6 to 6.6e6 m from its centre)
@@ -72,7 +71,7 @@ std::vector<RigCamera> poses_rig(const ViewRequests& poses, const Scene& scene, 
 /// Returns "unknown; known are A, B; did you mean A?" for a name that no camera of the rig has.
 std::string unknown_camera(const std::string& name, const std::vector<RigCamera>& rig);
 /// Returns "the recording has ids from 0 to 9 ...; did you mean 9?" for an id that no frame has.
-std::string unknown_frame(std::int64_t id, const Recording& recording);
+std::string unknown_frame(std::int64_t id, const Scene& scene);
 
 /// Returns the camera of view `index` among `rig`. Throws InputError with the known names if there
 /// is no such camera.
@@ -83,7 +82,6 @@ const RigCamera& requested_camera(const ViewRequests& poses, std::size_t index,
 /// RT_ECEF_body (unless `prefer_shift` and it has shift_body_m, too), else the pose at the camera's
 /// exposure of frame_id, shifted in body axes. Throws InputError if there is no such frame.
 Rigid3d requested_world_from_body(const ViewRequests& poses, std::size_t index,
-                                  const RigCamera& camera, const Recording& recording,
-                                  const Scene& scene, bool prefer_shift);
+                                  const RigCamera& camera, const Scene& scene, bool prefer_shift);
 
 }  // namespace redrive

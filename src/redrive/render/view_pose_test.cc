@@ -108,7 +108,7 @@ class Requested : public testing::Test {
     Rigid3d second = scene.global_from_world;
     second.translate(Eigen::Vector3d(3, 0, 0));
     scene.rig = {{"CAM", {}, {}, Rigid3d::Identity()}};
-    recording.frames = {{10, 0, scene.global_from_world}, {11, 100, second}};
+    scene.trajectory = {{10, 0, scene.global_from_world}, {11, 100, second}};
   }
   Eigen::Vector3d position(RequestedView view, bool prefer_shift = false) {
     ViewRequests poses;
@@ -116,12 +116,10 @@ class Requested : public testing::Test {
     poses.cameras = cameras;
     poses.views = {std::move(view)};
     const std::vector<RigCamera> rig = poses_rig(poses, scene, false);
-    return requested_world_from_body(poses, 0, requested_camera(poses, 0, rig), recording, scene,
-                                     prefer_shift)
+    return requested_world_from_body(poses, 0, requested_camera(poses, 0, rig), scene, prefer_shift)
         .translation();
   }
   Scene scene;
-  Recording recording;
   std::vector<CameraCalibration> cameras;  // cameras of the poses file
 };
 

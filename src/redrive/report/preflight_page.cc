@@ -103,15 +103,10 @@ int draw_lidar(const RigImages& images, int camera, int frame, const LidarReturn
       images.scene.frames[frame].t_ns + images.scene.rig[camera].time_offset_ns;
   const Rigid3d camera_from_world = images.world_from_camera[camera][frame].inverse();
   std::vector<std::pair<double, Eigen::Vector2d>> seen;
-  const std::size_t n = lidar.n;
-  for (std::size_t i = 0; i < n; ++i) {
+  LidarPoses poses(images.scene, lidar);
+  for (std::size_t i = 0; i < lidar.n; ++i) {
     if (std::abs(lidar.t_ns[i] - t_ns) > static_cast<std::int64_t>(1e9 * kLidarAround_s)) continue;
-    const auto at = [&](const std::vector<float>& v) {
-      return Eigen::Vector3f(v[i], v[n + i], v[2 * n + i]);
-    };
-    const Eigen::Vector3d in_world =
-        (at(lidar.origin) + lidar.range_m[i] * at(lidar.direction)).cast<double>();
-    const Eigen::Vector3d in_camera = camera_from_world * in_world;
+    const Eigen::Vector3d in_camera = camera_from_world * poses.in_world(i);
     if (const auto pixel = images.camera(camera).project(in_camera))
       seen.emplace_back(in_camera.norm(), *pixel);
   }

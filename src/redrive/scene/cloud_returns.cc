@@ -39,7 +39,7 @@ AssignedPoint assign_to_origin(const CloudPoint& in, std::span<const CloudOrigin
   double least = std::numeric_limits<double>::infinity();
   AssignedPoint out;
   const auto assign = [&](std::size_t o) {
-    if (const double square = (point - origins[o].position_in_world_m).squaredNorm();
+    if (const double square = (point - origins[o].world_from_sensor.translation()).squaredNorm();
         square < least) {
       least = square;
       out.origin = static_cast<std::uint32_t>(o);
@@ -54,7 +54,8 @@ AssignedPoint assign_to_origin(const CloudPoint& in, std::span<const CloudOrigin
   out.range_m = static_cast<float>(std::sqrt(least));
   constexpr std::uint64_t kCells = 6ull * kCellsPerFace * kCellsPerFace;
   if (least > 0)
-    out.cell = out.origin * kCells + cell_of(point - origins[out.origin].position_in_world_m);
+    out.cell =
+        out.origin * kCells + cell_of(point - origins[out.origin].world_from_sensor.translation());
   return out;
 }
 
@@ -84,17 +85,14 @@ LidarReturns cloud_returns(std::span<const CloudPoint> cloud, std::span<const Cl
       used.push_back(i);
   returns.n = used.size();
   returns.hidden = points.size() - used.size();
-  returns.origin.resize(3 * returns.n);
   returns.direction.resize(3 * returns.n);
   for (std::size_t k = 0; k < returns.n; ++k) {
     const AssignedPoint& point = points[used[k]];
     const CloudOrigin& origin = origins[point.origin];
-    const Eigen::Vector3d direction =
-        (cloud[used[k] * every].in_world_m - origin.position_in_world_m) / point.range_m;
-    for (int d = 0; d < 3; ++d) {
-      returns.origin[d * returns.n + k] = static_cast<float>(origin.position_in_world_m[d]);
+    const Eigen::Vector3d direction = origin.world_from_sensor.inverse(Eigen::Isometry) *
+                                      cloud[used[k] * every].in_world_m / point.range_m;
+    for (int d = 0; d < 3; ++d)
       returns.direction[d * returns.n + k] = static_cast<float>(direction[d]);
-    }
     returns.range_m.push_back(point.range_m);
     returns.t_ns.push_back(origin.t_ns);
     returns.intensity.push_back(0);

@@ -12,9 +12,9 @@
 
 namespace redrive {
 
-/// A camera position of the drive.
+/// A camera of the drive at a time.
 struct CloudOrigin {
-  Eigen::Vector3d position_in_world_m;
+  Rigid3d world_from_sensor;  ///< metres
   std::int64_t t_ns = 0;
 };
 
@@ -26,7 +26,8 @@ struct CloudPoint {
 /// Larger clouds are thinned evenly, in file order.
 constexpr std::size_t kMaxCloudPoints = 4'000'000;
 
-/// Returns rays from `origins` (at least one) to the points, in the order of the points. A point
+/// Returns rays from `origins` (at least one) to the points, in the order of the points; the caller
+/// sets body_from_sensor. A point
 /// without `seen_from` is hidden where another point of the same origin lies in the same cell of
 /// directions (half a degree on a cube's faces) at less than 0.95 of its range, or where it is
 /// closer than `least_range_m`.

@@ -8,7 +8,11 @@
 namespace redrive {
 namespace {
 
-const std::vector<CloudOrigin> kOrigins{{{0, 0, 1}, 100}, {{10, 0, 1}, 200}};
+/// The second camera is turned.
+const std::vector<CloudOrigin> kOrigins{
+    {Rigid3d(Eigen::Translation3d(0, 0, 1)), 100},
+    {Eigen::Translation3d(10, 0, 1) * Rigid3d(Eigen::AngleAxisd(0.3, Eigen::Vector3d(1, 2, 2) / 3)),
+     200}};
 
 LidarReturns returns_of(const std::vector<Eigen::Vector3d>& points) {
   ThreadPool pool(2);
@@ -26,9 +30,7 @@ TEST(CloudReturns, AssignsEachPointToTheNearestOrigin) {
   EXPECT_FLOAT_EQ(returns.range_m[0], 5);
   EXPECT_FLOAT_EQ(returns.range_m[1], 5);
   for (std::size_t i = 0; i < 4; ++i)
-    for (int d = 0; d < 3; ++d)
-      EXPECT_NEAR(returns.origin[d * 4 + i] + returns.range_m[i] * returns.direction[d * 4 + i],
-                  points[i][d], 1e-6);
+    EXPECT_LT((kOrigins[i % 2].world_from_sensor * returns.in_sensor(i) - points[i]).norm(), 2e-6);
 }
 
 TEST(CloudReturns, HidesOccludedPoints) {

@@ -99,10 +99,6 @@ struct Uncoloured {
   std::size_t pixel = 0;  ///< its pixel there
 };
 
-Eigen::Vector3d vector_at(const std::vector<float>& values, std::size_t n, std::size_t i) {
-  return {values[i], values[n + i], values[2 * n + i]};
-}
-
 }  // namespace
 
 PointCloud lidar_points(const Scene& scene, const ViewImages& images, const LidarReturns& returns,
@@ -110,24 +106,22 @@ PointCloud lidar_points(const Scene& scene, const ViewImages& images, const Lida
   REDRIVE_CHECK_OP(images.size(), ==, scene.views.size());
   const Colouring colouring(scene);
   std::unordered_map<std::int64_t, std::vector<int>> of_origin;  // a cloud's origin has one time
+  LidarPoses origins(scene, returns);
   for (std::size_t i = 0; i < returns.n && !scene.metric; ++i)
     if (const auto [at, is_new] = of_origin.try_emplace(returns.t_ns[i]); is_new)
-      at->second = colouring.nearest_in_space(vector_at(returns.origin, returns.n, i));
-  const auto in_world = [&](std::size_t i) {
-    return Eigen::Vector3d(vector_at(returns.origin, returns.n, i) +
-                           double(returns.range_m[i]) * vector_at(returns.direction, returns.n, i));
-  };
+      at->second = colouring.nearest_in_space(origins.at(i).translation());
   // Advances each return to the next view into which it projects, whatever its image has there.
   const auto find_views = [&](std::span<Uncoloured> points) {
     std::int64_t near_ns = 0, more_ns = 0;
     std::vector<int> in_time, in_more_time;
+    LidarPoses poses(scene, returns);
     for (Uncoloured& point : points) {
       const std::int64_t t_ns = returns.t_ns[point.i];
       if (scene.metric && (in_time.empty() || t_ns != near_ns))
         colouring.nearest_in_time(near_ns = t_ns, kViewsInTime, &in_time);
       const std::vector<int>& first = scene.metric ? in_time : of_origin.at(t_ns);
       const int of_first = static_cast<int>(first.size());
-      const Eigen::Vector3d at = in_world(point.i);
+      const Eigen::Vector3d at = poses.in_world(point.i);
       point.seen_by = -1;
       while (point.seen_by < 0) {
         int v;
@@ -170,11 +164,12 @@ PointCloud lidar_points(const Scene& scene, const ViewImages& images, const Lida
         if (!of_view[v].empty()) seeing.push_back(v);
       pool.run(static_cast<int>(seeing.size()), [&](int chunk) {
         const ImagePointer image = images[seeing[chunk]];
+        LidarPoses poses(scene, returns);
         for (const std::uint32_t k : of_view[seeing[chunk]]) {
           const Uncoloured& point = points[k];
           if (is_static(*image, point.pixel))
             coloured[point.i - begin] =
-                ColouredPoint{in_world(point.i).cast<float>(), colour_at(*image, point.pixel),
+                ColouredPoint{poses.in_world(point.i).cast<float>(), colour_at(*image, point.pixel),
                               colouring.view(point.seen_by).position_in_world_m.cast<float>()};
         }
       });

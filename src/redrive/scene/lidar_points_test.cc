@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include "redrive/scene/lidar_testing.h"
 #include "redrive/scene/load_views.h"
 #include "redrive/scene/scene_testing.h"
 
@@ -29,30 +30,12 @@ class LidarPointsTest : public ::testing::Test {
     return scene_.shutter_poses(scene_.views[frame]).at_row(y, camera.height) *
            Vector3d(range_m * *camera.unproject(Eigen::Vector2d(x, y)));
   }
-  void add(const Vector3d& in_world, const Vector3d& origin, std::int64_t t_ns) {
-    origins_.push_back(origin.cast<float>());
-    points_.push_back(in_world.cast<float>());
-    times_.push_back(t_ns);
-  }
-  void add(const Vector3d& in_world, std::int64_t t_ns) { add(in_world, {0.5, 0.25, 1}, t_ns); }
-  void clear() {
-    origins_.clear();
-    points_.clear();
-    times_.clear();
-  }
+  void add(const Vector3d& in_world, std::int64_t t_ns) { measured_.push_back({in_world, t_ns}); }
 
   PointCloud points() {
-    LidarReturns returns;
-    returns.n = points_.size();
-    for (int d = 0; d < 3; ++d)
-      for (std::size_t i = 0; i < returns.n; ++i) {
-        returns.origin.push_back(origins_[i][d]);
-        returns.direction.push_back((points_[i] - origins_[i]).normalized()[d]);
-      }
-    for (std::size_t i = 0; i < returns.n; ++i)
-      returns.range_m.push_back((points_[i] - origins_[i]).norm());
-    returns.t_ns = times_;
-    return lidar_points(scene_, images_, returns, pool_);
+    return lidar_points(scene_, images_,
+                        returns_of(scene_, measured_, scene_.rig[0].body_from_sensor.translation()),
+                        pool_);
   }
   std::vector<Colour> colours() {
     const PointCloud cloud = points();
@@ -73,14 +56,13 @@ class LidarPointsTest : public ::testing::Test {
   Scene scene_;
   std::vector<Image8> images_;
   ThreadPool pool_{3};
-  std::vector<Eigen::Vector3f> origins_, points_;
-  std::vector<std::int64_t> times_;
+  std::vector<MeasuredPoint> measured_;
 };
 
 TEST_F(LidarPointsTest, TakesThePixelThatShowsTheReturn) {
   for (const int camera : {kFisheye, kFront}) {
     open(camera);
-    clear();
+    measured_.clear();
     std::vector<Colour> expected;
     std::vector<Vector3d> in_world;
     for (const int frame : {1, 4})
@@ -149,8 +131,8 @@ TEST_F(LidarPointsTest, PhotographsTakeTheViewNearestToTheOrigin) {
   open();
   scene_.metric = false;
   const Vector3d ahead = seen(5, 12, 8, 30);
-  add(ahead, scene_.world_from_camera(scene_.views[5]).translation(), time(0));
-  add(ahead, scene_.world_from_camera(scene_.views[1]).translation(), time(4));
+  add(ahead, time(5));
+  add(ahead, time(1));
   const std::vector<Colour> colours = this->colours();
   ASSERT_EQ(colours.size(), 2u);
   EXPECT_EQ(colours[0], colour(kFront, 5, 12, 8));

@@ -7,7 +7,6 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/progress.h"
-#include "redrive/recording/core/trajectory.h"
 #include "redrive/recording/core/wording.h"
 #include "redrive/recording/formats/damaged_records.h"
 #include "redrive/recording/formats/recording_reader.h"
@@ -16,6 +15,7 @@
 namespace redrive {
 namespace {
 
+constexpr std::size_t kReturnsPerRange = 16384;
 constexpr std::int64_t kMaxBeyond_ns =
     60'000'000;  // half a revolution at 10 Hz and the frame's distance from its middle
 
@@ -27,8 +27,9 @@ auto identity(const LidarPoint& p) {
   return std::tuple(p.t_ns, p.in_body_m.x(), p.in_body_m.y(), p.in_body_m.z());
 }
 
-struct Ray {
-  Eigen::Vector3f origin, direction;
+/// A return, as LidarReturns has it.
+struct Return {
+  Eigen::Vector3f direction;
   float range_m;
   std::int64_t t_ns;
   std::uint16_t intensity;
@@ -46,17 +47,16 @@ bool is_on_moving(const std::vector<MovingBox>& boxes, const Eigen::Vector3d& in
   return true;
 }
 
-/// Makes rays of one revolution; adds returns on moving objects to `out` and counts dropped ones.
-std::vector<Ray> rays_of(const std::vector<LidarPoint>& points,
-                         const std::vector<LidarPoint>& before, const Recording& recording,
-                         const Rigid3d& world_from_global, const MovingObjects& moving,
-                         LidarReturns* out) {
+/// Makes returns of one revolution; adds those on moving objects to `out` and counts dropped ones.
+std::vector<Return> returns_of(const std::vector<LidarPoint>& points,
+                               const std::vector<LidarPoint>& before, const Recording& recording,
+                               const Scene& scene, const MovingObjects& moving, LidarReturns* out) {
   const std::vector<std::uint8_t> repeated = mark_repeated(points, before);
   const std::int64_t first_ns = recording.frames.front().t_ns - kMaxBeyond_ns,
                      last_ns = recording.frames.back().t_ns + kMaxBeyond_ns;
-  const Eigen::Vector3d sensor_in_body = recording.body_from_lidar->translation();
-  std::vector<Ray> rays;
-  rays.reserve(points.size());
+  const Rigid3d sensor_from_body = recording.body_from_lidar->inverse(Eigen::Isometry);
+  std::vector<Return> returns;
+  returns.reserve(points.size());
   Rigid3d world_from_body = Rigid3d::Identity();
   std::vector<MovingBox> boxes;
   std::int64_t placed_ns =
@@ -78,21 +78,20 @@ std::vector<Ray> rays_of(const std::vector<LidarPoint>& points,
     }
     if (placed_ns != point.t_ns) {
       placed_ns = point.t_ns;
-      world_from_body = world_from_global * pose_at(recording.frames, placed_ns);
       boxes = moving.at(placed_ns);
+      if (!boxes.empty()) world_from_body = scene.world_from_body(placed_ns, Poses::kRecorded);
     }
-    const Eigen::Vector3d in_world = world_from_body * in_body,
-                          origin = world_from_body * sensor_in_body;
-    if (is_on_moving(boxes, in_world, point.t_ns, out)) continue;
-    const double range_m = (in_world - origin).norm();
+    if (!boxes.empty() && is_on_moving(boxes, world_from_body * in_body, point.t_ns, out)) continue;
+    const Eigen::Vector3d in_sensor = sensor_from_body * in_body;
+    const double range_m = in_sensor.norm();
     if (!(range_m > 0)) {
       ++out->unusable;
       continue;
     }
-    rays.push_back({origin.cast<float>(), ((in_world - origin) / range_m).cast<float>(),
-                    static_cast<float>(range_m), point.t_ns, point.intensity});
+    returns.push_back({(in_sensor / range_m).cast<float>(), static_cast<float>(range_m), point.t_ns,
+                       point.intensity});
   }
-  return rays;
+  return returns;
 }
 
 /// Returns the points of the recording's cloud, each with the first of its frames that the scene
@@ -135,16 +134,19 @@ LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene,
                                 const MovingObjects& moving, ThreadPool& pool,
                                 const LidarSelection& selection) {
   if (recording.lidar_files.empty() && !recording.points_file.empty()) {
+    constexpr float kLeastRange_m = 0.5f;  // nearer points are on the car
+    const Rigid3d& body_from_sensor = scene.rig[0].body_from_sensor;
     std::vector<CloudOrigin> origins;
     for (const PosedFrame& frame : scene.posed_frames())
-      origins.push_back(
-          {frame.world_from_body * scene.rig[0].body_from_sensor.translation(), frame.t_ns});
-    constexpr float kLeastRange_m = 0.5f;  // nearer points are on the car
-    return cloud_returns(read_cloud(recording, scene), origins,
-                         recording.metric ? kLeastRange_m : 0, pool);
+      origins.push_back({frame.world_from_body * body_from_sensor, frame.t_ns});
+    LidarReturns returns = cloud_returns(read_cloud(recording, scene), origins,
+                                         recording.metric ? kLeastRange_m : 0, pool);
+    returns.body_from_sensor = body_from_sensor;
+    return returns;
   }
   LidarReturns returns;
   if (!recording.body_from_lidar) return returns;
+  returns.body_from_sensor = *recording.body_from_lidar;
   std::vector<const FrameFile*> files;
   for (const FrameFile& file : recording.lidar_files)
     if (file.frame_id >= scene.frames.front().id && file.frame_id <= scene.frames.back().id)
@@ -174,19 +176,18 @@ LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene,
     if (!damaged[f].empty()) left_out.push_back({"lidar", files[f]->frame_id, damaged[f]});
   returns.damaged = judge_damaged(recording, left_out, files.size());
 
-  const Rigid3d world_from_global = scene.global_from_world.inverse();
-  std::vector<std::vector<Ray>> rays(files.size());
+  std::vector<std::vector<Return>> of_files(files.size());
   const std::vector<LidarPoint> none;
   pool.run(count, [&](int f) {
     progress.count();
     if (!selected(f)) return;
-    rays[f] = rays_of(points[f], f > 0 && !selection.repeated ? points[f - 1] : none, recording,
-                      world_from_global, moving, &counts[f]);
+    of_files[f] = returns_of(points[f], f > 0 && !selection.repeated ? points[f - 1] : none,
+                             recording, scene, moving, &counts[f]);
   });
 
   for (int f = 0; f < count; ++f) {
     returns.files += selected(f) && damaged[f].empty();
-    returns.n += rays[f].size();
+    returns.n += of_files[f].size();
     returns.unusable += counts[f].unusable;
     returns.repeated += counts[f].repeated;
     returns.beyond_trajectory += counts[f].beyond_trajectory;
@@ -195,23 +196,48 @@ LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene,
     returns.on_objects.insert(returns.on_objects.end(), counts[f].on_objects.begin(),
                               counts[f].on_objects.end());
   }
-  returns.origin.resize(3 * returns.n);
   returns.direction.resize(3 * returns.n);
   returns.range_m.reserve(returns.n);
   returns.t_ns.reserve(returns.n);
   returns.intensity.reserve(returns.n);
-  for (const std::vector<Ray>& of_file : rays)
-    for (const Ray& ray : of_file) {
+  for (const std::vector<Return>& of_file : of_files)
+    for (const Return& one : of_file) {
       const std::size_t i = returns.range_m.size();
-      for (int d = 0; d < 3; ++d) {
-        returns.origin[std::size_t(d) * returns.n + i] = ray.origin[d];
-        returns.direction[std::size_t(d) * returns.n + i] = ray.direction[d];
-      }
-      returns.range_m.push_back(ray.range_m);
-      returns.t_ns.push_back(ray.t_ns);
-      returns.intensity.push_back(ray.intensity);
+      for (int d = 0; d < 3; ++d)
+        returns.direction[std::size_t(d) * returns.n + i] = one.direction[d];
+      returns.range_m.push_back(one.range_m);
+      returns.t_ns.push_back(one.t_ns);
+      returns.intensity.push_back(one.intensity);
     }
   return returns;
+}
+
+const Rigid3d& LidarPoses::at(std::size_t i) {
+  if (t_ns_ != returns_.t_ns[i]) {
+    t_ns_ = returns_.t_ns[i];
+    world_from_sensor_ = scene_.world_from_body(*t_ns_, which_) * returns_.body_from_sensor;
+  }
+  return world_from_sensor_;
+}
+
+LidarRays rays_in_world(const Scene& scene, const LidarReturns& returns, ThreadPool& pool,
+                        Poses which) {
+  LidarRays rays;
+  rays.origin.resize(3 * returns.n);
+  rays.direction.resize(3 * returns.n);
+  pool.run_ranges(returns.n, kReturnsPerRange, [&](std::size_t begin, std::size_t end) {
+    LidarPoses poses(scene, returns, which);
+    for (std::size_t i = begin; i < end; ++i) {
+      const Rigid3d& world_from_sensor = poses.at(i);
+      const Eigen::Vector3d direction = world_from_sensor.linear() * returns.direction_in_sensor(i);
+      for (int d = 0; d < 3; ++d) {
+        rays.origin[std::size_t(d) * returns.n + i] =
+            static_cast<float>(world_from_sensor.translation()[d]);
+        rays.direction[std::size_t(d) * returns.n + i] = static_cast<float>(direction[d]);
+      }
+    }
+  });
+  return rays;
 }
 
 std::optional<Finding> lost_returns(const LidarReturns& returns) {
@@ -258,18 +284,16 @@ LidarReturns sample_returns(const Recording& recording, ThreadPool& pool) {
   return load_lidar_returns(recording, make_scene(recording, {}), MovingObjects(), pool, selection);
 }
 
-void take_out(const MovingObjects& moving, LidarReturns* returns) {
+void take_out(const Scene& scene, const MovingObjects& moving, LidarReturns* returns) {
   if (moving.objects().empty()) return;
   LidarReturns& r = *returns;
-  const auto at = [&](const std::vector<float>& of, std::size_t i) {
-    return Eigen::Vector3d(of[i], of[r.n + i], of[2 * r.n + i]);
-  };
   std::vector<MovingBox> boxes;
   std::vector<std::size_t> kept;
+  LidarPoses poses(scene, r, Poses::kRecorded);
   for (std::size_t i = 0; i < r.n; ++i) {
     if (i == 0 || r.t_ns[i] != r.t_ns[i - 1]) boxes = moving.at(r.t_ns[i]);
-    const Eigen::Vector3d in_world = at(r.origin, i) + double(r.range_m[i]) * at(r.direction, i);
-    if (!is_on_moving(boxes, in_world, r.t_ns[i], returns)) kept.push_back(i);
+    if (boxes.empty() || !is_on_moving(boxes, poses.in_world(i), r.t_ns[i], returns))
+      kept.push_back(i);
   }
   const auto keep = [&](auto& of, std::size_t rows) {
     for (std::size_t row = 0; row < rows; ++row)  // in place: each number moves to the front
@@ -277,7 +301,6 @@ void take_out(const MovingObjects& moving, LidarReturns* returns) {
         of[row * kept.size() + k] = of[row * r.n + kept[k]];
     of.resize(rows * kept.size());
   };
-  keep(r.origin, 3);
   keep(r.direction, 3);
   keep(r.range_m, 1);
   keep(r.t_ns, 1);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The LiDAR returns of a drive as rays in the world of the scene, motion compensated: each point is
-// transformed by the pose of the body at its own time. Space is free up to `range_m`.
+// The LiDAR returns of a drive as its sensor measured them: a direction in the sensor's axes, a
+// range and a time. Space is free up to the range. Where a return lies in the world follows from
+// the pose of the body at its time, so returns move with the poses when these are refined.
 #pragma once
 
 #include <cstdint>
@@ -16,12 +17,14 @@
 
 namespace redrive {
 
-/// Structure of arrays, as RayBatch. Floats resolve 0.1 mm within 1 km of the first frame.
+/// Structure of arrays, as RayBatch.
 struct LidarReturns {
   std::size_t n = 0;
-  std::vector<float> origin;             ///< [3, n] position of the sensor in the world, metres
-  std::vector<float> direction;          ///< [3, n] unit, in the world
-  std::vector<float> range_m;            ///< [n] > 0: the return is at origin + range_m direction
+  /// Pose of the sensor; of a point cloud, whose points have no sensor, of the scene's first
+  /// camera.
+  Rigid3d body_from_sensor = Rigid3d::Identity();
+  std::vector<float> direction;          ///< [3, n] unit, in the sensor's axes
+  std::vector<float> range_m;            ///< [n] > 0: the return is at range_m direction
   std::vector<std::int64_t> t_ns;        ///< [n] host clock
   std::vector<std::uint16_t> intensity;  ///< [n] in the sensor's own scale; 0 for point clouds
 
@@ -43,7 +46,52 @@ struct LidarReturns {
   std::size_t hidden = 0;             ///< occluded points of a cloud (cloud_returns.h)
 
   std::optional<Finding> damaged;  ///< about revolutions whose files could not be read
+
+  Eigen::Vector3d direction_in_sensor(std::size_t i) const {
+    return {direction[i], direction[n + i], direction[2 * n + i]};
+  }
+  /// Returns the position of a return in the sensor's axes, metres.
+  Eigen::Vector3d in_sensor(std::size_t i) const {
+    return double(range_m[i]) * direction_in_sensor(i);
+  }
 };
+
+/// Poses of the sensor in a scene's world when it measured returns. Keeps the last pose, since
+/// consecutive returns often share their time: each thread needs an object of its own. Both
+/// arguments must outlive it.
+class LidarPoses {
+ public:
+  LidarPoses(const Scene& scene, const LidarReturns& returns, Poses which = Poses::kCorrected)
+      : scene_(scene), returns_(returns), which_(which) {}
+
+  /// Returns world_from_sensor at the time of return i.
+  const Rigid3d& at(std::size_t i);
+  /// Returns the position of return i in the world, metres.
+  Eigen::Vector3d in_world(std::size_t i) { return at(i) * returns_.in_sensor(i); }
+
+ private:
+  const Scene& scene_;
+  const LidarReturns& returns_;
+  Poses which_;
+  std::optional<std::int64_t> t_ns_;
+  Rigid3d world_from_sensor_;
+};
+
+/// Returns as rays in the world. Floats resolve 0.1 mm within 1 km of the first frame.
+struct LidarRays {
+  std::vector<float> origin;     ///< [3, n] position of the sensor, metres
+  std::vector<float> direction;  ///< [3, n] unit
+  Eigen::Vector3f origin_at(std::size_t i) const { return at(origin, i); }
+  Eigen::Vector3f direction_at(std::size_t i) const { return at(direction, i); }
+
+ private:
+  static Eigen::Vector3f at(const std::vector<float>& values, std::size_t i) {
+    const std::size_t n = values.size() / 3;
+    return {values[i], values[n + i], values[2 * n + i]};
+  }
+};
+LidarRays rays_in_world(const Scene& scene, const LidarReturns& returns, ThreadPool& pool,
+                        Poses which = Poses::kCorrected);
 
 /// Whether a point in a box's axes is on its object: the road below and things beside it are not.
 /// `box`: grown by kBoxMargin_m.
@@ -61,8 +109,8 @@ struct LidarSelection {
 
 /// Reads the scans whose frame ids lie within the ids of scene.frames, or, for a recording with a
 /// points_file instead, its cloud_returns. Empty where there is neither or the LiDAR's extrinsics
-/// are unknown (Recording::body_from_lidar). InputError where a cloud is malformed, or more scans
-/// than the recording allows.
+/// are unknown (Recording::body_from_lidar). Returns are on moving objects by the recorded poses.
+/// InputError where a cloud is malformed, or more scans than the recording allows.
 LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene,
                                 const MovingObjects& moving, ThreadPool& pool,
                                 const LidarSelection& selection = {});
@@ -77,7 +125,7 @@ LidarReturns sample_returns(const Recording& recording, ThreadPool& pool);
 
 /// Removes the returns in the boxes of more moving objects from the static ones, as
 /// load_lidar_returns does with the objects that it knows.
-void take_out(const MovingObjects& moving, LidarReturns* returns);
+void take_out(const Scene& scene, const MovingObjects& moving, LidarReturns* returns);
 
 /// Returns the ids of the frames with a held-out view. Their scans do not train. Points that a
 /// held-out scan shares with the one before do train, points that it shares with the one after do

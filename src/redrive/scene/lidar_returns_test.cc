@@ -53,10 +53,6 @@ class LidarReturnsTest : public ::testing::Test {
                               MovingObjects(boxes, recording_.frames, scene.global_from_world),
                               pool, selection);
   }
-  static Vector3d at(const std::vector<float>& values, std::size_t n, std::size_t i) {
-    return {values[i], values[n + i], values[2 * n + i]};
-  }
-
   static inline const Vector3d kSensor{1.2, 0.1, 1.7};
   TemporaryFolder folder_;
   Recording recording_ =
@@ -74,17 +70,37 @@ TEST_F(LidarReturnsTest, StaticPointsAreFixedInTheWorld) {
   }
   const LidarReturns returns = load();
   ASSERT_EQ(returns.n, 6u);
-  ASSERT_EQ(returns.origin.size(), 18u);
+  ASSERT_EQ(returns.direction.size(), 18u);
   EXPECT_EQ(returns.t_ns, times);
   ASSERT_EQ(returns.intensity.size(), times.size());
   for (std::size_t i = 0; i < times.size(); ++i)
     EXPECT_EQ(returns.intensity[i], times[i] / 1'000'000 % 250);
+  const Scene scene = make_scene(recording_, {});
+  LidarPoses poses(scene, returns);
+  ThreadPool pool(2);
+  const LidarRays rays = rays_in_world(scene, returns, pool);
   for (std::size_t i = 0; i < returns.n; ++i) {
-    const Vector3d origin = at(returns.origin, 6, i), direction = at(returns.direction, 6, i);
-    EXPECT_LT((origin - world_from_body(times[i]) * kSensor).norm(), 1e-5) << i;
-    EXPECT_NEAR(direction.norm(), 1, 1e-6);
-    EXPECT_LT((origin + returns.range_m[i] * direction - wall).norm(), kMillimetre_m) << i;
+    EXPECT_LT((poses.at(i).translation() - world_from_body(times[i]) * kSensor).norm(), 1e-8) << i;
+    EXPECT_NEAR(returns.direction_in_sensor(i).norm(), 1, 1e-6);
+    EXPECT_LT((poses.in_world(i) - wall).norm(), kMillimetre_m) << i;
+    const Eigen::Vector3f end = rays.origin_at(i) + returns.range_m[i] * rays.direction_at(i);
+    EXPECT_LT((end.cast<double>() - wall).norm(), kMillimetre_m) << i;
   }
+}
+
+// Returns follow the poses when these are refined.
+TEST_F(LidarReturnsTest, MoveWithCorrectedPoses) {
+  add_file(12, {seen({20, -4, 2}, recording_.frames[2].t_ns)});
+  const LidarReturns returns = load();
+  Scene scene = make_scene(recording_, {});
+  PoseCorrections corrections(scene);
+  corrections.values[corrections.frame_slot(2)] = 0.5f;  // forward
+  scene.correct(corrections);
+  const Vector3d forward = world_from_body(recording_.frames[2].t_ns).linear().col(0),
+                 moved = Vector3d(20, -4, 2) + 0.5 * forward;
+  EXPECT_LT((LidarPoses(scene, returns).in_world(0) - moved).norm(), kMillimetre_m);
+  EXPECT_LT((LidarPoses(scene, returns, Poses::kRecorded).in_world(0) - Vector3d(20, -4, 2)).norm(),
+            kMillimetre_m);
 }
 
 TEST_F(LidarReturnsTest, DropsPointsRepeatedFromThePreviousFile) {
@@ -194,10 +210,10 @@ TEST_F(LidarReturnsTest, DropsPointsOnMovingObjectsOnly) {
   // Afterwards, likewise.
   LidarReturns later = load();
   EXPECT_EQ(later.n, 3u);
-  take_out(MovingObjects(boxes, recording_.frames, recording_.frames[0].global_from_body), &later);
+  take_out(make_scene(recording_, {}),
+           MovingObjects(boxes, recording_.frames, recording_.frames[0].global_from_body), &later);
   EXPECT_EQ(later.n, 2u);
   EXPECT_EQ(later.on_moving, 1u);
-  EXPECT_EQ(later.origin, returns.origin);
   EXPECT_EQ(later.direction, returns.direction);
   EXPECT_EQ(later.range_m, returns.range_m);
   EXPECT_EQ(later.t_ns, returns.t_ns);
@@ -232,11 +248,10 @@ TEST_F(LidarReturnsTest, UsesAPointCloudWithoutRevolutions) {
   options.first_frame = 12;
   const LidarReturns returns = load(options);
   ASSERT_EQ(returns.n, 2u);
-  for (std::size_t i = 0; i < 2; ++i) {
-    const Vector3d point =
-        at(returns.origin, 2, i) + returns.range_m[i] * at(returns.direction, 2, i);
-    EXPECT_LT((point - (i == 0 ? Vector3d(20, -4, 2) : Vector3d(-15, 3, 1))).norm(), 1e-5) << i;
-  }
+  const Scene scene = make_scene(recording_, options);
+  LidarPoses poses(scene, returns);
+  EXPECT_LT((poses.in_world(0) - Vector3d(20, -4, 2)).norm(), 1e-5);
+  EXPECT_LT((poses.in_world(1) - Vector3d(-15, 3, 1)).norm(), 1e-5);
   EXPECT_EQ(returns.t_ns[1], recording_.frames[2].t_ns)
       << "behind the drive: the scene's first frame is the nearest";
   add_file(12, {seen({20, 1, 1}, recording_.frames[2].t_ns)});

@@ -28,18 +28,28 @@ std::optional<MovingObject::KeyTime> MovingObject::key_time(std::int64_t t_ns) c
   return KeyTime{nearest, nearest, 0};
 }
 
-std::optional<Rigid3d> MovingObject::world_from_box(std::int64_t t_ns) const {
+std::optional<Rigid3d> MovingObject::world_from_box(std::int64_t t_ns, Poses which) const {
   for (const auto& [from_ns, to_ns] : hidden_ns)
     if (from_ns <= t_ns && t_ns <= to_ns) return std::nullopt;
   const auto at = key_time(t_ns);
   if (!at) return std::nullopt;
   const Key& before = keys[at->before];
-  if (at->after != at->before)
-    return interpolate(before.world_from_box, keys[at->after].world_from_box, at->part);
   Rigid3d pose = before.world_from_box;
-  pose.translation() +=
-      1e-9 * static_cast<double>(t_ns - before.t_ns) * before.velocity_in_world_m_per_s;
-  return pose;
+  if (at->after != at->before)
+    pose = interpolate(pose, keys[at->after].world_from_box, at->part);
+  else
+    pose.translation() +=
+        1e-9 * static_cast<double>(t_ns - before.t_ns) * before.velocity_in_world_m_per_s;
+  if (which == Poses::kRecorded || corrections.empty()) return pose;
+  const auto six =
+      interpolate_vector6(&corrections[6 * at->before], &corrections[6 * at->after], at->part);
+  return pose * rigid_from_vector(six.data());
+}
+
+void MovingObject::apply_corrections() {
+  for (std::size_t k = 0; 6 * k < corrections.size(); ++k)
+    keys[k].world_from_box = keys[k].world_from_box * rigid_from_vector(&corrections[6 * k]);
+  corrections.clear();
 }
 
 }  // namespace redrive

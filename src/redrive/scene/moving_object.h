@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "redrive/math/rigid3.h"
+#include "redrive/scene/pose_corrections.h"
 
 namespace redrive {
 
@@ -32,7 +33,9 @@ struct MovingObject {
   bool deforms = false;
   Eigen::Vector3d size_m = Eigen::Vector3d::Zero();  ///< along each axis, the largest of its boxes
   std::vector<Key> keys;                             ///< ascending by time, at least one
-  bool is_refined = false;                           ///< the keys have a model's corrections
+  /// [keys, 6] as PoseCorrections::values, in the box's axes: what training corrected of each key,
+  /// linear in time between them. Empty: nothing.
+  std::vector<float> corrections;
   // Changes (edit/edit_actors.h):
   std::optional<std::int64_t> body;  ///< id of the object whose Gaussians it shows; its own
   /// Gaussians from another run that it shows instead (edit/actor_body.h); null: none.
@@ -45,7 +48,9 @@ struct MovingObject {
   /// Returns the pose of the box at t_ns: between the keys of key_time interpolated as
   /// trajectories are, or extrapolated by the velocity. Nothing at other times, and while it is
   /// hidden.
-  std::optional<Rigid3d> world_from_box(std::int64_t t_ns) const;
+  std::optional<Rigid3d> world_from_box(std::int64_t t_ns, Poses which = Poses::kCorrected) const;
+  /// Moves the corrections into the keys.
+  void apply_corrections();
 };
 
 }  // namespace redrive

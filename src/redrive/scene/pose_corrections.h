@@ -16,6 +16,9 @@ namespace redrive {
 
 struct Scene;
 
+/// The poses that a scene is asked for: with its corrections, or as they were recorded.
+enum class Poses { kCorrected, kRecorded };
+
 struct PoseCorrections {
   int frames = 0, cameras = 0;  ///< numbers of frames and cameras of the scene
   /// [frames, 6] in the body's axes, [cameras, 6] in the camera's, each a translation (m) and a

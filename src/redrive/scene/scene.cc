@@ -92,6 +92,28 @@ RigCamera make_rig_camera(const CameraCalibration& calibration, const SceneOptio
   return camera;
 }
 
+/// Adds the actors where a camera with these poses sees them.
+ShutterPoses add_actors(ShutterPoses poses, const std::vector<MovingObject>& actors,
+                        std::int64_t exposed_ns, std::int64_t readout_ns) {
+  const std::size_t keys = poses.keys().size();
+  std::vector<ShutterPoses::Actor> seen;
+  for (const MovingObject& actor : actors) {
+    ShutterPoses::Actor here{actor.body.value_or(actor.id), actor.gain, {}, actor.imported};
+    for (std::size_t key = 0; key < keys; ++key) {
+      const double part =
+          keys == 1 ? 0 : static_cast<double>(key) / static_cast<double>(keys - 1) - 0.5;
+      const auto world_from_actor =
+          actor.world_from_box(exposed_ns + std::llround(part * static_cast<double>(readout_ns)));
+      if (!world_from_actor) break;
+      here.actor_from_camera.push_back(
+          plain(world_from_actor->inverse(Eigen::Isometry) * rigid(poses.keys()[key])));
+    }
+    if (here.actor_from_camera.size() == keys) seen.push_back(std::move(here));
+  }
+  poses.set_actors(std::move(seen));
+  return poses;
+}
+
 /// Returns the cube around all camera centres, grown by far_m on every side. 1e-6: room for
 /// rounding to float.
 UnitFromWorld enclosing_cube(const Scene& scene) {
@@ -184,11 +206,6 @@ Rigid3d Scene::world_from_body(std::int64_t t_ns, Poses which) const {
          });
 }
 
-Rigid3d Scene::correction_at(std::int64_t t_ns) const {
-  if (corrections.values.empty()) return Rigid3d::Identity();
-  return world_from_body(t_ns) * world_from_body(t_ns, Poses::kRecorded).inverse(Eigen::Isometry);
-}
-
 std::int64_t Scene::exposed_ns(const View& view, Poses which) const {
   return frames[view.frame].t_ns + extrinsics(view.camera, which).time_offset_ns;
 }
@@ -222,32 +239,15 @@ Rigid3d Scene::world_from_camera(const View& view) const {
   return world_from_body(view) * rig[view.camera].body_from_sensor;
 }
 
-ShutterPoses Scene::shutter_poses(const View& view, Poses which) const {
-  return with_actors(ShutterPoses(camera_during(view, which)), exposed_ns(view, which),
-                     rig[view.camera].readout_ns);
+ShutterPoses Scene::shutter_poses(const View& view, const std::vector<MovingObject>& with) const {
+  return add_actors(ShutterPoses(camera_during(view)), with, exposed_ns(view),
+                    rig[view.camera].readout_ns);
 }
 
-ShutterPoses Scene::with_actors(ShutterPoses poses, std::int64_t exposed_ns,
-                                std::int64_t readout_ns) const {
-  const std::size_t keys = poses.keys().size();
-  std::vector<ShutterPoses::Actor> seen;
-  for (const MovingObject& actor : actors) {
-    ShutterPoses::Actor here{actor.body.value_or(actor.id), actor.gain, {}, actor.imported};
-    for (std::size_t key = 0; key < keys; ++key) {
-      const double part =
-          keys == 1 ? 0 : static_cast<double>(key) / static_cast<double>(keys - 1) - 0.5;
-      const auto world_from_actor =
-          actor.world_from_box(exposed_ns + std::llround(part * static_cast<double>(readout_ns)));
-      if (!world_from_actor) break;
-      here.actor_from_camera.push_back(
-          plain(world_from_actor->inverse(Eigen::Isometry) * rigid(poses.keys()[key])));
-    }
-    if (here.actor_from_camera.size() == keys) seen.push_back(std::move(here));
-  }
-  poses.set_actors(std::move(seen));
-  return poses;
+ShutterPoses Scene::with_actors(ShutterPoses poses, const RigCamera& camera,
+                                std::int64_t frame_ns) const {
+  return add_actors(std::move(poses), actors, frame_ns + camera.time_offset_ns, camera.readout_ns);
 }
-
 std::array<float, 3> background_colour(Background background) {
   const float value = background == Background::kWhite ? 1.0f : 0.0f;
   return {value, value, value};

@@ -54,9 +54,6 @@ struct View {
   std::optional<Rigid3d> motion = std::nullopt;
 };
 
-/// The poses that a scene is asked for: with its corrections, or as they were recorded.
-enum class Poses { kCorrected, kRecorded };
-
 /// The colour behind transparent pixels, in rendering and evaluation.
 enum class Background {
   kNone,  ///< images have to be opaque
@@ -122,9 +119,6 @@ struct Scene {
 
   /// Returns the pose of the body at a time, interpolated (recording/core/trajectory.h).
   Rigid3d world_from_body(std::int64_t t_ns, Poses which = Poses::kCorrected) const;
-  /// Returns the motion in the world by which the corrections move the body at a time, and what is
-  /// fixed to it.
-  Rigid3d correction_at(std::int64_t t_ns) const;
   /// Returns the pose of the body when the middle row of an image is exposed.
   Rigid3d world_from_body(const View& view, Poses which = Poses::kCorrected) const;
   /// Returns the poses of the body during the exposure of an image: one, or, for a rolling shutter,
@@ -137,13 +131,13 @@ struct Scene {
   Rigid3d world_from_camera(
       const View& view) const;  ///< E_P,0^-1 E_P,n E_C of the report's equation (2)
   /// Returns world_from_camera of each row, with the actors.
-  ShutterPoses shutter_poses(const View& view, Poses which = Poses::kCorrected) const;
+  ShutterPoses shutter_poses(const View& view) const { return shutter_poses(view, actors); }
+  /// Returns world_from_camera of each row, with these actors.
+  ShutterPoses shutter_poses(const View& view, const std::vector<MovingObject>& with) const;
   /// Returns the poses with the actors where `camera` sees them at its exposure of a frame at this
   /// time.
   ShutterPoses with_actors(ShutterPoses poses, const RigCamera& camera,
-                           std::int64_t frame_ns) const {
-    return with_actors(std::move(poses), frame_ns + camera.time_offset_ns, camera.readout_ns);
-  }
+                           std::int64_t frame_ns) const;
   Exposure exposure(int camera, std::int64_t t_ns) const;
   Exposure exposure(const View& view) const {
     return exposure(view.camera, frames[view.frame].t_ns);
@@ -156,8 +150,6 @@ struct Scene {
     std::int64_t time_offset_ns = 0;
   };
   Extrinsics extrinsics(int camera, Poses which) const;
-  ShutterPoses with_actors(ShutterPoses poses, std::int64_t exposed_ns,
-                           std::int64_t readout_ns) const;
   Rigid3d corrected(const FramePose& pose) const;
 
   std::vector<Extrinsics> recorded_;  ///< one per camera; empty without corrections

@@ -138,7 +138,6 @@ struct GroupRun {
   /// Adds LiDAR rays to each rank's batch, of returns 3 m ahead.
   void draw_lidar(int rays) {
     returns.n = 100;
-    returns.origin.assign(300, 0);
     returns.direction.assign(300, 0);
     std::fill_n(returns.direction.begin(), 100, 1.0f);
     returns.range_m.assign(100, 3.0f);

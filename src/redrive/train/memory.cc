@@ -19,8 +19,8 @@ namespace {
 // Measured with minimal runs.
 constexpr std::uint64_t kProgram = std::uint64_t{56} << 20, kThread = std::uint64_t{4} << 20;
 constexpr std::uint64_t kReturn =
-    7 * sizeof(float) + sizeof(std::int64_t);  // scene/lidar_returns.h
-constexpr std::uint64_t kSortedRay = 40;
+    4 * sizeof(float) + sizeof(std::int64_t) + sizeof(std::uint16_t);  // scene/lidar_returns.h
+constexpr std::uint64_t kSortedRay = 32;
 
 std::uint64_t pixels(const Camera& camera) { return std::uint64_t(camera.width) * camera.height; }
 

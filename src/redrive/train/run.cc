@@ -178,10 +178,7 @@ Run open_run(const std::filesystem::path& root, bool to_resume, std::optional<do
       run.state.model->check_actors(run.recording.root, moving_file(run.paths.masks()),
                                     run.scene.actors);
     if (!to_resume) run.state.model->correct_actors(&run.scene.actors);
-    if (!to_resume && run.state.poses.refines()) {
-      run.scene.correct(run.state.poses.corrections);
-      run.recording.frames = run.scene.corrected_trajectory();
-    }
+    if (!to_resume && run.state.poses.refines()) run.scene.correct(run.state.poses.corrections);
   }
   return run;
 }

@@ -61,8 +61,8 @@ struct Run {
   /// Returns what renders; null: there is only the recording.
   const Field* field() const { return field_of_blocks ? field_of_blocks.get() : state.model.get(); }
 };
-/// Opens a run with refined poses in the recording's frames and the scene. to_resume: with initial
-/// poses; a run that was killed before its first checkpoint then opens with the initial state.
+/// Opens a run with the corrections of its poses applied to the scene. to_resume: without them; a
+/// run that was killed before its first checkpoint then opens with the initial state.
 /// `max_damaged` takes the place of that option. Throws InputError if a file is missing or the
 /// files do not belong together.
 Run open_run(const std::filesystem::path& root, bool to_resume = false,

@@ -121,8 +121,8 @@ TEST(RunFolder, OpensWithItsRefinedPoses) {
       EXPECT_NEAR(moved(looked_at, v), 0.125, 1e-6);
     }
   }
-  EXPECT_NEAR((looked_at.recording.frames[1].global_from_body.translation() -
-               recording.frames[1].global_from_body.translation())
+  EXPECT_NEAR((looked_at.scene.corrected_trajectory()[1].global_from_body.translation() -
+               looked_at.recording.frames[1].global_from_body.translation())
                   .norm(),
               0.25, 1e-6);
   state.poses = {};

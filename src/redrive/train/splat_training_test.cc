@@ -242,7 +242,7 @@ TEST_F(SplatTrainingTest, AResumedRunHasItsMovingObjectsAgain) {
     ASSERT_EQ(parts.scene.actors.size(), 2u);
     for (std::size_t a = 0; a < 2; ++a) {
       EXPECT_EQ(parts.scene.actors[a].id, whole.scene.actors[a].id);
-      EXPECT_FALSE(parts.scene.actors[a].is_refined) << "training corrects them itself";
+      EXPECT_TRUE(parts.scene.actors[a].corrections.empty()) << "the state has them";
     }
   }
   EXPECT_EQ(train(&parts, *backend_, never_), TrainEnd::kFinished);
@@ -251,7 +251,8 @@ TEST_F(SplatTrainingTest, AResumedRunHasItsMovingObjectsAgain) {
   EXPECT_EQ(splat(parts).actor_ends, splat(whole).actor_ends);
   EXPECT_EQ(curve(parts), curve(whole));
   const redrive::Run opened = open_run(parts.paths.root);
-  EXPECT_TRUE(opened.scene.actors[0].is_refined);
+  const MovingObject& actor = opened.scene.actors[0];
+  EXPECT_EQ(actor.corrections.size(), 6 * actor.keys.size());
 }
 
 TEST_F(SplatTrainingTest, TheRunFolderIsComplete) {

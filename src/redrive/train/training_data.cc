@@ -102,7 +102,7 @@ Search search_moving(const Run& run, ThreadPool& pool) {
   const MovingObjects annotated = read_moving_objects(run.recording, run.scene);
   LidarReturns returns = training_returns(run, annotated, pool);
   // What trains now is what resume reads.
-  auto found = as_in_moving_file(find_moving_objects(returns, annotated, pool));
+  auto found = as_in_moving_file(find_moving_objects(run.scene, returns, annotated, pool));
   return {std::move(found), std::move(returns)};
 }
 
@@ -124,7 +124,7 @@ TrainingData applied(const Run& run, ThreadPool& pool, Exclusions left_out,
   const MovingObjects& moving = run.scene.actors.empty() ? data.left_out.moving : run.moving;
   const std::vector<MovingObject> found = found_objects(moving);
   data.lidar = returns ? *std::move(returns) : training_returns(run, moving.without(found), pool);
-  take_out(MovingObjects(found), &data.lidar);
+  take_out(run.scene, MovingObjects(found), &data.lidar);
   return data;
 }
 

@@ -37,7 +37,6 @@ LiveView::LiveView(Run* run, kernels::Backend& backend, const std::atomic<bool>&
   shown_->options = run->options;
   shown_->recording = run->recording;
   shown_->scene = run->scene;
-  annotated_ = run->scene.actors;
   const Loan loan(run, shown_.get());
   viewer_ = std::make_unique<Viewer>(shown_, backend);
   viewer_->set_training({true, run->state.step, run->state.seconds, false, run->options.max_steps});
@@ -60,10 +59,7 @@ void LiveView::refresh(const Run& run) {
 }
 
 /// Shows moving objects where training has put them; the model has been lent.
-void LiveView::correct_actors() {
-  shown_->scene.actors = annotated_;
-  shown_->state.model->correct_actors(&shown_->scene.actors);
-}
+void LiveView::correct_actors() { shown_->state.model->correct_actors(&shown_->scene.actors); }
 
 void LiveView::between_steps(Run& run) {
   take_over();
@@ -73,10 +69,7 @@ void LiveView::between_steps(Run& run) {
   }
   credit_s_ = std::min(credit_s_ + kShare / (1 - kShare) * seconds_since(returned_), kMostCredit_s);
   const bool refreshes = Clock::now() >= refresh_at_;
-  if (refreshes && run.state.poses.refines()) {
-    shown_->scene = run.scene;
-    shown_->recording.frames = run.scene.corrected_trajectory();
-  }
+  if (refreshes && run.state.poses.refines()) shown_->scene = run.scene;
   const Loan loan(&run, shown_.get());
   if (std::exchange(model_, shown_->state.model.get()) != shown_->state.model.get())
     viewer_->drop_jobs();  // jobs of the model before a roll-back
@@ -100,7 +93,6 @@ void LiveView::serve(Run& run) {
   if (run.state.poses.refines()) {
     shown_->scene = run.scene;
     shown_->scene.correct(run.state.poses.corrections);
-    shown_->recording.frames = shown_->scene.corrected_trajectory();
   }
   const Loan loan(&run, shown_.get());
   correct_actors();

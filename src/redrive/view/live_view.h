@@ -6,7 +6,6 @@
 #include <atomic>
 #include <chrono>
 #include <memory>
-#include <vector>
 
 #include "redrive/train/trainer.h"
 #include "redrive/view/preparation.h"
@@ -40,8 +39,7 @@ class LiveView : public StepObserver {
   void take_over();
 
   const std::atomic<bool>& stop_;
-  std::vector<MovingObject> annotated_;  ///< Scene::actors without corrections
-  std::shared_ptr<Run> shown_;           ///< has the model while images are made
+  std::shared_ptr<Run> shown_;  ///< has the model while images are made
   std::unique_ptr<Viewer> viewer_;
   Preparation* preparation_ = nullptr;  ///< null: the viewer has the pages
   const Trainee* model_ = nullptr;      ///< model of the last images

@@ -8,7 +8,6 @@
 #include <optional>
 
 #include "redrive/perception/moving_file.h"
-#include "redrive/recording/core/trajectory.h"
 #include "redrive/recording/formats/recording_reader.h"
 #include "redrive/view/traffic.h"
 
@@ -71,7 +70,6 @@ void draw_frustum(const Camera& camera, const Rigid3d& world_from_camera, const 
 std::vector<OverlayLine> Overlay::lines(const Placement& placement, const Overlays& which) const {
   std::vector<OverlayLine> lines;
   LinePen pen = pen_of(placement, &lines);
-  const Rigid3d world_from_global = run_.scene.global_from_world.inverse(Eigen::Isometry);
   if (which.trajectory) {
     pen.begin("trajectory");
     for (const PosedFrame& frame : run_.scene.posed_frames())
@@ -89,8 +87,7 @@ std::vector<OverlayLine> Overlay::lines(const Placement& placement, const Overla
       if (file.frame_id == placement.frame)
         for (const Box& box : run_.recording.reader->read_boxes(file))
           draw_box("box", box.type + " " + std::to_string(box.object_id), box.size_m,
-                   world_from_global * pose_at(run_.recording.frames, box.t_ns) * box.body_from_box,
-                   &pen);
+                   run_.scene.world_from_body(box.t_ns) * box.body_from_box, &pen);
     for (const MovingObject& object : run_.moving.objects()) {
       const auto world_from_box = object.world_from_box(placement.t_ns);
       if (object.type == kFound && world_from_box)
@@ -123,12 +120,10 @@ Overlay::Overlay(const Run& run) : run_(run) {
 }
 
 Overlay::Points Overlay::read(const FrameFile& file) const {
-  const Rigid3d world_from_global = run_.scene.global_from_world.inverse(Eigen::Isometry);
   Points points;
   for (const LidarPoint& point : run_.recording.reader->read_lidar(file))
-    points.push_back((world_from_global * pose_at(run_.recording.frames, point.t_ns) *
-                      point.in_body_m.cast<double>())
-                         .cast<float>());
+    points.push_back(
+        (run_.scene.world_from_body(point.t_ns) * point.in_body_m.cast<double>()).cast<float>());
   return points;
 }
 

@@ -38,7 +38,7 @@ std::vector<std::string> PathStore::names() const {
 std::vector<PathKey> PathStore::keys(const std::vector<PathKeyframe>& keyframes) const {
   std::vector<PathKey> keys;
   for (std::size_t i = 0; i < keyframes.size(); ++i)
-    keys.push_back(path_key(keyframes[i], run_.recording, run_.scene, "message", i));
+    keys.push_back(path_key(keyframes[i], run_.scene, "message", i));
   return keys;
 }
 

@@ -36,14 +36,13 @@ TEST_F(PathStoreTest, SavesWhatRenderAndOthersRead) {
   store_.save(message_);
   EXPECT_EQ(store_.names(), std::vector<std::string>{"left"});
   const fs::path file = run_.paths.root / "paths/left.json";
-  const CameraPath path = path_of_file(read_camera_path(file), run_.recording, run_.scene);
+  const CameraPath path = path_of_file(read_camera_path(file), run_.scene);
   EXPECT_EQ(path.camera, "FRONT");
   EXPECT_EQ(path.images(), 10);
   // Without our keys it is the same path.
   nlohmann::json theirs = read_json(file);
   theirs.erase("keyframes");
-  const CameraPath same =
-      path_of_file(parse_camera_path(theirs.dump(), file), run_.recording, run_.scene);
+  const CameraPath same = path_of_file(parse_camera_path(theirs.dump(), file), run_.scene);
   ASSERT_EQ(same.images(), 10);
   for (int i = 0; i < 10; ++i)
     EXPECT_TRUE(

@@ -41,7 +41,7 @@ std::string scene_page(const Run& run, int sh_degree) {
                      "install; scripts/setup and another build bring them");
   const RigCamera& camera = run.scene.rig.front();
   nlohmann::json drive = nlohmann::json::array();
-  const CameraPath path = drive_path(run.recording, run.scene, camera, 0);
+  const CameraPath path = drive_path(run.scene, camera, 0);
   for (const PathKey& key : path.keys)
     drive.push_back(
         {{"t_s", key.t_s}, {"camera_to_world", camera_to_world_json(key.world_from_camera)}});

@@ -209,15 +209,14 @@ std::shared_ptr<const GroundTruthView> ViewRenderer::ground_truth(const NovelVie
 
 Exposure ViewRenderer::exposure_of(const ViewRequest& request, const std::string& camera) const {
   if (request.exposure == "none") return {};
-  if (request.exposure == "own")
-    return exposure_at(run_.recording, run_.scene, camera, request.frame);
+  if (request.exposure == "own") return exposure_at(run_.scene, camera, request.frame);
   const std::size_t colon = request.exposure.rfind(':');
   const std::string frame = colon == std::string::npos ? "" : request.exposure.substr(colon + 1);
   if (frame.empty() || frame.size() > 18 ||
       frame.find_first_not_of("0123456789") != std::string::npos)
     refuse("exposure", request.exposure, "must be own, none or CAMERA:FRAME");
   const Exposure exposure =
-      exposure_at(run_.recording, run_.scene, request.exposure.substr(0, colon), std::stoll(frame));
+      exposure_at(run_.scene, request.exposure.substr(0, colon), std::stoll(frame));
   if (exposure.camera < 0)
     refuse("exposure", request.exposure, "the run has no such camera or frame");
   return exposure;
@@ -252,7 +251,7 @@ Placement ViewRenderer::place(const ViewRequest& request, const Scene& traffic) 
     return placement;
   }
   const RigCamera camera = requested_camera(request);
-  const auto body = world_from_body(run_.recording, run_.scene, request.frame, camera);
+  const auto body = world_from_body(run_.scene, request.frame, camera);
   if (!body) refuse("frame", std::to_string(request.frame), "the recording has no such frame");
   const Rigid3d body_from_sensor =
       turned_sensor(camera.body_from_sensor, kRadiansPerDegree * request.yaw_deg,

@@ -39,10 +39,10 @@ TEST_F(ViewerTest, SendsTheImageThatRenderWrites) {
   const Received received = full_image(*client, 1);
   EXPECT_EQ(received.header["camera"], "FRONT");
   const RigCamera& camera = run_.scene.rig[run_.scene.camera_index("FRONT")];
-  const Rigid3d world_from_camera = shifted_camera(
-      run_.scene.global_from_world, *world_from_body(run_.recording, run_.scene, 11, camera),
-      turned_sensor(camera.body_from_sensor, 20 * M_PI / 180, -10 * M_PI / 180), ShiftAxes::kBody,
-      {0.5, -1, 0.25});
+  const Rigid3d world_from_camera =
+      shifted_camera(run_.scene.global_from_world, *world_from_body(run_.scene, 11, camera),
+                     turned_sensor(camera.body_from_sensor, 20 * M_PI / 180, -10 * M_PI / 180),
+                     ShiftAxes::kBody, {0.5, -1, 0.25});
   const Image8 expected =
       to_image8(render_image(backend_, *run_.state.model, camera.camera, world_from_camera));
   ASSERT_EQ(received.image.rgb.size(), expected.rgb.size());
@@ -61,9 +61,9 @@ TEST_F(ViewerTest, SendsTheImageOfAMount) {
   const Received received = full_image(*client, 1);
   const RigCamera camera = *mounted_camera(*parse_mount("1,0.5,2,30,-10,5"),
                                            *parse_lens("pinhole:80:32x20"), run_.scene);
-  const Image8 expected = to_image8(render_image(
-      backend_, *run_.state.model, camera.camera,
-      *world_from_body(run_.recording, run_.scene, 11, camera) * camera.body_from_sensor));
+  const Image8 expected =
+      to_image8(render_image(backend_, *run_.state.model, camera.camera,
+                             *world_from_body(run_.scene, 11, camera) * camera.body_from_sensor));
   EXPECT_EQ(received.image.width, 32);
   ASSERT_EQ(received.image.rgb.size(), expected.rgb.size());
   double sum = 0;

@@ -132,34 +132,21 @@ void subsample_patches(std::vector<PlanarPatch>* patches, int max_samples) {
 
 }  // namespace
 
-std::vector<LidarSample> lidar_samples(const Recording& recording, const Scene& scene,
-                                       const LidarReturns& returns) {
-  const Rigid3d world_from_global = scene.global_from_world.inverse(Eigen::Isometry);
+std::vector<LidarSample> lidar_samples(const Recording& recording, const LidarReturns& returns) {
   std::vector<LidarSample> samples;
   samples.reserve(returns.n);
-  Rigid3d body_from_world = Rigid3d::Identity();
-  std::int64_t pose_ns = -1;
   for (std::size_t i = 0; i < returns.n; ++i) {
     const std::int64_t t_ns = returns.t_ns[i];
     if (t_ns < recording.frames.front().t_ns || t_ns > recording.frames.back().t_ns) continue;
-    if (t_ns != pose_ns) {
-      pose_ns = t_ns;
-      body_from_world =
-          (world_from_global * pose_at(recording.frames, t_ns)).inverse(Eigen::Isometry);
-    }
-    Eigen::Vector3d in_world;
-    for (int d = 0; d < 3; ++d)
-      in_world[d] =
-          double(returns.origin[std::size_t(d) * returns.n + i]) +
-          double(returns.range_m[i]) * double(returns.direction[std::size_t(d) * returns.n + i]);
-    samples.push_back({body_from_world * in_world, t_ns, returns.intensity[i]});
+    samples.push_back(
+        {returns.body_from_sensor * returns.in_sensor(i), t_ns, returns.intensity[i]});
   }
   return samples;
 }
 
 std::vector<LidarSample> load_lidar_samples(const Recording& recording, const Scene& scene,
                                             const MovingObjects& moving, ThreadPool& pool) {
-  return lidar_samples(recording, scene, load_lidar_returns(recording, scene, moving, pool));
+  return lidar_samples(recording, load_lidar_returns(recording, scene, moving, pool));
 }
 
 std::vector<LidarSample> subsample_evenly(std::vector<LidarSample> samples,

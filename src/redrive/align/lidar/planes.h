@@ -25,10 +25,8 @@ struct LidarSample {
   std::uint16_t intensity = 0;  ///< in the sensor's own scale
 };
 
-/// The `returns`, in the world of `scene`, between the times of the recording's first and last
-/// frame.
-std::vector<LidarSample> lidar_samples(const Recording& recording, const Scene& scene,
-                                       const LidarReturns& returns);
+/// The `returns` between the times of the recording's first and last frame.
+std::vector<LidarSample> lidar_samples(const Recording& recording, const LidarReturns& returns);
 
 /// All returns between the first and the last frame except those on the vehicle and on moving
 /// objects.

@@ -73,12 +73,9 @@ SharedCheck check_lidar_in_images(const Scene& scene, const LidarReturns& lidar)
   const std::vector<CameraViews> cameras = views_by_camera(scene);
   const std::size_t step = 1 + lidar.n / kReturns;
   std::size_t all = 0, seen = 0;
+  LidarPoses poses(scene, lidar);
   for (std::size_t i = 0; i < lidar.n; i += step, ++all) {
-    const auto at = [&](const std::vector<float>& v) {
-      return Eigen::Vector3f(v[i], v[lidar.n + i], v[2 * lidar.n + i]);
-    };
-    const Eigen::Vector3d in_world =
-        (at(lidar.origin) + lidar.range_m[i] * at(lidar.direction)).cast<double>();
+    const Eigen::Vector3d in_world = poses.in_world(i);
     seen += std::ranges::any_of(cameras, [&](const CameraViews& camera) {
       return sees(scene, camera, in_world, lidar.t_ns[i]);
     });

@@ -6,6 +6,7 @@
 
 #include "redrive/base/files.h"
 #include "redrive/base/temporary_folder_testing.h"
+#include "redrive/scene/lidar_testing.h"
 
 namespace redrive {
 namespace {
@@ -27,31 +28,19 @@ Scene one_camera(int frames) {
   return scene;
 }
 
-/// Returns at these points of the world, at these times.
-LidarReturns returns_at(const std::vector<std::pair<Eigen::Vector3f, std::int64_t>>& points) {
-  LidarReturns lidar;
-  lidar.n = points.size();
-  lidar.origin.assign(3 * lidar.n, 0);
-  lidar.direction.resize(3 * lidar.n);
-  for (std::size_t i = 0; i < lidar.n; ++i) {
-    lidar.range_m.push_back(points[i].first.norm());
-    lidar.t_ns.push_back(points[i].second);
-    for (int k = 0; k < 3; ++k)
-      lidar.direction[k * lidar.n + i] = points[i].first[k] / points[i].first.norm();
-  }
-  return lidar;
-}
-
 TEST(DriveChecks, ReturnsAreSoughtInTheViewNearestInTime) {
   const Scene scene = one_camera(3);
   EXPECT_EQ(check_lidar_in_images(scene, {}).verdict, Verdict::kCannotTell);
-  const auto ahead = check_lidar_in_images(scene, returns_at({{{0, 0, 5}, 40'000'000},
-                                                              {{9, 0, 5}, 0},
-                                                              {{0, 0, 5}, 60'000'000},
-                                                              {{1, 0, 25}, 900'000'000}}));
+  const auto check = [&](const std::vector<MeasuredPoint>& points) {
+    return check_lidar_in_images(scene, returns_of(scene, points));
+  };
+  const auto ahead = check({{{0, 0, 5}, 40'000'000},
+                            {{9, 0, 5}, 0},
+                            {{0, 0, 5}, 60'000'000},
+                            {{1, 0, 25}, 900'000'000}});
   EXPECT_EQ(ahead.verdict, Verdict::kGood);
   EXPECT_EQ(ahead.why, "50 % of the returns lie in an image") << "the third is behind frame 1";
-  const auto behind = check_lidar_in_images(scene, returns_at({{{0, 0, -5}, 0}, {{0, 9, 5}, 0}}));
+  const auto behind = check({{{0, 0, -5}, 0}, {{0, 9, 5}, 0}});
   EXPECT_EQ(behind.verdict, Verdict::kWrong);
   EXPECT_THAT(behind.why, HasSubstr("0 of 2 returns lie in an image"));
 }

@@ -100,7 +100,7 @@ SensorMotion sensor_motion(const RenderOptions& options, const LidarRequest& req
     throw UsageError("--lidar", options.lidar,
                      request.spinning ? "needs --mount: the recording has no LiDAR"
                                       : "the recording has no LiDAR");
-  SensorMotion motion{run.recording, run.scene};
+  SensorMotion motion{run.scene};
   motion.axes = shift_axes(options, run);
   motion.shift_m = parse_translation(options.translate);
   const Rigid3d camera_from_lidar = camera_from_lidar_axes();

@@ -70,9 +70,9 @@ CameraPath make_path(const RenderOptions& options, const Run& run) {
       options.camera.empty() ? run.scene.rig.front() : find_camera(run.scene, options.camera);
   CameraPath path;
   if (const auto left_m = left_of_drive(options.path))
-    path = drive_path(run.recording, run.scene, camera, *left_m);
+    path = drive_path(run.scene, camera, *left_m);
   else
-    path = path_of_file(read_camera_path(options.path), run.recording, run.scene);
+    path = path_of_file(read_camera_path(options.path), run.scene);
   if (!options.camera.empty()) path.camera = options.camera;
   if (options.fps > 0) path.fps = options.fps;
   if (options.seconds > 0) path.seconds = options.seconds;

@@ -4,8 +4,6 @@
 #include <algorithm>
 #include <vector>
 
-#include "redrive/math/so3.h"
-
 namespace redrive {
 namespace {
 
@@ -20,28 +18,14 @@ float share_of_later(const MovingObject::KeyTime& at) {
 
 }  // namespace
 
-ActorMotion motion_at(std::span<const float> motions, const MovingObject::KeyTime& at) {
-  ActorMotion motion;
-  const auto part = static_cast<float>(at.part);
-  for (std::size_t k = 0; k < kMotionSize; ++k)
-    motion[k] = (1 - part) * motions[kMotionSize * at.before + k] +
-                part * motions[kMotionSize * at.after + k];
-  return motion;
-}
-
-Rigid3d moved(const Rigid3d& world_from_actor, const ActorMotion& motion) {
-  Rigid3d own = Rigid3d::Identity();
-  own.translation() = Eigen::Vector3f(motion.data()).cast<double>();
-  own.linear() = so3_exp(Eigen::Vector3f(motion.data() + 3).cast<double>());
-  return world_from_actor * own;
-}
-
 void add_motion_gradient(const GaussianPoseGradient<NumberMath<double>>& d_pose,
                          const Eigen::Vector3d& camera, std::span<const float> motions,
                          const MovingObject::KeyTime& at, std::span<float> d_motions) {
   // The camera moves relative to the object: by -exp(-w) u and -w x camera, and turns by -w.
   const Eigen::Vector3d d_translation(d_pose.translation), d_rotation(d_pose.rotation);
-  const Eigen::Matrix3d turned = moved(Rigid3d::Identity(), motion_at(motions, at)).linear();
+  const auto motion = interpolate_vector6(&motions[kMotionSize * at.before],
+                                          &motions[kMotionSize * at.after], at.part);
+  const Eigen::Matrix3d turned = rigid_from_vector(motion.data()).linear();
   const Eigen::Vector3d d_u = -turned * d_translation,
                         d_w = -camera.cross(d_translation) - d_rotation;
   const float later = share_of_later(at);
@@ -79,14 +63,6 @@ void update_motions(AdamStep step, float rate, std::span<const float> gradients,
                               -most, most);
     }
   }
-}
-
-void correct_track(std::span<const float> motions, MovingObject* object) {
-  for (std::size_t key = 0; key < object->keys.size(); ++key) {
-    Rigid3d& pose = object->keys[key].world_from_box;
-    pose = moved(pose, motion_at(motions, {key, key, 0}));
-  }
-  object->is_refined = true;
 }
 
 }  // namespace redrive

@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Corrections of the tracks of moving objects, which train along with their Gaussians: for each key
-// of a track (MovingObject::keys) a translation u (metres) and a rotation w (rad) in the object's
-// own axes, linear in time between keys. world_from_actor becomes world_from_actor exp(w) with the
-// origin moved by u.
+// of a track a translation u (metres) and a rotation w (rad), as MovingObject::corrections has
+// them. world_from_actor becomes world_from_actor exp(w) with the origin moved by u.
 #pragma once
 
 #include <array>
@@ -16,15 +15,9 @@
 namespace redrive {
 
 constexpr std::size_t kMotionSize = 6;  ///< u, then w
-using ActorMotion = std::array<float, kMotionSize>;
 
 /// Largest absolute correction of a coordinate.
 constexpr float kMaxMotion_m = 0.5f, kMaxMotion_rad = 0.1f;
-
-/// `motions`: [keys, kMotionSize].
-ActorMotion motion_at(std::span<const float> motions, const MovingObject::KeyTime& at);
-
-Rigid3d moved(const Rigid3d& world_from_actor, const ActorMotion& motion);
 
 /// Adds the derivative with respect to the motions; for w to first order, which is 0.1 rad at most.
 /// At less than a quarter of the way from a key it goes to that key alone: Adam moves a key by its
@@ -43,8 +36,5 @@ void add_motion_gradient(const GaussianPoseGradient<NumberMath<double>>& d_pose,
 void update_motions(AdamStep step, float rate, std::span<const float> gradients,
                     std::span<float> motions, std::span<float> first_moment,
                     std::span<float> second_moment);
-
-/// Applies the corrections to the keys.
-void correct_track(std::span<const float> motions, MovingObject* object);
 
 }  // namespace redrive

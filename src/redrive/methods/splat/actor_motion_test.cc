@@ -19,16 +19,6 @@ MovingObject object_with_keys() {
   return object;
 }
 
-TEST(ActorMotion, IsLinearBetweenKeysAndConstantBeyond) {
-  const MovingObject object = object_with_keys();
-  std::vector<float> motions(4 * kMotionSize);
-  for (std::size_t i = 0; i < motions.size(); ++i) motions[i] = 0.01f * static_cast<float>(i);
-  EXPECT_FLOAT_EQ(motion_at(motions, *object.key_time(125))[1], 0.07f + 0.25f * 0.06f);
-  EXPECT_FLOAT_EQ(motion_at(motions, *object.key_time(-5))[1], 0.01f);
-  EXPECT_FLOAT_EQ(motion_at(motions, *object.key_time(300))[1], 0.19f);
-  EXPECT_FLOAT_EQ(motion_at(motions, *object.key_time(900))[1], 0.19f);
-}
-
 /// f(camera in the object's axes) = a . position + b . log(rotation of a disturbance).
 TEST(ActorMotion, GradientAgreesWithDifferences) {
   const Rigid3d world_from_actor = object_with_keys().keys[2].world_from_box;
@@ -36,13 +26,17 @@ TEST(ActorMotion, GradientAgreesWithDifferences) {
   world_from_camera.linear() = so3_exp(Eigen::Vector3d(-0.3, 0.5, 1));
   world_from_camera.translation() = Eigen::Vector3d(5, -4, 2);
   const Eigen::Vector3d a(0.7, -1.2, 0.4), b(-0.5, 0.3, 2);
-  const ActorMotion start_motion = {0.3f, -0.2f, 0.1f, 0.02f, -0.03f, 0.05f};
-  const Rigid3d start = moved(world_from_actor, start_motion).inverse() * world_from_camera;
+  using Motion = std::array<float, kMotionSize>;
+  const Motion start_motion = {0.3f, -0.2f, 0.1f, 0.02f, -0.03f, 0.05f};
+  const auto camera_at = [&](const Motion& motion) {
+    return (world_from_actor * rigid_from_vector(motion.data())).inverse() * world_from_camera;
+  };
+  const Rigid3d start = camera_at(start_motion);
   std::vector<float> motions(3 * kMotionSize);
   for (std::size_t k = 0; k < kMotionSize; ++k)
     motions[kMotionSize + k] = motions[2 * kMotionSize + k] = start_motion[k];
-  const auto value = [&](const ActorMotion& motion) {
-    const Rigid3d now = moved(world_from_actor, motion).inverse() * world_from_camera;
+  const auto value = [&](const Motion& motion) {
+    const Rigid3d now = camera_at(motion);
     return a.dot(now.translation()) + b.dot(so3_log(now.linear() * start.linear().transpose()));
   };
   GaussianPoseGradient<NumberMath<double>> d_pose;
@@ -53,7 +47,7 @@ TEST(ActorMotion, GradientAgreesWithDifferences) {
   std::vector<float> gradient(3 * kMotionSize);
   add_motion_gradient(d_pose, start.translation(), motions, {1, 2, 0.25}, gradient);
   for (std::size_t k = 0; k < kMotionSize; ++k) {
-    ActorMotion above = start_motion, below = start_motion;
+    Motion above = start_motion, below = start_motion;
     above[k] += 1e-3f;
     below[k] -= 1e-3f;
     const double difference = (value(above) - value(below)) / 2e-3;
@@ -94,21 +88,6 @@ TEST(ActorMotion, UpdatesKeysWithAGradientWithinBoundsAndSmoothly) {
   EXPECT_EQ(at(motions, 4, 4), kMaxMotion_rad);
   EXPECT_EQ(at(motions, 0, 2), -kMaxMotion_m);
   EXPECT_EQ(at(motions, 5, 1), 0.2f);
-}
-
-TEST(ActorMotion, ATrackIsCorrectedKeyByKey) {
-  MovingObject object = object_with_keys();
-  const MovingObject before = object;
-  std::vector<float> motions(4 * kMotionSize);
-  motions[kMotionSize] = 0.5f;  // forward, of key 1
-  correct_track(motions, &object);
-  EXPECT_TRUE(object.is_refined);
-  const Rigid3d& pose = before.keys[1].world_from_box;
-  EXPECT_LT((object.keys[1].world_from_box.translation() -
-             (pose.translation() + 0.5 * pose.linear().col(0)))
-                .norm(),
-            1e-9);
-  EXPECT_EQ(object.keys[2].world_from_box.matrix(), before.keys[2].world_from_box.matrix());
 }
 
 }  // namespace

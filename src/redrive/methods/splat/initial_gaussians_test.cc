@@ -42,19 +42,11 @@ struct WallScene : SplatScene {
   }
   /// Returns on a grid of the wall, from the middle of the first frame's body.
   void scan(float step = 0.1f, float lowest = -2, float highest = 4) {
-    std::vector<Eigen::Vector3f> ends;
+    std::vector<MeasuredPoint> ends;
     for (float y = -4; y < 4; y += step)
-      for (float z = lowest; z < highest; z += step) ends.emplace_back(kWall_m, y, z);
-    lidar.n = ends.size();
-    lidar.range_m.resize(lidar.n);
-    lidar.direction.resize(3 * lidar.n);
-    lidar.origin.assign(3 * lidar.n, 0);
-    lidar.t_ns.assign(lidar.n, scene.frames[0].t_ns);
-    lidar.intensity.assign(lidar.n, 0);
-    for (std::size_t i = 0; i < lidar.n; ++i) {
-      lidar.range_m[i] = ends[i].norm();
-      for (int k = 0; k < 3; ++k) lidar.direction[k * lidar.n + i] = ends[i][k] / ends[i].norm();
-    }
+      for (float z = lowest; z < highest; z += step)
+        ends.push_back({{kWall_m, y, z}, scene.frames[0].t_ns});
+    lidar = returns_of(scene, ends);
   }
   GaussianList gaussians(InitialGaussianOptions options, std::uint64_t seed = 1, int threads = 2) {
     options.tracks = false;

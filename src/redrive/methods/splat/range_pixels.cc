@@ -66,31 +66,31 @@ std::vector<ShownReturn> find_shown_returns(const TrainingSet& data, const Retur
   const RigCamera& rig = scene.rig[view.camera];
   const std::int64_t t_ns = scene.exposed_ns(view, Poses::kRecorded);
   const Projection pixel_of{rig.camera, ShutterPoses(scene.camera_during(view, Poses::kRecorded))};
+  const Rigid3d body_from_world =
+      scene.world_from_body(view, Poses::kRecorded).inverse(Eigen::Isometry);
   const LidarReturns& lidar = data.lidar;
+  LidarPoses lidar_poses(scene, lidar, Poses::kRecorded);
   struct Shown {
     RangePixel pixel;
-    ShownReturn in_world;
+    ShownReturn in_body;
   };
   std::vector<Shown> all;
   std::vector<MovingBox> boxes;
   std::vector<std::pair<std::int64_t, Rigid3d>> actors;  // key: id; world_from_actor
   for (const MovingObject& actor : scene.actors)
-    if (const auto world_from_actor = actor.world_from_box(t_ns)) {
+    if (const auto world_from_actor = actor.world_from_box(t_ns, Poses::kRecorded)) {
       boxes.push_back({actor.id, world_from_actor->inverse(Eigen::Isometry), actor.size_m / 2});
       actors.emplace_back(actor.id, *world_from_actor);
     }
   const Eigen::Vector3d eye = pixel_of.poses.at(0.5).translation();
   const auto add_return = [&](std::size_t i) {
     if (scene.metric && std::abs(lidar.t_ns[i] - t_ns) > kApart_ns) return;
-    Eigen::Vector3d at;
-    for (int k = 0; k < 3; ++k)
-      at[k] = double(lidar.origin[k * lidar.n + i]) +
-              double(lidar.range_m[i]) * double(lidar.direction[k * lidar.n + i]);
+    const Eigen::Vector3d at = lidar_poses.in_world(i);
     const auto pixel = pixel_of(at);
     // An object may by now hide what the sensor saw then.
     if (pixel && std::ranges::none_of(
                      boxes, [&](const MovingBox& box) { return box.intersects(eye, at - eye, 1); }))
-      all.push_back({*pixel, at.cast<float>()});
+      all.push_back({*pixel, (body_from_world * at).cast<float>()});
   };
   const auto ranges = scene.metric ? times.ranges(t_ns - kApart_ns, t_ns + kApart_ns)
                                    : std::vector<ReturnTimes::Range>{{0, lidar.n}};
@@ -101,11 +101,12 @@ std::vector<ShownReturn> find_shown_returns(const TrainingSet& data, const Retur
     const auto actor = std::ranges::find(actors, at.id, &std::pair<std::int64_t, Rigid3d>::first);
     if (actor == actors.end()) continue;
     const Eigen::Vector3d in_world = actor->second * at.in_box.cast<double>();
-    if (const auto pixel = pixel_of(in_world)) all.push_back({*pixel, in_world.cast<float>()});
+    if (const auto pixel = pixel_of(in_world))
+      all.push_back({*pixel, (body_from_world * in_world).cast<float>()});
   }
   const int across = rig.camera.width / kCell + 1, down = rig.camera.height / kCell + 1;
   std::vector<float> nearest(static_cast<std::size_t>(across) * down, 1e9f);
-  for (const auto& [p, in_world] : all) {
+  for (const auto& [p, in_body] : all) {
     float& least = nearest[static_cast<std::size_t>(p.y / kCell) * across + p.x / kCell];
     least = std::min(least, p.log_range);
   }
@@ -122,9 +123,9 @@ std::vector<ShownReturn> find_shown_returns(const TrainingSet& data, const Retur
   });
   std::vector<bool> taken(static_cast<std::size_t>(rig.camera.width) * rig.camera.height);
   std::vector<ShownReturn> shown;
-  for (const auto& [p, in_world] : all) {
+  for (const auto& [p, in_body] : all) {
     const std::size_t pixel = static_cast<std::size_t>(p.y) * rig.camera.width + p.x;
-    if (!taken[pixel]) shown.push_back(in_world);
+    if (!taken[pixel]) shown.push_back(in_body);
     taken[pixel] = true;
   }
   shown.shrink_to_fit();
@@ -135,13 +136,11 @@ std::vector<RangePixel> range_pixels(const Scene& scene, const View& view,
                                      std::span<const ShownReturn> returns, ThreadPool& pool) {
   constexpr std::size_t kGrain = 2048;
   const Projection pixel_of{scene.rig[view.camera].camera, ShutterPoses(scene.camera_during(view))};
-  const Rigid3d motion = scene.metric
-                             ? scene.correction_at(scene.exposed_ns(view, Poses::kRecorded))
-                             : Rigid3d::Identity();
+  const Rigid3d world_from_body = scene.world_from_body(view);
   std::vector<std::optional<RangePixel>> each(returns.size());
   pool.run_ranges(returns.size(), kGrain, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i)
-      each[i] = pixel_of(motion * returns[i].cast<double>());
+      each[i] = pixel_of(world_from_body * returns[i].cast<double>());
   });
   std::vector<RangePixel> pixels;
   pixels.reserve(each.size());

@@ -17,7 +17,8 @@ struct RangePixel {
   float log_range;  ///< logarithm of its distance from the camera, metres
 };
 
-/// A LiDAR return that an image shows, in the world of the recorded poses.
+/// A LiDAR return that an image shows, in the axes of the body when the image's middle row was
+/// exposed, metres.
 using ShownReturn = Eigen::Vector3f;
 
 /// Finds the returns near a time without reading all of them: they come scan by scan, so
@@ -45,10 +46,9 @@ class ReturnTimes {
 std::vector<ShownReturn> find_shown_returns(const TrainingSet& data, const ReturnTimes& times,
                                             std::size_t of_view);
 
-/// Returns the pixels of a view's returns by the corrected poses, in their order, without returns
-/// that have left the image. LiDAR and camera ride on one body: its corrections move the returns of
-/// a drive with the image, while the camera's change the pixels. Points of photographs stay in the
-/// world.
+/// Returns the pixels of a view's returns by the poses as they are now, in their order, without
+/// returns that have left the image. LiDAR and camera ride on one body, so what refinement changes
+/// of them is the camera's extrinsics and the motion during a readout.
 std::vector<RangePixel> range_pixels(const Scene& scene, const View& view,
                                      std::span<const ShownReturn> returns, ThreadPool& pool);
 

@@ -176,19 +176,10 @@ std::pair<std::size_t, std::size_t> SplatModel::motions_of(std::size_t actor) co
           kMotionSize * static_cast<std::size_t>(actor_keys[actor] - first)};
 }
 
-void SplatModel::correct_poses(const Scene& scene, std::int64_t t_ns, ShutterPoses* poses) const {
-  std::vector<ShutterPoses::Actor> actors = poses->actors();
-  for (ShutterPoses::Actor& seen : actors) {
-    const auto a = actor_index(seen.body);
-    const auto object = std::ranges::find(scene.actors, seen.body, &MovingObject::id);
-    if (!a || object == scene.actors.end() || object->is_refined) continue;
-    const auto at = object->key_time(t_ns);
-    if (!at) continue;
-    const Rigid3d own = moved(Rigid3d::Identity(), motion_at(motion_parameters(*a), *at));
-    for (PlainPose& pose : seen.actor_from_camera)
-      pose = plain(own.inverse(Eigen::Isometry) * rigid(pose));
-  }
-  poses->set_actors(std::move(actors));
+ShutterPoses SplatModel::shutter_poses(const Scene& scene, const View& view) const {
+  std::vector<MovingObject> actors = scene.actors;
+  correct_actors(&actors);
+  return scene.shutter_poses(view, actors);
 }
 
 void SplatModel::add_motion_gradients(
@@ -198,7 +189,7 @@ void SplatModel::add_motion_gradients(
   for (const ShutterPoses::Actor& seen : poses.actors()) {
     const auto a = actor_index(seen.body);
     const auto object = std::ranges::find(scene.actors, seen.body, &MovingObject::id);
-    if (!a || object == scene.actors.end() || object->is_refined) continue;
+    if (!a || object == scene.actors.end()) continue;
     const auto [first, n] = motions_of(*a);
     const auto at = object->key_time(t_ns);
     if (!at) continue;
@@ -225,8 +216,7 @@ void SplatModel::finish_training(kernels::Backend& backend, const TrainingSet& d
     const RigCamera& rig = data.scene.rig[of.camera];
     int factor = 1;
     while (rig.camera.width / factor * (rig.camera.height / factor) > kFillPixels) ++factor;
-    FillView out{rig.camera.downscaled(factor), data.scene.shutter_poses(of), {}, {}};
-    correct_poses(data.scene, data.scene.frames[of.frame].t_ns + rig.time_offset_ns, &out.poses);
+    FillView out{rig.camera.downscaled(factor), shutter_poses(data.scene, of), {}, {}};
     out.parts = drawn_actors(out.poses).parts;
     const ImagePointer image = data.images[training[i * every]];
     for (int y = 0; !image->used.empty() && y < out.camera.height; ++y)
@@ -269,11 +259,11 @@ void SplatModel::check_actors(const std::filesystem::path& recording,
 }
 
 void SplatModel::correct_actors(std::vector<MovingObject>* objects) const {
-  for (MovingObject& object : *objects) {
-    const auto a = actor_index(object.id);
-    if (!a || object.is_refined) continue;
-    correct_track(motion_parameters(*a), &object);
-  }
+  for (MovingObject& object : *objects)
+    if (const auto a = actor_index(object.id)) {
+      const std::span<const float> motions = motion_parameters(*a);
+      object.corrections.assign(motions.begin(), motions.end());
+    }
 }
 
 }  // namespace redrive

@@ -347,10 +347,7 @@ void SplatModel::step_window(kernels::Backend& backend, const TrainingSet& data,
   const ImageWindow& window = step.window;
   const View& view = data.scene.views[window.view];
   const Image8& image = step.image;
-  ShutterPoses poses = data.scene.shutter_poses(view);
-  const std::int64_t t_ns =
-      data.scene.frames[view.frame].t_ns + data.scene.rig[view.camera].time_offset_ns;
-  correct_poses(data.scene, t_ns, &poses);
+  const ShutterPoses poses = shutter_poses(data.scene, view);
   const DrawnActors actors = drawn_actors(poses);  // as trained
   const kernels::GaussianCamera camera = camera_of(step.whole, window, poses, actors.parts);
   find_tiles(image, window, &own.tiles);
@@ -418,7 +415,7 @@ void SplatModel::step_window(kernels::Backend& backend, const TrainingSet& data,
                      returns > 0 ? std::span<const float>(own.d_range) : std::span<const float>()},
                     to, d_poses);
   if (motion_rate > 0 && request.progress > double(kMotionsFrom))
-    add_motion_gradients(data.scene, t_ns, poses, d_poses, others);
+    add_motion_gradients(data.scene, data.scene.exposed_ns(view), poses, d_poses, others);
 
   sums->opacity += weight * (1 - transmittance);
   sums->rgb_mse += weight * loss.mse;

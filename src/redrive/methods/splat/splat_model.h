@@ -198,7 +198,7 @@ struct SplatModel final : Trainee, FieldGaussians {
   }
   /// Corrects where the camera sees the actors at t_ns; tracks of the scene that are corrected
   /// already stay.
-  void correct_poses(const Scene& scene, std::int64_t t_ns, ShutterPoses* poses) const;
+  ShutterPoses shutter_poses(const Scene& scene, const View& view) const;
   void add_motion_gradients(const Scene& scene, std::int64_t t_ns, const ShutterPoses& poses,
                             std::span<const GaussianPoseGradient<NumberMath<double>>> d_poses,
                             std::span<float> gradients) const;

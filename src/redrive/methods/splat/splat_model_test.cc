@@ -10,6 +10,7 @@
 
 #include "redrive/methods/splat/image_windows.h"
 #include "redrive/methods/splat/known_splats_testing.h"
+#include "redrive/scene/lidar_testing.h"
 
 namespace redrive::known_splats {
 namespace {
@@ -192,16 +193,10 @@ TEST(SplatModel, AStepDependsOnItsRequestAlone) {
         std::fill_n(&known.images[v].used[64 * y + (v % 2 ? 0 : 16)], 16, 0);
     }
   const GaussianList ends = known_gaussians(120);
-  known.lidar.n = ends.size();
-  known.lidar.origin.assign(3 * ends.size(), 0);
-  known.lidar.direction.resize(3 * ends.size());
-  known.lidar.t_ns.assign(ends.size(), 0);
-  for (std::size_t i = 0; i < ends.size(); ++i) {
-    const float* const at = &ends.rows[i * kGaussianRows];
-    known.lidar.range_m.push_back(std::hypot(at[0], at[1], at[2]));
-    for (int k = 0; k < 3; ++k)
-      known.lidar.direction[k * ends.size() + i] = at[k] / known.lidar.range_m[i];
-  }
+  std::vector<MeasuredPoint> points;
+  for (std::size_t i = 0; i < ends.size(); ++i)
+    points.push_back({Eigen::Vector3f(&ends.rows[i * kGaussianRows]).cast<double>()});
+  known.lidar = returns_of(known.scene, points);
   const auto backend = fast_backend();
   const GaussianList start = disturbed(known_gaussians(120), 0.05f);
   Training fresh, used;

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "redrive/model/trainee.h"
+#include "redrive/scene/lidar_testing.h"
 
 namespace redrive {
 

@@ -22,20 +22,15 @@ constexpr float kFlatness = 0.15f;  // largest RMS residual over the smaller RMS
 constexpr float kOffset_m = 0.1f, kRelativeOffset = 0.01f;
 constexpr double kThinnest = 1e-4;  // standard deviation of a Gaussian over distance
 
-Points thinned(const NearestCamera& cameras, const LidarReturns& lidar, ThreadPool& pool) {
+Points thinned(const Scene& scene, const LidarReturns& lidar, ThreadPool& pool) {
   const std::size_t every = (lidar.n + kMostReturns - 1) / kMostReturns;
   Points points;
   points.reserve(lidar.n / std::max<std::size_t>(every, 1) + 1);
-  for (std::size_t i = 0; i < lidar.n; i += every) {
-    Point& point = points.emplace_back();
-    for (int k = 0; k < 3; ++k) {
-      const float origin = lidar.origin[k * lidar.n + i];
-      point.position[k] = origin + lidar.range_m[i] * lidar.direction[k * lidar.n + i];
-      point.seen_from[k] = origin;
-      point.rgb[k] = 0;
-    }
-  }
-  return one_per_voxel(points, cameras, kVoxel, pool);
+  LidarPoses poses(scene, lidar, Poses::kRecorded);
+  for (std::size_t i = 0; i < lidar.n; i += every)
+    points.push_back({poses.in_world(i).cast<float>(), Eigen::Vector3f::Zero(),
+                      poses.at(i).translation().cast<float>()});
+  return one_per_voxel(points, NearestCamera(scene), kVoxel, pool);
 }
 
 /// Returns the eigenvectors as a rotation, permuted and with the signs that bring them nearest to
@@ -103,7 +98,7 @@ void flatten(const SurfacePlane& plane, float rate, std::size_t i, float* number
 }  // namespace
 
 SurfacePlanes::SurfacePlanes(const Scene& scene, const LidarReturns& lidar, ThreadPool& pool)
-    : points_(thinned(NearestCamera(scene), lidar, pool)),
+    : points_(thinned(scene, lidar, pool)),
       planes_(points_.size()),
       tree_(3, set_, nanoflann::KDTreeSingleIndexAdaptorParams(16)) {
   if (points_.size() < kNeighbours) return;

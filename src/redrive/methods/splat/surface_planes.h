@@ -28,7 +28,8 @@ class SurfacePlanes {
   /// Thins the returns, a million at most, and fits a plane to the 16 nearest neighbours of each by
   /// principal component analysis. Neighbours are planar if their RMS residual is at most 3 cm +
   /// 0.2 % of the distance to the nearest camera, which allows for errors of ranges and poses, and
-  /// at most 0.15 of their smaller RMS extent in the plane. The number of threads changes no bit.
+  /// at most 0.15 of their smaller RMS extent in the plane. Poses are as recorded, so that a
+  /// resumed run has the same planes. The number of threads changes no bit.
   SurfacePlanes(const Scene& scene, const LidarReturns& lidar, ThreadPool& pool);
 
   SurfacePlanes(const SurfacePlanes&) = delete;

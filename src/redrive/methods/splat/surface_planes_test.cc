@@ -25,17 +25,9 @@ struct Road {
   void add(const Eigen::Vector3f& at) { ends.push_back(at); }
   /// Rays from 1.7 m above the origin.
   LidarReturns returns() const {
-    LidarReturns lidar;
-    lidar.n = ends.size();
-    const Eigen::Vector3f sensor(0, 0, 1.7f);
-    for (int k = 0; k < 3; ++k)
-      for (const Eigen::Vector3f& end : ends) {
-        lidar.origin.push_back(sensor[k]);
-        lidar.direction.push_back((end - sensor).normalized()[k]);
-      }
-    for (const Eigen::Vector3f& end : ends) lidar.range_m.push_back((end - sensor).norm());
-    lidar.t_ns.assign(lidar.n, 0);
-    return lidar;
+    std::vector<MeasuredPoint> points;
+    for (const Eigen::Vector3f& end : ends) points.push_back({end.cast<double>()});
+    return returns_of(scene.scene, points, {0, 0, 0.2});
   }
   SurfacePlanes planes(int threads = 1) const {
     ThreadPool pool(threads);
