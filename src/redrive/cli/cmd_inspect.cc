@@ -20,6 +20,7 @@
 #include "redrive/cli/frames_option.h"
 #include "redrive/cli/inspection.h"
 #include "redrive/image/image_io.h"
+#include "redrive/math/angles.h"
 #include "redrive/perception/find_moving.h"
 #include "redrive/perception/masks.h"
 #include "redrive/perception/moving_file.h"
@@ -52,6 +53,12 @@ double horizontal_fov_deg(const Camera& camera) {
   // Principal point outside the image: both edges are on the same side of the axis.
   const bool same_side = camera.cx < -0.5 || camera.cx > camera.width - 0.5;
   return (same_side ? std::abs(left - right) : left + right) * 180 / std::numbers::pi;
+}
+
+std::string degrees_text(double angle_rad) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.3f", kDegreesPerRadian * angle_rad);
+  return text;
 }
 
 /// Decodes the first and the last image with their masks. Training reads all.
@@ -109,6 +116,36 @@ void check_lidar(ThreadPool& pool, Inspection* result) {
     result->findings.push_back({"lidar of frame " + std::to_string(middle), check.why});
 }
 
+/// Estimates the beams of the LiDAR from the middle scan and the one after it.
+void find_beams(Inspection* result) {
+  const Recording& recording = result->recording;
+  if (!recording.body_from_lidar || recording.lidar_files.empty()) return;
+  std::vector<std::vector<LidarPoint>> scans;
+  const std::size_t middle = recording.lidar_files.size() / 2;
+  for (std::size_t i = middle; i < std::min(middle + 2, recording.lidar_files.size()); ++i) try {
+      scans.push_back(recording.reader->read_lidar(recording.lidar_files[i]));
+    } catch (const InputError&) {  // named where all scans are read
+    }
+  std::string why;
+  result->lidar = estimate_structure(scans, *recording.body_from_lidar, &why);
+  if (!result->lidar) {
+    result->findings.push_back({"lidar", why});
+    return;
+  }
+  constexpr double kMostResidual = 0.5;  // share of the median distance between beams
+  std::vector<double> apart;
+  for (std::size_t b = 1; b < result->lidar->beams.size(); ++b)
+    apart.push_back(result->lidar->beams[b].elevation_rad -
+                    result->lidar->beams[b - 1].elevation_rad);
+  std::ranges::sort(apart);
+  if (!apart.empty() && result->lidar->residual_rad > kMostResidual * apart[apart.size() / 2])
+    result->findings.push_back(
+        {"lidar", "its returns lie " + degrees_text(result->lidar->residual_rad) +
+                      " degrees off the elevations of its beams, which are " +
+                      degrees_text(apart[apart.size() / 2]) +
+                      " apart: the extrinsics, or scans that are motion compensated?"});
+}
+
 struct InspectOptions {
   std::string recording, frames, masks, report;
   std::vector<std::string> cameras;
@@ -147,6 +184,7 @@ Inspection inspect(const InspectOptions& options, ThreadPool& pool) {
     if (const auto lost = lost_returns(sample)) result.findings.push_back(*lost);
     if (const auto unusable = unusable_returns(sample); unusable && options.report.empty())
       result.findings.push_back(*unusable);
+    find_beams(&result);
   } catch (const InputError& error) {
     result.problems.push_back({"lidar", error.what()});
   }

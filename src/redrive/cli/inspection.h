@@ -11,6 +11,7 @@
 #include "redrive/edit/object_summary.h"
 #include "redrive/recording/core/recording.h"
 #include "redrive/recording/core/summary.h"
+#include "redrive/recording/lidar/scan_structure.h"
 
 namespace redrive {
 
@@ -28,6 +29,7 @@ struct Inspection {
   Recording recording;
   std::optional<DriveSummary> drive;  ///< nothing for photographs
   std::vector<CameraReport> cameras;
+  std::optional<ScanStructure> lidar;  ///< nothing where it is not known
   std::vector<Finding> findings;       ///< oddities with which the recording can be used
   std::vector<Finding> problems;       ///< reasons for which training would reject the recording
   std::optional<Preflight> preflight;  ///< with --report

@@ -6,10 +6,28 @@
 #include <nlohmann/json.hpp>
 
 #include "redrive/cli/inspection.h"
+#include "redrive/math/angles.h"
 #include "redrive/report/html.h"
 
 namespace redrive {
 namespace {
+
+nlohmann::ordered_json structure_to_json(const ScanStructure& lidar) {
+  nlohmann::ordered_json elevations = nlohmann::ordered_json::array(), azimuths = elevations, rate;
+  for (const LidarBeam& beam : lidar.beams) {
+    elevations.push_back(kDegreesPerRadian * beam.elevation_rad);
+    azimuths.push_back(kDegreesPerRadian * beam.azimuth_rad);
+  }
+  if (lidar.rate_hz) rate = *lidar.rate_hz;
+  return {{"azimuth_steps", lidar.azimuth_steps},
+          {"rate_hz", rate},
+          {"clockwise", lidar.clockwise},
+          {"residual_deg", kDegreesPerRadian * lidar.residual_rad},
+          {"range_m", {lidar.min_range_m, lidar.max_range_m}},
+          {"second_returns", lidar.second_returns},
+          {"elevation_deg", elevations},
+          {"azimuth_deg", azimuths}};
+}
 
 nlohmann::ordered_json preflight_to_json(const Preflight& preflight) {
   nlohmann::ordered_json cameras = nlohmann::ordered_json::array();
@@ -143,6 +161,8 @@ nlohmann::ordered_json inspection_to_json(const Inspection& result) {
              {"mean_speed_m_per_s", result.drive->mean_speed_m_per_s},
              {"max_speed_m_per_s", result.drive->max_speed_m_per_s}};
   }
+  nlohmann::ordered_json lidar;  // null where its beams are not known
+  if (result.lidar) lidar = structure_to_json(*result.lidar);
   nlohmann::ordered_json preflight;  // null without --report
   if (result.preflight) preflight = preflight_to_json(*result.preflight);
   nlohmann::ordered_json objects;  // null without --objects
@@ -161,6 +181,7 @@ nlohmann::ordered_json inspection_to_json(const Inspection& result) {
           {"drive", drive},
           {"bounds", bounds},
           {"lidar_files", recording.lidar_files.size()},
+          {"lidar", lidar},
           {"box_files", recording.box_files.size()},
           {"other_sensors", recording.other_sensors},
           {"novel", novel},
@@ -176,6 +197,19 @@ void print_findings(const char* title, const std::vector<Finding>& findings) {
   std::printf("%s\n", title);
   for (const Finding& finding : findings)
     std::printf("  %s: %s\n", finding.subject.c_str(), finding.what.c_str());
+}
+
+void print_structure(const ScanStructure& lidar) {
+  std::printf("               %zu beams from %.2f to %.2f degrees, %d steps a turn",
+              lidar.beams.size(), kDegreesPerRadian * lidar.beams.front().elevation_rad,
+              kDegreesPerRadian * lidar.beams.back().elevation_rad, lidar.azimuth_steps);
+  if (lidar.rate_hz)
+    std::printf(", %.2f Hz %s", *lidar.rate_hz, lidar.clockwise ? "clockwise" : "anticlockwise");
+  std::printf("\n               residual of elevations %.3f degrees, ranges %.1f to %.1f m",
+              kDegreesPerRadian * lidar.residual_rad, lidar.min_range_m, lidar.max_range_m);
+  if (lidar.second_returns > 0.005)
+    std::printf(", two returns for %.0f %% of the rays", 100 * lidar.second_returns);
+  std::printf("\n");
 }
 
 void print_preflight(const Preflight& preflight) {
@@ -240,8 +274,9 @@ void print_inspection(const Inspection& result) {
   if (alpha) std::printf("alpha          yes: train takes --background white, black or random\n");
   if (!recording.points_file.empty())
     std::printf("points         %s\n", recording.points_file.c_str());
-  std::printf("lidar          %zu files\nboxes          %zu files\n", recording.lidar_files.size(),
-              recording.box_files.size());
+  std::printf("lidar          %zu files\n", recording.lidar_files.size());
+  if (result.lidar) print_structure(*result.lidar);
+  std::printf("boxes          %zu files\n", recording.box_files.size());
   std::string others, novel;
   for (const std::string& sensor : recording.other_sensors)
     others += (others.empty() ? "" : ", ") + sensor;

@@ -10,10 +10,14 @@
 
 namespace redrive {
 
+/// LidarPoint::ring where the format gives none.
+constexpr std::uint8_t kNoRing = 255;
+
 /// A LiDAR return, not motion compensated: in the body frame at the point's own time.
 struct LidarPoint {
   Eigen::Vector3f in_body_m;    ///< |coordinate| <= 1e4: exact to 0.5 mm, to 8 um within 128 m
   std::uint16_t intensity = 0;  ///< on the sensor's own scale; fractions are scaled to 0..255
+  std::uint8_t ring = kNoRing;  ///< number of its beam, in any order
   std::int64_t t_ns = 0;        ///< host clock
 };
 

@@ -6,9 +6,12 @@
 #include <gtest/gtest.h>
 
 #include "redrive/base/files.h"
+#include "redrive/math/angles.h"
 #include "redrive/recording/core/recording.h"
 #include "redrive/recording/formats/aimotive/aimotive_boxes.h"
+#include "redrive/recording/formats/recording_reader.h"
 #include "redrive/recording/lidar/las.h"
+#include "redrive/recording/lidar/scan_structure.h"
 #include "redrive/recording/parse/little_endian.h"
 
 namespace redrive {
@@ -154,6 +157,24 @@ TEST_F(RealLidar, VelocityIsTheMotionInBodyCoordinates) {
     const double time_s = static_cast<double>(boxes.back().t_ns - boxes.front().t_ns) * 1e-9;
     EXPECT_LT((way_m / time_s - mean).norm(), 0.05) << id;
   }
+}
+
+// A Pandar64 with two returns a ray: 0.2 degrees a step at 10 Hz.
+TEST_F(RealLidar, HasTheBeamsOfItsSensor) {
+  const std::vector<std::vector<LidarPoint>> scans = {
+      recording_.reader->read_lidar(recording_.lidar_files[10])};
+  std::string why;
+  const auto found = estimate_structure(scans, *recording_.body_from_lidar, &why);
+  ASSERT_TRUE(found) << why;
+  EXPECT_EQ(found->beams.size(), 64u);
+  EXPECT_NEAR(found->azimuth_steps, 1800, 5);
+  ASSERT_TRUE(found->rate_hz);
+  EXPECT_NEAR(*found->rate_hz, 10, 0.05);
+  EXPECT_TRUE(found->clockwise);
+  EXPECT_LT(found->residual_rad, 1e-4);
+  EXPECT_NEAR(found->beams.front().elevation_rad, -24.9 * kRadiansPerDegree, 1e-3);
+  EXPECT_NEAR(found->beams.back().elevation_rad, 14.9 * kRadiansPerDegree, 1e-3);
+  EXPECT_NEAR(found->second_returns, 0.28, 0.01);
 }
 
 }  // namespace

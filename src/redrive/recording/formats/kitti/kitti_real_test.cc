@@ -2,8 +2,10 @@
 // Excerpts of real drives of KITTI; skipped where they are missing.
 #include <gtest/gtest.h>
 
+#include "redrive/math/angles.h"
 #include "redrive/recording/core/recording.h"
 #include "redrive/recording/formats/recording_reader.h"
+#include "redrive/recording/lidar/scan_structure.h"
 
 namespace redrive {
 namespace {
@@ -79,6 +81,23 @@ TEST_F(RealKitti, PointsLieInTheBoxes) {
     }
   }
   EXPECT_GT(frames, 4);
+}
+
+// The HDL-64E: its files have one ring after the other.
+TEST_F(RealKitti, ScansHaveTheRingsOfTheirSensor) {
+  open("0013");
+  if (IsSkipped()) return;
+  std::string why;
+  const std::vector<std::vector<LidarPoint>> scans = {
+      recording_.reader->read_lidar(recording_.lidar_files[5])};
+  const auto found = estimate_structure(scans, *recording_.body_from_lidar, &why);
+  ASSERT_TRUE(found) << why;
+  EXPECT_EQ(found->beams.size(), 64u);
+  EXPECT_NEAR(found->azimuth_steps, 2083, 100);
+  ASSERT_TRUE(found->rate_hz);
+  EXPECT_NEAR(*found->rate_hz, 10, 0.5);
+  EXPECT_TRUE(found->clockwise);
+  EXPECT_LT(found->residual_rad, 0.15 * kRadiansPerDegree) << "its lasers do not share a centre";
 }
 
 }  // namespace

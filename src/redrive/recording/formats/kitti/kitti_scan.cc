@@ -5,6 +5,7 @@
 #include <cmath>
 #include <numbers>
 #include <string>
+#include <utility>
 
 #include "redrive/base/error.h"
 #include "redrive/recording/lidar/unusable_returns.h"
@@ -20,6 +21,12 @@ constexpr auto kColumns = static_cast<double>(kScanColumns);
 /// 0 at the start of the revolution to 1 at its end.
 double fraction_of_revolution(double x, double y) {
   return 0.5 - std::atan2(y, x) / (2 * std::numbers::pi);
+}
+
+/// 0 ahead, growing to the left, to 1 ahead again.
+double fraction_of_turn(double x, double y) {
+  const double turn = std::atan2(y, x) / (2 * std::numbers::pi);
+  return turn < 0 ? turn + 1 : turn;
 }
 
 std::int64_t time_at(const ScanTime& time, double fraction) {
@@ -50,6 +57,8 @@ std::vector<LidarPoint> parse_scan(std::string_view bytes, const std::filesystem
   std::vector<LidarPoint> points;
   points.reserve(n);
   UnusableReturns unusable(n);
+  int ring = 0;
+  double fraction = 0;  // share of the ring's turn
   for (std::size_t i = 0; i < n; ++i) {
     float values[4];
     for (std::size_t k = 0; k < 4; ++k)
@@ -72,10 +81,14 @@ std::vector<LidarPoint> parse_scan(std::string_view bytes, const std::filesystem
                            : "must be between 0 and 1"));
       continue;
     }
+    // A ring begins ahead and turns to the left; the file has one after the other.
+    const double before = std::exchange(fraction, fraction_of_turn(values[0], values[1]));
+    ring += fraction < before - 0.5;
     points.push_back(
         {.in_body_m =
              (body_from_velodyne * Eigen::Vector3d(values[0], values[1], values[2])).cast<float>(),
          .intensity = static_cast<std::uint16_t>(std::lround(255 * values[3])),
+         .ring = static_cast<std::uint8_t>(std::min<int>(ring, kNoRing)),
          .t_ns = time_of_point(time, values[0], values[1])});
   }
   std::stable_sort(points.begin(), points.end(),

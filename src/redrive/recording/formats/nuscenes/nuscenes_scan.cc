@@ -96,6 +96,7 @@ std::vector<LidarPoint> parse_scan(std::string_view bytes, const std::filesystem
     points.push_back(
         {.in_body_m = (body_from_compensated * Eigen::Vector3d(v[0], v[1], v[2])).cast<float>(),
          .intensity = static_cast<std::uint16_t>(std::lround(std::clamp(v[3], 0.0f, 255.0f))),
+         .ring = static_cast<std::uint8_t>(record.ring()),
          .t_ns = t_ns});
   }
   if (left_out) *left_out += unusable.count();
