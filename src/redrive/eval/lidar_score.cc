@@ -114,19 +114,25 @@ std::optional<LidarScore> score_lidar(const Run& run, kernels::Backend& backend,
     run.field()->trace_actors(backend, rays, recorded.t_ns, run.scene.actors, &rendered);
     Cloud measured, seen;
     std::vector<MovingBox> boxes;
-    for (std::size_t i = 0; i < n; ++i) {
+    for (std::size_t i = 0, end = 0; i < n; i = end) {
       const Eigen::Vector3f origin = in_world.origin_at(i), direction = in_world.direction_at(i);
-      measured.push_back(origin + recorded.range_m[i] * direction);
+      for (end = i + 1; end < n && recorded.same_ray(end);) ++end;
       std::optional<double> range_m;
       if (rendered.opacity[i] >= kMinReturnOpacity && rendered.depth[i] >= kMinReturn_m &&
           rendered.depth[i] <= kMaxReturn_m) {
         range_m = rendered.depth[i];
         seen.push_back(origin + rendered.depth[i] * direction);
       }
-      all.add(range_m, recorded.range_m[i]);
+      std::size_t nearest = i;  // of the ray's returns to the rendered one
+      const auto off_m = [&](std::size_t k) { return std::abs(recorded.range_m[k] - *range_m); };
+      for (std::size_t k = i; k < end; ++k) {
+        measured.push_back(origin + recorded.range_m[k] * direction);
+        if (range_m && off_m(k) < off_m(nearest)) nearest = k;
+      }
+      all.add(range_m, recorded.range_m[nearest]);
       if (i == 0 || recorded.t_ns[i] != recorded.t_ns[i - 1]) boxes = drawn.at(recorded.t_ns[i]);
-      if (on_object(boxes, measured.back().cast<double>()))
-        on_moving.add(range_m, recorded.range_m[i]);
+      const Eigen::Vector3f at = origin + recorded.range_m[nearest] * direction;
+      if (on_object(boxes, at.cast<double>())) on_moving.add(range_m, recorded.range_m[nearest]);
     }
     score.revolutions += n > 0;
     if (!seen.empty()) {

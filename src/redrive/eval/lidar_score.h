@@ -18,7 +18,8 @@ constexpr double kNearHit_m = 0.2;
 
 /// Errors over returns. NaN without a rendered return.
 struct RangeScore {
-  std::int64_t returns = 0;  ///< recorded ones that did not train
+  /// Recorded ones that did not train. A ray with two counts once, with the nearer to the rendered.
+  std::int64_t returns = 0;
   double range_error_m = 0;  ///< median of |rendered - recorded| over the rendered returns
   double hit_rate = 0;       ///< fraction for which a return is rendered (render/lidar_scan.h)
   double near_hit_rate = 0;  ///< fraction for which one within kNearHit_m is

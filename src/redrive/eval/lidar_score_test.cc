@@ -6,6 +6,7 @@
 
 #include <gtest/gtest.h>
 
+#include "redrive/base/files.h"
 #include "redrive/base/temporary_folder_testing.h"
 #include "redrive/methods/nerf/nerf_model.h"
 #include "redrive/recording/formats/aimotive/aimotive.h"
@@ -81,6 +82,27 @@ TEST_F(LidarScoreTest, FollowsFromTheRanges) {
     if (i < 8) rendered.push_back(recorded.back() + too_far_m(i) * recorded.back().normalized());
   }
   EXPECT_NEAR(found->chamfer_m, chamfer_distance(recorded, rendered), 1e-5);
+}
+
+// A sensor that reports the strongest and the last return sees a second wall through the first.
+TEST_F(LidarScoreTest, ARayWithTwoReturnsCountsOnce) {
+  for (const FrameFile& file : run_.recording.lidar_files) {
+    const std::int64_t t_ns = run_.recording.frames[file.frame_id - 10].t_ns;
+    std::vector<LidarRecord> points;
+    for (int i = 0; i < 10; ++i)
+      for (const double range_m : {40.0, 20.0})
+        points.push_back({{range_m, 0.1 * i * range_m / 20, 0}, t_ns});
+    write_file(file.path, make_las(points));
+  }
+  PaintBackend backend(black, [&](const auto&, const auto& direction) {
+    const long i = std::lround(10 * 20 * direction[1] / direction[0]);
+    return (i < 6 ? 20 : 40) / direction[0];
+  });
+  const auto found = score(backend);
+  ASSERT_TRUE(found);
+  EXPECT_EQ(found->returns, 10);
+  EXPECT_EQ(found->near_hit_rate, 1);
+  EXPECT_NEAR(found->range_error_m, 0, 1e-2);
 }
 
 TEST_F(LidarScoreTest, HasNoRangeErrorWithoutAReturn) {

@@ -212,6 +212,12 @@ LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene,
   return returns;
 }
 
+bool LidarReturns::same_ray(std::size_t i) const {
+  constexpr double kApart_rad = 5e-4;  // rays of one time are 0.2 degrees apart
+  return t_ns[i] == t_ns[i - 1] &&
+         (direction_in_sensor(i) - direction_in_sensor(i - 1)).norm() < kApart_rad;
+}
+
 const Rigid3d& LidarPoses::at(std::size_t i) {
   if (t_ns_ != returns_.t_ns[i]) {
     t_ns_ = returns_.t_ns[i];

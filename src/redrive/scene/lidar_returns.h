@@ -50,6 +50,8 @@ struct LidarReturns {
   Eigen::Vector3d direction_in_sensor(std::size_t i) const {
     return {direction[i], direction[n + i], direction[2 * n + i]};
   }
+  /// Whether return i > 0 is of the same ray as the one before: sensors may report two surfaces.
+  bool same_ray(std::size_t i) const;
   /// Returns the position of a return in the sensor's axes, metres.
   Eigen::Vector3d in_sensor(std::size_t i) const {
     return double(range_m[i]) * direction_in_sensor(i);

@@ -17,7 +17,7 @@ constexpr int kMostBeams = 256;
 constexpr double kBin_rad = 0.02 * kRadiansPerDegree;  // bin of elevations
 constexpr double kLeastShareInBin = 2e-4;              // a bin with fewer returns separates beams
 constexpr double kLeastShareInBeams = 0.9;
-constexpr double kMostWidth = 0.5;  // median of beams' widths over their distances
+constexpr double kMostWidth = 0.5;    // median of beams' widths over their distances
 constexpr double kSameAzimuth = 0.2;  // share of a step between the returns of one ray
 constexpr double kTwoPi = 2 * std::numbers::pi;
 
@@ -75,11 +75,10 @@ int cluster_elevations(std::vector<Scan>* scans, std::size_t returns) {
       static_cast<double>(inside) < kLeastShareInBeams * static_cast<double>(returns))
     return 0;
   for (Scan& scan : *scans)
-    for (Return& one : scan)
-{
-        const auto at = beam_of.find(std::lround(one.elevation_rad / kBin_rad));
-        one.beam = at == beam_of.end() ? -1 : at->second;
-      }
+    for (Return& one : scan) {
+      const auto at = beam_of.find(std::lround(one.elevation_rad / kBin_rad));
+      one.beam = at == beam_of.end() ? -1 : at->second;
+    }
   return beams;
 }
 
@@ -161,8 +160,8 @@ void fit_azimuths(const std::vector<Scan>& scans, double rate_rad_per_s,
       if (one.beam >= 0) heading.add(one.azimuth_rad - rate_rad_per_s * one.t_s);
     for (const Return& one : scan)
       if (one.beam >= 0)
-        of_beam[static_cast<std::size_t>(one.beam)].add(
-            one.azimuth_rad - rate_rad_per_s * one.t_s - heading.value());
+        of_beam[static_cast<std::size_t>(one.beam)].add(one.azimuth_rad - rate_rad_per_s * one.t_s -
+                                                        heading.value());
   }
   double mean = 0;
   std::size_t used = 0;

@@ -43,8 +43,9 @@ struct Spinning {
             points.push_back(
                 {.in_body_m = (body_from_lidar * Vector3d(range_m * direction)).cast<float>(),
                  .ring = static_cast<std::uint8_t>(has_rings ? kBeams - 1 - beam : kNoRing),
-                 .t_ns = has_times ? std::llround(1e9 * (number + step / 3 * 3.0 / kSteps) / rate_hz)
-                                   : 0});
+                 .t_ns = has_times
+                             ? std::llround(1e9 * (number + step / 3 * 3.0 / kSteps) / rate_hz)
+                             : 0});
       }
     return points;
   }
