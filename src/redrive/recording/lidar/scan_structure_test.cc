@@ -15,7 +15,7 @@ namespace {
 using Eigen::Vector3d;
 
 /// A LiDAR of 16 beams, 2 degrees apart and in four columns of azimuths, that turns at `rate_hz`
-/// with 900 firings a turn. Times are those of packets of three firings.
+/// with 900 firings a turn. Packets of three firings share a time.
 struct Spinning {
   double rate_hz = 10, lost = 0.1, second = 0.2, noise_rad = 0;
   bool clockwise = true, has_rings = false, has_times = true;
