@@ -26,7 +26,7 @@ function rendered() {
     render_width: width, render_height: height, fps: 1,
     camera_path: [{camera_to_world: scene.drive[0].camera_to_world, fov: scene.fov}],
   }));
-  execFileSync(redrive, ["render", run, "--path", pathFile, "--exposure", "none", "--out",
+  execFileSync(redrive, ["render", "path", run, pathFile, "--exposure", "none", "--out",
     path.join(folder, "rendered")], {stdio: "pipe"});
   return fs.readFileSync(path.join(folder, "rendered", "000000.png"));
 }

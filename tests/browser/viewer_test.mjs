@@ -294,7 +294,7 @@ const tests = {
     // Its last image is the image of its last key.
     const command = await text(page, "path-command");
     assert.equal(command,
-      `redrive render ${run} --path ${run}/paths/left.json --out left.mp4`);
+      `redrive render path ${run} ${run}/paths/left.json --out left.mp4`);
     const images = path.join(folder, "left");
     renderAsThePageSays(redrive, command, images);
     assert.equal(fs.readdirSync(images).filter((name) => name.endsWith(".png")).length, 12);

@@ -432,7 +432,10 @@ TEST_F(EndToEnd, RefusesInvalidRenderRequests) {
   overwrite(folder_ / "taken.png", "mine");
   const std::string out = (folder_ / "out.png").string(), front = kTinyFront;
   const auto render = [&](std::vector<std::string> arguments) {
-    arguments.insert(arguments.begin(), {"render", run.string()});
+    arguments.insert(arguments.begin(), "render");
+    const auto place = std::ranges::find_if(
+        arguments, [](const std::string& word) { return word.starts_with("--"); });
+    arguments.insert(place, run.string());
     const auto before = contents(folder_);
     const ProgramResult ended = redrive(arguments);
     EXPECT_EQ(contents(folder_), before) << arguments[2];
@@ -450,13 +453,10 @@ TEST_F(EndToEnd, RefusesInvalidRenderRequests) {
             kExitUsage)
       << "the same file by another name";
   const std::string mount = "0,0,1,0,0,0", lens = "pinhole:90:64x48";
-  EXPECT_EQ(render({"--mount", mount, "--frame", "100", "--out", out}), kExitUsage);
-  EXPECT_EQ(render({"--mount", "0,0,1", "--lens", lens, "--frame", "100", "--out", out}),
+  EXPECT_EQ(render({"mount", "--mount", mount, "--frame", "100", "--out", out}), kExitUsage);
+  EXPECT_EQ(render({"mount", "--mount", "0,0,1", "--lens", lens, "--frame", "100", "--out", out}),
             kExitUsage);
-  EXPECT_EQ(render({"--mount", mount, "--lens", "NO", "--frame", "100", "--out", out}), kExitUsage);
-  EXPECT_EQ(
-      render({"--camera", front, "--mount", mount, "--lens", lens, "--frame", "100", "--out", out}),
-      kExitUsage);
+  EXPECT_EQ(render({"mount", "--mount", mount, "--lens", "NO", "--frame", "100", "--out", out}), kExitUsage);
   EXPECT_EQ(render({"--camera", front, "--frame", "100", "--axes", "up", "--out", out}),
             kExitUsage);
   EXPECT_EQ(render({"--camera", front, "--frame", "100", "--out", (folder_ / "out.gif").string()}),
@@ -464,17 +464,17 @@ TEST_F(EndToEnd, RefusesInvalidRenderRequests) {
   EXPECT_EQ(
       render({"--camera", front, "--frame", "100", "--out", (folder_ / "taken.png").string()}),
       kExitUsage);
-  EXPECT_EQ(render({"--poses", poses.string(), "--out", out}), kExitBadInput) << "missing";
+  EXPECT_EQ(render({"poses", "--out", out, poses.string()}), kExitBadInput) << "missing";
   overwrite(poses, "[]");
-  EXPECT_EQ(render({"--poses", poses.string(), "--out", out}), kExitBadInput);
+  EXPECT_EQ(render({"poses", "--out", out, poses.string()}), kExitBadInput);
   overwrite(poses,
             R"({"images": [{"file": "../up.png", "camera": "F_MIDLONGRANGECAM_CL", "frame_id": 100,
           "shift_body_m": [0, 0, 0]}]})");
-  EXPECT_EQ(render({"--poses", poses.string(), "--out", out}), kExitBadInput);
+  EXPECT_EQ(render({"poses", "--out", out, poses.string()}), kExitBadInput);
   overwrite(poses,
             R"({"images": [{"file": "a.png", "camera": "NO", "frame_id": 100,
           "shift_body_m": [0, 0, 0]}]})");
-  EXPECT_EQ(render({"--poses", poses.string(), "--out", out}), kExitBadInput);
+  EXPECT_EQ(render({"poses", "--out", out, poses.string()}), kExitBadInput);
 }
 
 TEST_F(EndToEnd, FailsOnFullStandardOutput) {

@@ -123,7 +123,7 @@ TEST_F(EndToEnd, RendersAMountOfOnesOwn) {
   for (const auto& [lens, width] : {std::pair("pinhole:90:64x48", 64), std::pair(kTinyLeft, 44)}) {
     const fs::path image = folder_ / (std::to_string(width) + ".png");
     const ProgramResult ended =
-        redrive({"render", run.string(), "--mount=-1,0,1.5,180,-5,0", "--lens", lens, "--frame",
+        redrive({"render", "mount", run.string(), "--mount=-1,0,1.5,180,-5,0", "--lens", lens, "--frame",
                  "101", "--translate", "0,0.5,0", "--out", image.string()});
     ASSERT_EQ(ended.exit_code, kExitOk) << ended.err;
     EXPECT_EQ(read_image(image).width, width);
@@ -229,7 +229,7 @@ TEST_F(EndToEnd, RendersTheImagesOfAPosesFile) {
                                       {"shift_body_m", {0, 1, 0}}}}}}
                         .dump());
   const ProgramResult ended =
-      redrive({"render", run.string(), "--poses", poses.string(), "--out", out.string()});
+      redrive({"render", "poses", run.string(), poses.string(), "--out", out.string()});
   ASSERT_EQ(ended.exit_code, kExitOk) << ended.err;
   // The absolute pose is frame 102's: the same image as frame 102 without a shift.
   EXPECT_EQ(read_image(out / "x/absolute.png").rgb, read_image(out / "frame.png").rgb);

@@ -91,7 +91,7 @@ TEST_F(Divided, IsRenderedScoredAndExportedAsOneScene) {
 
   const fs::path path = folder_ / "path", ply = folder_ / "a.ply", points = folder_ / "points.ply";
   ASSERT_EQ(
-      redrive({"render", run_.string(), "--path", "drive", "--fps", "4", "--out", path}).exit_code,
+      redrive({"render", "path", run_.string(), "drive", "--fps", "4", "--out", path}).exit_code,
       kExitOk);
   EXPECT_GT(contents(path).size(), 5u);
   const auto vertices = [&](const fs::path& run) {

@@ -14,7 +14,8 @@ TEST_F(EndToEnd, TheManPageNamesCommandsOptionsAndExitCodes) {
   const ProgramResult man = redrive({"--generate", "man"});
   ASSERT_EQ(man.exit_code, kExitOk) << man.err;
   EXPECT_THAT(man.out, StartsWith(".TH REDRIVE 1"));
-  for (const char* text : {".SS \\fBredrive train\\fR", "\\fB\\-\\-holdout\\-every\\fR",
+  for (const char* text : {".SS \\fBredrive train\\fR", ".SS \\fBredrive render lidar\\fR",
+                           "\\fB\\-\\-holdout\\-every\\fR",
                            "\\fIRECORDING\\fR", ".SH EXIT STATUS", "\\fB130\\fR"})
     EXPECT_THAT(man.out, HasSubstr(text));
 }
@@ -36,8 +37,12 @@ TEST_F(EndToEnd, BashCompletesCommandsAndTheirOptions) {
   EXPECT_EQ(completed("doctor --max-s"), "\n");
   EXPECT_EQ(completed("train some/fold"), "\n");  // readline completes files
   EXPECT_EQ(completed("train --method s"), "splat\n");
-  EXPECT_EQ(completed("render --points-in w"), "world\n");
+  EXPECT_EQ(completed("render lidar --points-in w"), "world\n");
+  EXPECT_EQ(completed("render po"), "poses\n");
+  EXPECT_EQ(completed("render path --se"), "--seconds\n");
+  EXPECT_EQ(completed("render RUN --no"), "--normals\n");  // image is meant
   EXPECT_EQ(completed("help tr"), "train\n");
+  EXPECT_EQ(completed("help render li"), "lidar\n");
 }
 
 TEST_F(EndToEnd, HelpFitsATerminalAndHasExamples) {
@@ -54,6 +59,46 @@ TEST_F(EndToEnd, HelpFitsATerminalAndHasExamples) {
   }
   // The default of the usual method, then of those that differ.
   EXPECT_THAT(redrive({"help", "train"}).out, HasSubstr("default: 120"));
+}
+
+TEST_F(EndToEnd, RenderHasSubcommands) {
+  const ProgramResult all = redrive({"help", "render"}), none = redrive({"render"});
+  EXPECT_EQ(all.exit_code, kExitOk);
+  EXPECT_EQ(none.exit_code, kExitUsage);
+  EXPECT_EQ(none.out, all.out);
+  EXPECT_EQ(redrive({"render", "--help"}).out, all.out);
+  EXPECT_THAT(all.out, HasSubstr("is none of these, image is meant"));
+  for (const std::string name : {"image", "mount", "poses", "path", "lidar"}) {
+    EXPECT_THAT(all.out, HasSubstr("\n  " + name + " "));
+    const ProgramResult help = redrive({"help", "render", name});
+    EXPECT_EQ(help.exit_code, kExitOk);
+    EXPECT_EQ(redrive({"render", name, "--help"}).out, help.out);
+    EXPECT_THAT(help.out, HasSubstr("Examples\n  redrive render " + name));
+    std::istringstream lines(help.out);
+    for (std::string line; std::getline(lines, line);) EXPECT_LE(line.size(), 80u) << line;
+  }
+  EXPECT_EQ(redrive({"render", "RUN", "--help"}).out, redrive({"help", "render", "image"}).out);
+}
+
+TEST_F(EndToEnd, OptionsOfOtherSubcommandsAreNamedWithTheirs) {
+  const auto error = [](const std::vector<std::string>& more) {
+    std::vector<std::string> words = {"render", "RUN"};
+    words.insert(words.end(), more.begin(), more.end());
+    const ProgramResult ended = redrive(words);
+    EXPECT_EQ(ended.exit_code, kExitUsage);
+    return ended.err;
+  };
+  EXPECT_THAT(error({"--poses", "POSES.json", "--out", "d"}),
+              HasSubstr("--poses: is no option of redrive render image; it is redrive render poses "
+                        "RUN POSES.json --out DIR"));
+  EXPECT_THAT(error({"--path", "drive", "--out", "d"}), HasSubstr("redrive render path RUN PATH"));
+  EXPECT_THAT(error({"--out", "a.las", "--lidar", "64"}), HasSubstr("redrive render lidar RUN"));
+  EXPECT_THAT(error({"--mount=0,0,0,0,0,0"}), HasSubstr("redrive render mount RUN --mount"));
+  EXPECT_THAT(error({"--points-in", "body"}),
+              HasSubstr("is no option of redrive render image, but one of redrive render lidar"));
+  const ProgramResult mistyped = redrive({"render", "lidr", "RUN", "--out", "a.las"});
+  EXPECT_EQ(mistyped.exit_code, kExitUsage);
+  EXPECT_THAT(mistyped.err, HasSubstr("did you mean lidar?"));
 }
 
 TEST_F(EndToEnd, AMistypedWordIsNamedWithWhatWasMeant) {

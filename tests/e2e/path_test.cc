@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// redrive render --path on a small run.
+// redrive render path on a small run.
 #include <signal.h>
 
 #include <chrono>
@@ -22,8 +22,12 @@ class Path : public EndToEnd {
  protected:
   ProgramResult rendered(std::vector<std::string> more,
                          std::optional<std::size_t> file_limit_bytes = {}) const {
-    more.insert(more.begin(), {"render", run_.string()});
+    more.insert(more.begin(), {"render", "path", run_.string()});
     return redrive(more, file_limit_bytes);
+  }
+  int image(std::vector<std::string> more) const {
+    more.insert(more.begin(), {"render", run_.string(), "--camera", kTinyLeft});
+    return redrive(more).exit_code;
   }
   const fs::path run_ = trained("run", 5), out_ = folder_ / "path", file_ = folder_ / "path.json";
 };
@@ -37,26 +41,24 @@ TEST_F(Path, StartsAndEndsAtItsKeyframes) {
                                       {"shift_body_m", {0, 0.5, 0}},
                                       {"yaw_deg", 10}}}}}
                         .dump());
-  const ProgramResult ended = rendered({"--path", file_, "--out", out_});
+  const ProgramResult ended = rendered({file_, "--out", out_});
   ASSERT_EQ(ended.exit_code, kExitOk) << ended.err;
   EXPECT_THAT(ended.out, HasSubstr("5 images, 44 x 36, 24 a second"));
   const fs::path first = folder_ / "first.png", last = folder_ / "last.png";
-  ASSERT_EQ(rendered({"--camera", kTinyLeft, "--frame", "100", "--out", first}).exit_code, 0);
-  ASSERT_EQ(rendered({"--camera", kTinyLeft, "--frame", "102", "--translate", "0,0.5,0", "--yaw",
-                      "10", "--out", last})
-                .exit_code,
-            0);
+  ASSERT_EQ(image({"--frame", "100", "--out", first}), 0);
+  ASSERT_EQ(
+      image({"--frame", "102", "--translate", "0,0.5,0", "--yaw", "10", "--out", last}), 0);
   EXPECT_EQ(read_file(out_ / "000000.png"), read_file(first));
   EXPECT_EQ(read_file(out_ / "000004.png"), read_file(last));
 
   const auto before = contents(folder_);
-  EXPECT_EQ(rendered({"--path", file_, "--out", out_}).exit_code, kExitUsage);
-  EXPECT_EQ(rendered({"--path", file_, "--out", folder_, "--force"}).exit_code, kExitUsage)
+  EXPECT_EQ(rendered({file_, "--out", out_}).exit_code, kExitUsage);
+  EXPECT_EQ(rendered({file_, "--out", folder_, "--force"}).exit_code, kExitUsage)
       << "a folder with other files";
-  EXPECT_EQ(rendered({"--path", file_, "--out", out_, "--force"}, 1000).exit_code, kExitIo);
+  EXPECT_EQ(rendered({file_, "--out", out_, "--force"}, 1000).exit_code, kExitIo);
   EXPECT_EQ(contents(folder_), before) << "nothing half-written";
   ASSERT_EQ(
-      rendered({"--path", file_, "--out", out_, "--force", "--fps", "10", "--camera", kTinyFront})
+      rendered({file_, "--out", out_, "--force", "--fps", "10", "--camera", kTinyFront})
           .exit_code,
       kExitOk);
   EXPECT_EQ(contents(out_).size(), 3u) << "two images and the mark of the folder";
@@ -71,14 +73,14 @@ TEST_F(Path, TakesTheLensOfNerfstudiosFile) {
                          {"fps", 10},
                          {"camera_path", {camera, camera, camera}}};
   write_file(file_, path.dump());
-  const ProgramResult ended = rendered({"--path", file_, "--out", out_});
+  const ProgramResult ended = rendered({file_, "--out", out_});
   ASSERT_EQ(ended.exit_code, kExitOk) << ended.err;
   EXPECT_THAT(ended.out, HasSubstr("3 images, 30 x 20, 10 a second, 0.30 s"));
   EXPECT_EQ(read_image(out_ / "000002.png").width, 30);
 
   path["camera_path"][1]["fov"] = 0;
   write_file(file_, path.dump());
-  const ProgramResult bad = rendered({"--path", file_, "--out", folder_ / "other"});
+  const ProgramResult bad = rendered({file_, "--out", folder_ / "other"});
   EXPECT_EQ(bad.exit_code, kExitBadInput);
   EXPECT_THAT(bad.err, AllOf(HasSubstr(file_.string()), HasSubstr("camera_path[1].fov = 0")));
 }
@@ -87,13 +89,13 @@ TEST_F(Path, WritesAVideoOfTheDrive) {
   if (const auto obstacle = video_obstacle()) GTEST_SKIP() << *obstacle;
   const fs::path video = folder_ / "drive.mp4";
   const auto before = contents(folder_);
-  EXPECT_EQ(rendered({"--path", "drive", "--out", video}, 1000).exit_code, kExitIo);
+  EXPECT_EQ(rendered({"drive", "--out", video}, 1000).exit_code, kExitIo);
   EXPECT_EQ(contents(folder_), before) << "nothing half-written";
-  ASSERT_EQ(rendered({"--path", "drive", "--seconds", "1.5", "--out", video}).exit_code, kExitOk);
+  ASSERT_EQ(rendered({"drive", "--seconds", "1.5", "--out", video}).exit_code, kExitOk);
   const std::string drive = read_file(video);
-  EXPECT_EQ(rendered({"--path", "sideways:1", "--out", video}).exit_code, kExitUsage);
+  EXPECT_EQ(rendered({"sideways:1", "--out", video}).exit_code, kExitUsage);
   EXPECT_EQ(read_file(video), drive);
-  ASSERT_EQ(rendered({"--path", "sideways:1", "--camera", kTinyRear, "--fps", "20", "--seconds",
+  ASSERT_EQ(rendered({"sideways:1", "--camera", kTinyRear, "--fps", "20", "--seconds",
                       "0.5", "--out", video, "--force"})
                 .exit_code,
             kExitOk);
@@ -114,7 +116,7 @@ TEST_F(Path, WritesAVideoOfTheDrive) {
 
 TEST_F(Path, CtrlCLeavesNothing) {
   const auto before = contents(folder_);
-  Program program(REDRIVE_BINARY, {"render", run_.string(), "--path", "drive", "--seconds", "600",
+  Program program(REDRIVE_BINARY, {"render", "path", run_.string(), "drive", "--seconds", "600",
                                    "--out", out_.string()});
   for (int i = 0; i < 6000 && !fs::exists(folder_ / ".path.redrive-tmp/000001.png"); ++i)
     std::this_thread::sleep_for(std::chrono::milliseconds(10));
@@ -127,17 +129,16 @@ TEST_F(Path, CtrlCLeavesNothing) {
 
 TEST_F(Path, RefusesOtherOutputsAndOptions) {
   for (const std::vector<std::string>& arguments : std::vector<std::vector<std::string>>{
-           {"--path", "drive", "--out", folder_ / "a.avi"},
-           {"--path", "drive", "--out", folder_ / "no" / "a.mp4"},
-           {"--path", "sideways:x", "--out", out_},
-           {"--path", "drive", "--out", out_, "--fps", "0"},
-           {"--path", "drive", "--out", out_, "--camera", "NONE"},
-           {"--path", "drive", "--out", out_, "--frame", "100"},
-           {"--camera", kTinyFront, "--frame", "100", "--fps", "24", "--out", out_}}) {
+           {"drive", "--out", folder_ / "a.avi"},
+           {"drive", "--out", folder_ / "no" / "a.mp4"},
+           {"sideways:x", "--out", out_},
+           {"drive", "--out", out_, "--fps", "0"},
+           {"drive", "--out", out_, "--camera", "NONE"},
+           {"drive", "--out", out_, "--frame", "100"}}) {
     const ProgramResult ended = rendered(arguments);
     EXPECT_EQ(ended.exit_code, kExitUsage) << ended.out << ended.err;
   }
-  EXPECT_EQ(rendered({"--path", "missing.json", "--out", out_}).exit_code, kExitBadInput);
+  EXPECT_EQ(rendered({"missing.json", "--out", out_}).exit_code, kExitBadInput);
   EXPECT_FALSE(fs::exists(out_));
 }
 

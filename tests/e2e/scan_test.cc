@@ -29,7 +29,7 @@ class Scan : public EndToEnd {
     ASSERT_EQ(ended.exit_code, kExitOk) << ended.out << ended.err;
   }
   ProgramResult rendered(const std::vector<std::string>& more) const {
-    std::vector<std::string> arguments = {"render", run_.string(), "--threads", "2"};
+    std::vector<std::string> arguments = {"render", "lidar", run_.string(), "--threads", "2"};
     arguments.insert(arguments.end(), more.begin(), more.end());
     return redrive(arguments);
   }
@@ -41,8 +41,7 @@ class Scan : public EndToEnd {
 TEST_F(Scan, RendersScoresAndExports) {
   train();
   // The recorded revolution as it is recorded: body axes, times of the recording.
-  const ProgramResult recorded = rendered(
-      {"--lidar", "recorded", "--frame", "1001", "--out", las_.string(), "--points-in", "body"});
+  const ProgramResult recorded = rendered({"--frame", "1001", "--out", las_.string(), "--points-in", "body"});
   ASSERT_EQ(recorded.exit_code, kExitOk) << recorded.err;
   EXPECT_THAT(recorded.out, AllOf(HasSubstr(las_.string()), HasSubstr("of low opacity"),
                                   HasSubstr("intensity: 0, since training does not model it")));
@@ -70,35 +69,34 @@ TEST_F(Scan, RendersScoresAndExports) {
   EXPECT_GT(near, 0.6 * static_cast<double>(points.size())) << "of " << points.size();
 
   const auto before = contents(folder_);
-  EXPECT_EQ(rendered({"--lidar", "recorded", "--frame", "1001", "--out", las_.string()}).exit_code,
-            kExitUsage);
+  EXPECT_EQ(rendered({"--frame", "1001", "--out", las_.string()}).exit_code, kExitUsage);
   for (const std::vector<std::string>& wrong : std::vector<std::vector<std::string>>{
-           {"--lidar", "64", "--frame", "1001", "--out", las_.string() + ".txt"},
-           {"--lidar", "1:2:3", "--frame", "1001", "--out", "a.las"},
-           {"--lidar", "recorded", "--frame", "77", "--out", (folder_ / "a.las").string()},
-           {"--lidar", "recorded", "--out", (folder_ / "a.las").string()},
-           {"--lidar", "recorded", "--frame", "1001", "--out", velodyne_.string()},
-           {"--lidar", "64", "--actors", "5", "--frame", "1001", "--out", "a.las"},
-           {"--lidar", "recorded", "--rate", "20", "--frame", "1001", "--out", "a.las"},
-           {"--lidar", "recorded", "--range", "5:2", "--frame", "1001", "--out",
+           {"--sensor", "64", "--frame", "1001", "--out", las_.string() + ".txt"},
+           {"--sensor", "1:2:3", "--frame", "1001", "--out", "a.las"},
+           {"--frame", "77", "--out", (folder_ / "a.las").string()},
+           {"--out", (folder_ / "a.las").string()},
+           {"--frame", "1001", "--out", velodyne_.string()},
+           {"--sensor", "64", "--actors", "5", "--frame", "1001", "--out", "a.las"},
+           {"--rate", "20", "--frame", "1001", "--out", "a.las"},
+           {"--range", "5:2", "--frame", "1001", "--out",
             (folder_ / "a.pcd").string()},
-           {"--lidar", "recorded", "--lens", kScanCamera, "--mount", "0,0,2,0,0,0", "--frame",
-            "1001", "--out", (folder_ / "a.pcd").string()},
-           {"--mount", "0,0,2,0,0,0", "--frame", "1001", "--out", (folder_ / "a.png").string()}})
+           {"--lens", kScanCamera, "--mount", "0,0,2,0,0,0", "--frame", "1001", "--out",
+            (folder_ / "a.pcd").string()},
+           {"--frame", "1001", "--out", (folder_ / "a.png").string()}})
     EXPECT_EQ(rendered(wrong).exit_code, kExitUsage) << wrong[1];
   EXPECT_EQ(contents(folder_), before) << "nothing written";
 
   // A user-defined sensor, two metres above the road.
   const fs::path pcd = folder_ / "scan.pcd";
   const ProgramResult own =
-      rendered({"--lidar", "4:-20:-5", "--azimuth-steps", "90", "--rate", "20", "--mount",
+      rendered({"--sensor", "4:-20:-5", "--azimuth-steps", "90", "--rate", "20", "--mount",
                 "0,0,2,0,0,0", "--frame", "1001", "--out", pcd.string(), "--points-in", "world"});
   ASSERT_EQ(own.exit_code, kExitOk) << own.err;
   EXPECT_THAT(own.out, AllOf(HasSubstr("of 360 rays"), HasSubstr("intensity: left out")));
   EXPECT_THAT(read_file(pcd), HasSubstr("FIELDS x y z time"));
 
   // All frames as KITTI has them.
-  const ProgramResult all = rendered({"--lidar", "recorded", "--out", velodyne_.string()});
+  const ProgramResult all = rendered({"--out", velodyne_.string()});
   ASSERT_EQ(all.exit_code, kExitOk) << all.err;
   EXPECT_THAT(all.out, HasSubstr("4 revolutions"));
   const fs::path stamps = velodyne_ / "timestamps_start.txt";
@@ -128,8 +126,9 @@ TEST_F(Scan, RendersScoresAndExports) {
   EXPECT_THAT(exported.out, HasSubstr("poses of the run"));
 
   const fs::path depth = folder_ / "depth.exr";
-  const ProgramResult image = rendered({"--camera", kScanCamera, "--frame", "1001", "--out",
-                                        (folder_ / "a.png").string(), "--depth", depth.string()});
+  const ProgramResult image =
+      redrive({"render", run_.string(), "--camera", kScanCamera, "--frame", "1001", "--threads",
+               "2", "--out", (folder_ / "a.png").string(), "--depth", depth.string()});
   if (exr_obstacle()) {
     EXPECT_EQ(image.exit_code, kExitUsage);
     EXPECT_THAT(image.err, HasSubstr("tinyexr"));
@@ -143,14 +142,14 @@ TEST_F(Scan, RendersScoresAndExports) {
 TEST_F(Scan, NeedsALidar) {
   const fs::path run = trained("run", 2);
   const ProgramResult recorded =
-      rendered({"--lidar", "recorded", "--frame", "100", "--out", las_.string()});
+      rendered({"--frame", "100", "--out", las_.string()});
   EXPECT_EQ(recorded.exit_code, kExitUsage);
   EXPECT_THAT(recorded.err, HasSubstr("the recording has no LiDAR"));
   const ProgramResult own =
-      rendered({"--lidar", "-10,0", "--frame", "100", "--out", las_.string()});
+      rendered({"--sensor", "-10,0", "--frame", "100", "--out", las_.string()});
   EXPECT_EQ(own.exit_code, kExitUsage);
   EXPECT_THAT(own.err, HasSubstr("needs --mount"));
-  const ProgramResult mounted = rendered({"--lidar", "-10,0", "--azimuth-steps", "10", "--mount",
+  const ProgramResult mounted = rendered({"--sensor", "-10,0", "--azimuth-steps", "10", "--mount",
                                           "0,0,2,0,0,0", "--frame", "100", "--out", las_.string()});
   EXPECT_EQ(mounted.exit_code, kExitOk) << mounted.err;
   EXPECT_LE(read_las(las_).size(), 20u);

@@ -79,7 +79,7 @@ TEST_F(Traffic, MovingObjectsAreDrawnScoredAndEdited) {
   // LiDAR sees them.
   const auto scan = [&](const std::string& actors) {
     const ProgramResult scanned =
-        redrive({"render", run.string(), "--lidar", "recorded", "--frame", "1012", "--actors",
+        redrive({"render", "lidar", run.string(), "--frame", "1012", "--actors",
                  actors, "--out", (folder_ / "scan.bin").string(), "--force"});
     EXPECT_EQ(scanned.exit_code, kExitOk) << scanned.err;
     return read_file(folder_ / "scan.bin");

@@ -174,7 +174,7 @@ int run_eval(EvalCommandOptions options) {
 
 Action configure_eval(CLI::App& command) {
   auto options = std::make_shared<EvalCommandOptions>();
-  command.add_option("RUN", options->run, "run folder, as train makes it")->required();
+  add_run_option(command, &options->run);
   command.add_flag("--json", options->json, "JSON on standard output instead of the table");
   auto* cameras =
       command

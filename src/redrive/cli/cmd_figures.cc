@@ -53,7 +53,7 @@ int run_figures(FiguresCommandOptions options) {
 
 Action configure_figures(CLI::App& command) {
   auto options = std::make_shared<FiguresCommandOptions>();
-  command.add_option("RUN", options->run, "run folder, as train makes it")->required();
+  add_run_option(command, &options->run);
   command.add_option("--compare", options->compare,
                      "another run of the same recording, e.g. of --method nerf, to compare with: "
                      "adds its images and scores to the figures and the report");

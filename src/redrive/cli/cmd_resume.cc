@@ -9,6 +9,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/cli/command.h"
+#include "redrive/cli/frames_option.h"
 #include "redrive/cli/notes.h"
 #include "redrive/cli/train/train_blocks.h"
 #include "redrive/cli/train/train_together.h"
@@ -100,7 +101,7 @@ int run_resume(const ResumeArguments& arguments) {
 
 Action configure_resume(CLI::App& command) {
   auto arguments = std::make_shared<ResumeArguments>();
-  command.add_option("RUN", arguments->run, "run folder, as train makes it")->required();
+  add_run_option(command, &arguments->run);
   for (const char* name : kChangeable) {
     TrainField field = field_named(name);
     field.help += "; as in the run unless given";

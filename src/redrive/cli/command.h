@@ -5,6 +5,7 @@
 #pragma once
 
 #include <functional>
+#include <span>
 
 #include <CLI/App.hpp>
 
@@ -15,10 +16,11 @@ using Action = std::function<int()>;
 struct Command {
   const char* name;
   const char* summary;
-  Action (*configure)(CLI::App& command);
-  const char* examples;  ///< lines of the help
+  Action (*configure)(CLI::App& command);  ///< null: the command has subcommands
+  const char* examples;                    ///< lines of the help
   /// progress text while no part shows its own; null: the command shows its own
   const char* work = nullptr;
+  std::span<const Command> subcommands = {};  ///< the first is meant where none is named
 };
 
 Action configure_inspect(CLI::App& command);
@@ -27,7 +29,11 @@ Action configure_plan(CLI::App& command);
 Action configure_train(CLI::App& command);
 Action configure_resume(CLI::App& command);
 Action configure_eval(CLI::App& command);
-Action configure_render(CLI::App& command);
+Action configure_render_image(CLI::App& command);
+Action configure_render_mount(CLI::App& command);
+Action configure_render_poses(CLI::App& command);
+Action configure_render_path(CLI::App& command);
+Action configure_render_lidar(CLI::App& command);
 Action configure_export(CLI::App& command);
 Action configure_figures(CLI::App& command);
 Action configure_bench(CLI::App& command);

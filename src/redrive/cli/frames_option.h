@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// --frames, --cameras, --outside-files and --max-damaged of commands that take a recording.
+// RUN, --frames, --cameras, --outside-files and --max-damaged of commands that take a run or a
+// recording.
 #pragma once
 
 #include <optional>
@@ -11,8 +12,13 @@
 
 #include "redrive/cli/help.h"
 #include "redrive/recording/core/frame_range.h"
+#include "redrive/recording/core/recording.h"
 
 namespace redrive {
+
+inline void add_run_option(CLI::App& command, std::string* run) {
+  command.add_option("RUN", *run, "run folder, as train makes it")->required();
+}
 
 inline void add_frames_option(CLI::App& command, std::string* frames) {
   command.add_option("--frames", *frames,
@@ -41,7 +47,9 @@ void add_max_damaged_option(CLI::App& command, Percent* percent) {
                       std::string("percentage of a sensor's images, scans, poses or times that may "
                                   "be damaged or impossible and are left out; one always may, "
                                   "unless it is 0") +
-                          (of_run ? " (default: of a run what train was given, else 5)" : ""))
+                          (of_run ? " (default: of a run what train was given, else " +
+                                        number_text(kMostDamagedPercent) + ")"
+                                  : ""))
           ->type_name("PERCENT")
           ->check(within("--max-damaged", 0, 100));
   if constexpr (!of_run) option->capture_default_str();

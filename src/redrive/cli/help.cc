@@ -5,6 +5,7 @@
 #include <cctype>
 #include <charconv>
 #include <cstdio>
+#include <filesystem>
 #include <iterator>
 #include <memory>
 #include <utility>
@@ -27,12 +28,11 @@ struct OptionWords {
   const char *name, *value, *group;
 };
 
-constexpr const char *kView = "View", *kMany = "Many images", *kLidar = "LiDAR",
+constexpr const char *kView = "View", *kLidar = "LiDAR",
                      *kTraffic = "Moving objects", *kOutput = "Output", *kServer = "Browser",
                      *kRecording = "Recording", *kResources = "Resources";
 
 constexpr OptionWords kOptionWords[] = {
-    {"actor", "ID", kTraffic},
     {"actors", "IDS", kTraffic},
     {"axes", "AXES", kView},
     {"azimuth-steps", "N", kLidar},
@@ -48,14 +48,13 @@ constexpr OptionWords kOptionWords[] = {
     {"exposure", "WHOSE", kView},
     {"filter", "TEXT", ""},
     {"force", "", kOutput},
-    {"fps", "N", kMany},
+    {"fps", "N", kView},
     {"frame", "ID", kView},
     {"frames", "FIRST:LAST[:STEP]", kRecording},
     {"generate", "WHAT", ""},
     {"help", "", kHelpGroup},
     {"isa", "NAME", kResources},
     {"lens", "LENS", kView},
-    {"lidar", "SENSOR", kLidar},
     {"listen", "ADDRESS", kServer},
     {"machines", "N", ""},
     {"masks", "DIR", ""},
@@ -65,18 +64,17 @@ constexpr OptionWords kOptionWords[] = {
     {"opacity", "FILE.png", kOutput},
     {"open", "", kServer},
     {"out", "OUT", kOutput},
-    {"path", "PATH", kMany},
     {"pitch", "DEG", kView},
     {"points-in", "AXES", kLidar},
     {"port", "N", kServer},
     {"poses", "DIR", ""},
     {"range", "MIN:MAX", kLidar},
     {"rate", "HZ", kLidar},
-    {"relative", "", kMany},
     {"repetitions", "N", ""},
     {"report", "DIR", ""},
     {"rolling-shutter", "MS", ""},
-    {"seconds", "S", kMany},
+    {"seconds", "S", kView},
+    {"sensor", "SENSOR", kLidar},
     {"sh-degree", "N", ""},
     {"threads", "N", kResources},
     {"to", "FORMAT", ""},
@@ -86,10 +84,6 @@ constexpr OptionWords kOptionWords[] = {
     {"window", "N", ""},
     {"yaw", "DEG", kView},
 };
-
-std::vector<const CLI::App*> subcommands_of(const CLI::App& app) {
-  return app.get_subcommands([](const CLI::App* command) { return !command->get_name().empty(); });
-}
 
 /// Two columns: the heading, and the text from kTextColumn on, or below where there is no room.
 std::string row(const std::string& heading, const std::string& text) {
@@ -142,7 +136,56 @@ bool is_option(std::string_view word) {
 
 bool takes_value(const CLI::Option& option) { return option.get_items_expected_max() > 0; }
 
+std::vector<std::string> names_of(const std::vector<const CLI::App*>& commands) {
+  std::vector<std::string> names;
+  for (const CLI::App* command : commands) names.push_back(command->get_name());
+  return names;
+}
+
+/// Throws UsageError for a word that is no option of a command. It names the subcommand beside it
+/// that is called like the option or has it, or the option that may have been meant.
+[[noreturn]] void no_such_option(const CLI::App& command, const std::string& option) {
+  const std::string whose = full_name(command);
+  const CLI::App* const parent = command.get_parent();
+  if (parent && parent->get_parent()) {
+    for (const CLI::App* beside : subcommands_of(*parent))
+      if ("--" + beside->get_name() == option)
+        throw UsageError(option, "", "is no option of " + whose + "; it is " + usage_of(*beside));
+    for (const CLI::App* beside : subcommands_of(*parent))
+      if (beside->get_option_no_throw(option))
+        throw UsageError(
+            option, "", "is no option of " + whose + ", but one of " + full_name(*beside));
+  }
+  std::vector<std::string> names;
+  for (const CLI::Option* known : command.get_options())
+    for (const std::string& name : known->get_lnames()) names.push_back("--" + name);
+  const std::string meant = did_you_mean(option, names);
+  throw UsageError(option, "",
+                   "is no option of " + whose + meant + (meant.empty() ? "; " : " ") + whose +
+                       " --help lists them");
+}
+
 }  // namespace
+
+std::vector<const CLI::App*> subcommands_of(const CLI::App& app) {
+  return app.get_subcommands([](const CLI::App* command) { return !command->get_name().empty(); });
+}
+
+const CLI::App* find_subcommand(const CLI::App& app, const std::string& name) {
+  for (const CLI::App* command : subcommands_of(app))
+    if (command->get_name() == name) return command;
+  return nullptr;
+}
+
+const CLI::App& chosen_command(const CLI::App& app) {
+  const auto chosen = app.get_subcommands();
+  return chosen.empty() ? app : chosen_command(*chosen.front());
+}
+
+std::string full_name(const CLI::App& command) {
+  const CLI::App* const parent = command.get_parent();
+  return (parent ? full_name(*parent) + " " : "") + command.get_name();
+}
 
 std::string wrapped(const std::string& text, std::size_t begin, std::size_t indent,
                     std::size_t width) {
@@ -204,8 +247,7 @@ std::string option_text(const CLI::Option& option) {
 }
 
 std::string usage_of(const CLI::App& command) {
-  std::string usage = command.get_name();
-  if (const CLI::App* parent = command.get_parent()) usage = parent->get_name() + " " + usage;
+  std::string usage = full_name(command);
   if (!subcommands_of(command).empty()) return usage + " COMMAND [options]";
   std::string required;
   bool optional = false;
@@ -220,6 +262,11 @@ std::string usage_of(const CLI::App& command) {
   return usage + required + (optional ? " [options]" : "");
 }
 
+std::string number_text(double value) {
+  char text[40];
+  return {text, std::to_chars(text, text + sizeof text, value).ptr};
+}
+
 CLI::Validator one_of(const std::string& option, const std::vector<std::string>& names) {
   CLI::Validator check = offering(names);
   check.operation([option, names](std::string& value) {
@@ -231,15 +278,14 @@ CLI::Validator one_of(const std::string& option, const std::vector<std::string>&
 }
 
 CLI::Validator within(const std::string& option, double low, double high) {
-  char rule[80];
-  std::snprintf(rule, sizeof rule, "must be a number in %.15g..%.15g", low, high);
   return CLI::Validator(
-      [option, low, high, rule = std::string(rule)](std::string& value) {
+      [option, low, high](std::string& value) {
         double number = 0;
         const char* const end = value.data() + value.size();
         const auto [at, error] = std::from_chars(value.data(), end, number);
         if (error != std::errc() || at != end || !(number >= low && number <= high))
-          throw UsageError(option, value, rule);
+          throw UsageError(option, value,
+                           "must be a number in " + number_text(low) + ".." + number_text(high));
         return std::string();
       },
       "");
@@ -265,43 +311,45 @@ std::vector<std::string> offered_values(const CLI::Option& option) {
   return values;
 }
 
+void insert_usual_subcommand(const CLI::App& app, std::vector<std::string>* words) {
+  const CLI::App* const command = find_subcommand(app, words->front());
+  if (!command || words->size() < 2) return;
+  const std::string& next = (*words)[1];
+  const std::vector<std::string> names = names_of(subcommands_of(*command));
+  if (names.empty() || next == "--help" || next == "-h" || find_subcommand(*command, next)) return;
+  const std::string meant = did_you_mean(next, names);
+  std::error_code error;
+  if (!is_option(next) && !meant.empty() && !std::filesystem::exists(next, error))
+    throw UsageError(full_name(*command), next, "is neither a run nor a subcommand" + meant);
+  words->insert(words->begin() + 1, names.front());
+}
+
 void check_words(const CLI::App& app, const std::vector<std::string>& words) {
-  const CLI::App* command = nullptr;
+  const CLI::App* command = &app;
   bool is_value = false;
   for (const std::string& word : words) {
     if (word == "--") return;
     if (is_option(word)) {
       const std::string name = word.substr(0, word.find('='));
-      const CLI::App& of = command ? *command : app;
-      if (const CLI::Option* const option = of.get_option_no_throw(name)) {
-        is_value = takes_value(*option) && name == word;
-        continue;
-      }
-      std::vector<std::string> names;
-      for (const CLI::Option* option : of.get_options())
-        for (const std::string& known : option->get_lnames()) names.push_back("--" + known);
-      const std::string whose = command ? "redrive " + command->get_name() : "redrive";
-      throw UsageError(name, "",
-                       "is no option of " + whose + did_you_mean(name, names) +
-                           (did_you_mean(name, names).empty() ? "; " : " ") + whose +
-                           " --help lists them");
+      const CLI::Option* const option = command->get_option_no_throw(name);
+      if (!option) no_such_option(*command, name);
+      is_value = takes_value(*option) && name == word;
+      continue;
     }
-    if (std::exchange(is_value, false) || command) continue;
-    std::vector<std::string> names;
-    for (const CLI::App* known : subcommands_of(app)) {
-      names.push_back(known->get_name());
-      if (known->get_name() == word) command = known;
+    const std::vector<std::string> names = names_of(subcommands_of(*command));
+    if (std::exchange(is_value, false) || names.empty()) continue;
+    const CLI::App* const known = find_subcommand(*command, word);
+    if (!known) {
+      std::string all;
+      for (const std::string& name : names) all += (all.empty() ? "; there are " : ", ") + name;
+      throw UsageError("redrive", word, "is not a command" + all + did_you_mean(word, names));
     }
-    if (command) continue;
-    std::string known;
-    for (const std::string& name : names) known += (known.empty() ? "; there are " : ", ") + name;
-    throw UsageError("redrive", word, "is not a command" + known + did_you_mean(word, names));
+    command = known;
   }
 }
 
 std::string usage_message(const CLI::App& app, const CLI::ParseError& error) {
-  const auto chosen = app.get_subcommands();
-  const CLI::App& command = chosen.empty() ? app : *chosen.front();
+  const CLI::App& command = chosen_command(app);
   const std::string usage = usage_of(command), what = error.what();
   const std::string option = what.substr(0, what.find(':'));
   const auto too_many = [&](const std::string& word) -> std::string {

@@ -9,6 +9,7 @@
 #include <iostream>
 #include <map>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -26,6 +27,33 @@
 #include "redrive/cli/manual.h"
 
 namespace {
+
+constexpr redrive::Command kRenderCommands[] = {
+    {"image", "render the image of a frame's camera, moved or turned",
+     redrive::configure_render_image,
+     "  redrive render image RUN --camera CAM --frame 1028 --out same.png\n"
+     "  redrive render image RUN --camera CAM --frame 1028 --translate 0,0.5,0 \\\n"
+     "      --out left.png --depth left.exr",
+     "rendering"},
+    {"mount", "render the image of a camera of your own on the car",
+     redrive::configure_render_mount,
+     "  redrive render mount RUN --mount=-1,0,1.5,180,-5,0 --lens pinhole:90:1280x720 \\\n"
+     "      --frame 1028 --out rear.png",
+     "rendering"},
+    {"poses", "render every image of a POSES.json into a folder", redrive::configure_render_poses,
+     "  redrive render poses RUN POSES.json --out DIR", "rendering"},
+    {"path", "render a camera path into a video or a folder", redrive::configure_render_path,
+     "  redrive render path RUN drive --out drive.mp4\n"
+     "  redrive render path RUN sideways:1 --seconds 5 --out left.mp4\n"
+     "  redrive render path RUN RUN/paths/NAME.json --out DIR",
+     "rendering"},
+    {"lidar", "render a LiDAR's revolution, or the revolutions of all frames",
+     redrive::configure_render_lidar,
+     "  redrive render lidar RUN --frame 1028 --out scan.las     # the recorded rays\n"
+     "  redrive render lidar RUN --sensor 64 --frame 1028 --out scan.pcd\n"
+     "  redrive render lidar RUN --sensor 32 --mount 0,0,2,0,0,0 --out velodyne_points",
+     "rendering"},
+};
 
 constexpr redrive::Command kCommands[] = {
     {"inspect", "check a recording: content, missing or inconsistent parts",
@@ -58,13 +86,12 @@ constexpr redrive::Command kCommands[] = {
      "  redrive eval RUN\n"
      "  redrive eval RUN --all --json",
      "scoring"},
-    {"render", "render images of novel views", redrive::configure_render,
-     "  redrive render RUN --camera CAM --frame 1028 --out same.png\n"
-     "  redrive render RUN --camera CAM --frame 1028 --translate 0,0.5,0 \\\n"
-     "      --out left.png\n"
-     "  redrive render RUN --path sideways:1 --out left.mp4\n"
-     "  redrive render RUN --lidar 64 --frame 1028 --out scan.las",
-     "rendering"},
+    {"render", "render images, videos and LiDAR scans of novel views", nullptr,
+     "  redrive render RUN --camera CAM --frame 1028 --translate 0,0.5,0 --out left.png\n"
+     "  redrive render path RUN sideways:1 --out left.mp4\n"
+     "  redrive render lidar RUN --frame 1028 --out scan.las\n"
+     "  redrive help render path                 # options of a subcommand",
+     nullptr, kRenderCommands},
     {"view", "look around in a run or a recording with a browser", redrive::configure_view,
      "  redrive view RUN --open"},
     {"export", "write a run's model in a file format of other programs", redrive::configure_export,
@@ -122,6 +149,35 @@ std::vector<std::string> words_of(int argc, char** argv) {
   return words;
 }
 
+using Actions = std::map<const CLI::App*, std::pair<const redrive::Command*, redrive::Action>>;
+
+/// Adds commands with their subcommands to the program or to a command.
+void add_commands(CLI::App& app, std::span<const redrive::Command> commands, Actions* actions) {
+  for (const redrive::Command& command : commands) {
+    CLI::App* sub = app.add_subcommand(command.name, command.summary);
+    std::string footer = std::string("Examples\n") + command.examples;
+    if (command.configure) {
+      (*actions)[sub] = {&command, command.configure(*sub)};
+    } else {
+      sub->require_subcommand(1);
+      add_commands(*sub, command.subcommands, actions);
+      footer = redrive::wrapped("Where the word after " + std::string(command.name) +
+                                    " is none of these, " + command.subcommands[0].name +
+                                    " is meant.",
+                                0, 0) +
+               "\n\n" + footer;
+    }
+    redrive::name_options(*sub);
+    sub->footer(footer);
+  }
+}
+
+/// Prints the help of a program or a command that was called without a word. Returns the exit code.
+int end_without_words(const CLI::App& app) {
+  if (redrive::launched_rank() == 0) std::fputs(app.help().c_str(), stdout);
+  return redrive::kExitUsage;
+}
+
 int run(int argc, char** argv) {
   CLI::App app("redrive: from the recording of a sensor car to a radiance field and novel views",
                "redrive");
@@ -129,21 +185,18 @@ int run(int argc, char** argv) {
   redrive::use_own_help(app);
   app.footer(kExamples);
   app.set_version_flag("--version", "redrive " REDRIVE_VERSION);
-  std::map<const CLI::App*, std::pair<const redrive::Command*, redrive::Action>> actions;
-  for (const redrive::Command& command : kCommands) {
-    CLI::App* sub = app.add_subcommand(command.name, command.summary);
-    actions[sub] = {&command, command.configure(*sub)};
-    redrive::name_options(*sub);
-    sub->footer(std::string("Examples\n") + command.examples);
-  }
+  Actions actions;
+  add_commands(app, kCommands, &actions);
   redrive::add_generate_option(app, REDRIVE_VERSION);
   redrive::name_options(app);
   std::vector<std::string> words = words_of(argc, argv);
-  if (words.empty()) {
-    if (redrive::launched_rank() == 0) std::fputs(app.help().c_str(), stdout);
-    return redrive::kExitUsage;
-  }
+  if (words.empty()) return end_without_words(app);
+  if (words.size() == 1)
+    if (const CLI::App* command = redrive::find_subcommand(app, words[0]);
+        command && !redrive::subcommands_of(*command).empty())
+      return end_without_words(*command);
   try {
+    redrive::insert_usual_subcommand(app, &words);
     redrive::check_words(app, words);
     std::ranges::reverse(words);  // in the order that the parser takes
     app.parse(words);
@@ -153,7 +206,7 @@ int run(int argc, char** argv) {
     const auto processes = redrive::join_process_group();  // they all end here
     return processes->rank() == 0 ? redrive::print_failure() : redrive::kExitUsage;
   }
-  const auto& [command, action] = actions.at(app.get_subcommands().front());
+  const auto& [command, action] = actions.at(&redrive::chosen_command(app));
   std::optional<redrive::Progress> progress;
   if (command->work) progress.emplace(command->work);
   return action();

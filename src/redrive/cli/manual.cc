@@ -2,6 +2,7 @@
 #include "redrive/cli/manual.h"
 
 #include <algorithm>
+#include <iterator>
 #include <string>
 #include <utility>
 #include <vector>
@@ -67,8 +68,27 @@ std::string option_list(const CLI::App& command) {
   return text;
 }
 
+/// Returns the commands, each before its subcommands.
 std::vector<const CLI::App*> commands_of(const CLI::App& app) {
-  return app.get_subcommands([](const CLI::App*) { return true; });
+  std::vector<const CLI::App*> all;
+  for (const CLI::App* command : subcommands_of(app)) {
+    all.push_back(command);
+    std::ranges::copy(subcommands_of(*command), std::back_inserter(all));
+  }
+  return all;
+}
+
+/// Returns the words that call a command, quoted for bash: "render lidar" with its quotes.
+std::string quoted_name(const CLI::App& command) {
+  const std::string name = full_name(command);
+  return '"' + name.substr(name.find(' ') + 1) + '"';
+}
+
+std::string name_words(const std::vector<const CLI::App*>& commands) {
+  std::string words;
+  for (const CLI::App* command : commands)
+    words += (words.empty() ? "" : " ") + command->get_name();
+  return words;
 }
 
 /// Returns the names of all options, "--a --b".
@@ -88,7 +108,7 @@ std::string man_page(const CLI::App& app, const std::string& version) {
                      "\n.SH SYNOPSIS\n" + bold(name) + " " + italic("COMMAND") + " [" +
                      italic("OPTIONS") + "]\n.SH OPTIONS\n" + option_list(app) + ".SH COMMANDS\n";
   for (const CLI::App* command : commands_of(app))
-    page += ".SS " + bold(name + " " + command->get_name()) + "\n" +
+    page += ".SS " + bold(full_name(*command)) + "\n" +
             roff(command->get_description()) + "\n.PP\n" + roff(usage_of(*command)) + "\n" +
             option_list(*command) + ".PP\n.nf\n" + roff(command->get_footer()) + "\n.fi\n";
   page += ".SH EXIT STATUS\n";
@@ -105,29 +125,53 @@ std::string value_cases(const CLI::App& command) {
     for (const std::string& value : offered_values(*option))
       values += (values.empty() ? "" : " ") + value;
     if (!values.empty())
-      cases +=
-          "    " + command.get_name() + "," + option->get_name() + ") words='" + values + "' ;;\n";
+      cases += "    " + quoted_name(command) + "," + option->get_name() + ") words='" + values +
+               "' ;;\n";
   }
   return cases;
 }
 
-/// Completes commands, the options of the typed command, values of options, and cameras of the run;
-/// readline completes files.
+/// Returns bash case lines for "COMMAND,NEXT WORD" that make $command a command with its subcommand,
+/// the first one where the next word names none.
+std::string subcommand_cases(const CLI::App& app) {
+  std::string cases;
+  for (const CLI::App* command : subcommands_of(app)) {
+    const std::vector<const CLI::App*> inner = subcommands_of(*command);
+    for (const CLI::App* sub : inner)
+      cases += "    " + command->get_name() + "," + sub->get_name() + ") command=" +
+               quoted_name(*sub) + " ;;\n";
+    if (!inner.empty())
+      cases += "    " + command->get_name() + ",*) command=" + quoted_name(*inner[0]) + " ;;\n";
+  }
+  return cases;
+}
+
+/// Completes commands, subcommands, the options of the typed command, values of options, and
+/// cameras of the run; readline completes files.
 std::string bash_completion(const CLI::App& app) {
-  std::string commands, cases, values;
+  const std::string commands = name_words(subcommands_of(app));
+  std::string cases, values, inner;
   for (const CLI::App* command : commands_of(app)) {
-    commands += command->get_name() + " ";
-    cases += "    0," + command->get_name() + ") words='" + option_words(*command) + "' ;;\n";
+    cases += "    0," + quoted_name(*command) + ") words='" + option_words(*command) + "' ;;\n";
     values += value_cases(*command);
+    if (const std::string names = name_words(subcommands_of(*command)); !names.empty())
+      inner += "    2,*," + command->get_name() + "|3,help," + command->get_name() + ") words='" +
+               names + "' ;;\n";
   }
   return "# Completion of redrive's commands, options and values for bash.\n"
          "_redrive() {\n"
          "  local current=${COMP_WORDS[COMP_CWORD]} before=${COMP_WORDS[COMP_CWORD-1]} words=\n"
          "  local command=${COMP_WORDS[1]}\n"
          "  COMPREPLY=()\n"
-         "  case $command,$before in\n" +
-         values + "    help,help) words='" + commands +
+         "  [[ $current == -* ]] || case $COMP_CWORD,$command,$before in\n" +
+         inner + "    2,help,help) words='" + commands +
          "' ;;\n"
+         "  esac\n"
+         "  case $command,${COMP_WORDS[2]} in\n" +
+         subcommand_cases(app) +
+         "  esac\n"
+         "  case $command,$before in\n" +
+         values +
          "    *,--camera|*,--cameras)\n"
          "      words=$(for word in \"${COMP_WORDS[@]:2}\"; do\n"
          "        [ -d \"$word\" ] && \"${COMP_WORDS[0]}\" --generate \"cameras:$word\"\n"
@@ -136,7 +180,7 @@ std::string bash_completion(const CLI::App& app) {
          "  if [ -z \"$words\" ]; then\n"
          "    case $((COMP_CWORD == 1)),$command in\n"
          "      1,*) words='" +
-         commands + "help " + option_words(app) + "' ;;\n" + cases +
+         commands + " help " + option_words(app) + "' ;;\n" + cases +
          "    esac\n"
          "    ((COMP_CWORD == 1)) || [[ $current == -* ]] || return 0\n"
          "  fi\n"

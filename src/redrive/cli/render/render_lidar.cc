@@ -1,16 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
-// redrive render --lidar: renders LiDAR scans into a point file, or the scans of all frames into a
+// redrive render lidar: renders a LiDAR scan into a point file, or the scans of all frames into a
 // folder.
 #include <algorithm>
 #include <charconv>
 #include <cstdio>
 #include <filesystem>
+#include <memory>
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
 #include "redrive/base/output_folder.h"
 #include "redrive/base/progress.h"
 #include "redrive/cli/backend_options.h"
+#include "redrive/cli/command.h"
+#include "redrive/cli/frames_option.h"
+#include "redrive/cli/help.h"
 #include "redrive/cli/output_file.h"
 #include "redrive/cli/render/render_options.h"
 #include "redrive/cli/train/training.h"
@@ -22,6 +26,12 @@ namespace redrive {
 namespace {
 
 namespace fs = std::filesystem;
+
+struct RenderLidarOptions : MovedSensorOptions {
+  std::string sensor = "recorded", mount, range = "0.5:200", points_in = "sensor";
+  std::optional<int> azimuth_steps;  ///< firings in a turn of a SpinningLidar; nothing: its own
+  std::optional<double> rate_hz;     ///< likewise
+};
 
 constexpr double kMaxLidarRange_m = 1e4;
 
@@ -37,7 +47,7 @@ constexpr ScanFormat kScanFormats[] = {
     {".bin", make_kitti_scan, "0"}};
 
 /// Returns the format of --out; null: a folder.
-const ScanFormat* scan_format(const RenderOptions& options) {
+const ScanFormat* scan_format(const RenderLidarOptions& options) {
   const fs::path out = options.out;
   for (const ScanFormat& format : kScanFormats)
     if (has_extension(out, {format.extension})) return &format;
@@ -60,7 +70,7 @@ void parse_range(const std::string& text, ScanOptions* scan) {
     throw UsageError("--range", text, "must be MIN:MAX in metres, 0 <= MIN < MAX <= 1e4");
 }
 
-/// The request of --lidar.
+/// The request of --sensor.
 struct LidarRequest {
   std::optional<SpinningLidar> spinning;  ///< nothing: the recorded revolutions
   std::optional<Mount> mount;
@@ -68,22 +78,19 @@ struct LidarRequest {
 };
 
 /// Checks the options before the run is opened.
-LidarRequest lidar_request(const RenderOptions& options) {
+LidarRequest lidar_request(const RenderLidarOptions& options) {
   LidarRequest request;
-  if (options.lidar != "recorded") {
-    const auto beams = parse_beams(options.lidar);
-    if (!beams) throw UsageError("--lidar", options.lidar, kBeamsRule);
+  if (options.sensor != "recorded") {
+    const auto beams = parse_beams(options.sensor);
+    if (!beams) throw UsageError("--sensor", options.sensor, kBeamsRule);
     request.spinning = SpinningLidar{*beams};
     if (options.azimuth_steps) request.spinning->azimuth_steps = *options.azimuth_steps;
     if (options.rate_hz) request.spinning->rate_hz = *options.rate_hz;
   } else if (options.azimuth_steps || options.rate_hz) {
-    throw UsageError("--lidar", options.lidar,
+    throw UsageError("--sensor", options.sensor,
                      "has its own --azimuth-steps and --rate: leave them out");
   }
-  if (!options.mount.empty()) {
-    request.mount = parse_mount(options.mount);
-    if (!request.mount) throw UsageError("--mount", options.mount, kMountRule);
-  }
+  if (!options.mount.empty()) request.mount = parsed_mount(options.mount);
   parse_range(options.range, &request.scan);
   request.scan.axes = options.points_in == "sensor" ? PointAxes::kSensor
                       : options.points_in == "body" ? PointAxes::kBody
@@ -91,13 +98,13 @@ LidarRequest lidar_request(const RenderOptions& options) {
   return request;
 }
 
-SensorMotion sensor_motion(const RenderOptions& options, const LidarRequest& request,
+SensorMotion sensor_motion(const RenderLidarOptions& options, const LidarRequest& request,
                            const Run& run) {
   if (!run.recording.metric)
-    throw UsageError("--lidar", options.lidar,
-                     "needs a drive: photographs have neither metres nor times");
+    throw UsageError("RUN", options.run,
+                     "must be of a drive: photographs have neither metres nor times");
   if (!run.recording.body_from_lidar && !(request.mount && request.spinning))
-    throw UsageError("--lidar", options.lidar,
+    throw UsageError("--sensor", options.sensor,
                      request.spinning ? "needs --mount: the recording has no LiDAR"
                                       : "the recording has no LiDAR");
   SensorMotion motion{run.scene};
@@ -150,21 +157,19 @@ class KittiFolder {
   std::vector<std::pair<std::int64_t, std::int64_t>> times_[3];
 };
 
-}  // namespace
-
 /// UsageError if no ray has a return: the file would be empty.
-void require_points(const ScanCounts& counts, const RenderOptions& options) {
+void require_points(const ScanCounts& counts, const RenderLidarOptions& options) {
   if (counts.points == 0)
-    throw UsageError("--lidar", options.lidar,
+    throw UsageError("--sensor", options.sensor,
                      "has no return: of " + std::to_string(counts.rays) + " rays " +
                          std::to_string(counts.transparent) + " have a low opacity and " +
                          std::to_string(counts.out_of_range) + " end out of --range");
 }
 
-int render_lidar(const RenderOptions& options) {
+int run_render_lidar(const RenderLidarOptions& options) {
   const ScanFormat* const format = scan_format(options);
   if (format && options.frame.empty())
-    throw UsageError("render", "", "needs --frame for a file; a folder takes all frames");
+    throw UsageError("--out", options.out, "needs --frame; a folder takes all frames");
   if (!format && !options.frame.empty())
     throw UsageError("--frame", options.frame, "is for a file; a folder takes all frames");
   const fs::path out = fs::path(options.out).has_filename() ? fs::path(options.out)
@@ -218,7 +223,7 @@ int render_lidar(const RenderOptions& options) {
         }
         progress.count();
       }
-      if (scans == 0) throw UsageError("--lidar", options.lidar, "the run has no LiDAR revolution");
+      if (scans == 0) throw UsageError("--sensor", options.sensor, "the run has no LiDAR revolution");
       require_points(counts, options);
       files.finish();
     });
@@ -230,6 +235,39 @@ int render_lidar(const RenderOptions& options) {
   std::printf("intensity: %s, since training does not model it\n",
               format ? format->intensity : "0");
   return kExitOk;
+}
+
+}  // namespace
+
+Action configure_render_lidar(CLI::App& command) {
+  auto options = std::make_shared<RenderLidarOptions>();
+  add_run_option(command, &options->run);
+  command
+      .add_option("--sensor", options->sensor,
+                  "recorded (the rays of the recording's own revolution), N beams as usual sensors "
+                  "have them, N:MIN:MAX (from MIN to MAX degrees of elevation) or elevations "
+                  "E1,E2,..")
+      ->capture_default_str();
+  add_mount_option(command, &options->mount, "the LiDAR, elsewhere than the recording's");
+  command.add_option("--azimuth-steps", options->azimuth_steps, "firings of a beam in a revolution")
+      ->check(within("--azimuth-steps", 1, 36000))
+      ->default_str(std::to_string(SpinningLidar().azimuth_steps));
+  command.add_option("--rate", options->rate_hz, "revolutions a second")
+      ->check(within("--rate", 0.1, 1000.0))
+      ->default_str(number_text(SpinningLidar().rate_hz));
+  command.add_option("--range", options->range, "metres: returns outside are dropped")
+      ->capture_default_str();
+  command
+      .add_option("--points-in", options->points_in,
+                  "axes of the points: sensor or body (those at the time of each point), or world "
+                  "(of the scene, motion compensated)")
+      ->check(one_of("--points-in", {"sensor", "body", "world"}))
+      ->capture_default_str();
+  add_motion_options(command, options.get());
+  add_render_options(command, options.get(), "OUT",
+                     "points of --frame, .las, .pcd or .bin (KITTI), or a folder as KITTI's "
+                     "velodyne_points for all frames");
+  return [options] { return run_render_lidar(*options); };
 }
 
 }  // namespace redrive

@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// Options of `redrive render`, and code that single images, paths and LiDAR scans share.
+// Options that subcommands of `redrive render` share, and code for them.
 #pragma once
 
 #include <cstdint>
 #include <optional>
 #include <string>
+
+#include <CLI/App.hpp>
 
 #include "redrive/kernels/backend.h"
 #include "redrive/render/lidar_sensor.h"
@@ -13,28 +15,46 @@
 
 namespace redrive {
 
+/// Options of every subcommand.
 struct RenderOptions {
-  std::string run, camera, mount, lens, frame,
-      translate = "0,0,0", axes = "body", exposure = "own", out, depth, opacity, normals, poses,
-      path, actors = "all", edit, lidar, range = "0.5:200", points_in = "sensor";
-  std::optional<int> azimuth_steps;  ///< firings in a turn of a SpinningLidar; nothing: its own
-  std::optional<double> rate_hz;     ///< likewise
+  std::string run, actors = "all", edit, out;
   std::optional<double> max_damaged;
-  double yaw_deg = 0, pitch_deg = 0;
-  double fps = 0, seconds = 0;  ///< images a second and duration of a path; 0: the path's own
-  bool relative = false, force = false;
+  bool force = false;
   kernels::BackendChoice backend;
 };
 
+/// Options of a camera or a LiDAR that is moved from its place at a frame.
+struct MovedSensorOptions : RenderOptions {
+  std::string frame, translate = "0,0,0", axes = "body";
+  double yaw_deg = 0, pitch_deg = 0;
+};
+
+/// Adds the options of every subcommand but RUN, which comes before other positional arguments.
+void add_render_options(CLI::App& command, RenderOptions* options, const char* out,
+                        const std::string& out_help);
+/// Adds --frame, --translate, --axes, --yaw and --pitch. Returns --frame.
+CLI::Option* add_motion_options(CLI::App& command, MovedSensorOptions* options);
+/// Adds --exposure. `own`: whose exposure an image has by default.
+void add_exposure_option(CLI::App& command, std::string* exposure, const std::string& own);
+/// Adds --mount. `what`: what is mounted.
+CLI::Option* add_mount_option(CLI::App& command, std::string* mount, const std::string& what);
+
 /// Throws UsageError naming the run's cameras if it has no such camera.
 const RigCamera& find_camera(const Scene& scene, const std::string& name);
+
+/// Returns the place of --mount. UsageError.
+Mount parsed_mount(const std::string& text);
 
 /// Opens the run with the moving objects of --actors and the changes of --edit; prints remarks.
 /// UsageError, InputError.
 Run open_edited_run(const RenderOptions& options);
 
 /// Returns the exposure that --exposure asks for; nothing for `own`. UsageError.
-std::optional<Exposure> chosen_exposure(const RenderOptions& options, const Run& run);
+std::optional<Exposure> chosen_exposure(const std::string& exposure, const Run& run);
+
+/// Resolves --exposure for a view of `camera` at `frame`. UsageError.
+Exposure exposure_of(const std::string& exposure, const Run& run, const std::string& camera,
+                     std::int64_t frame);
 
 /// Parses a decimal frame id, with or without leading zeros. UsageError.
 std::int64_t parse_frame(const char* option, const std::string& text);
@@ -43,15 +63,9 @@ std::int64_t parse_frame(const char* option, const std::string& text);
 Eigen::Vector3d parse_translation(const std::string& text);
 
 /// Returns the axes that --axes names. UsageError where the recording has none of that kind.
-ShiftAxes shift_axes(const RenderOptions& options, const Run& run);
+ShiftAxes shift_axes(const MovedSensorOptions& options, const Run& run);
 
 /// Throws UsageError for a frame that the recording does not have.
 [[noreturn]] void no_such_frame(const std::string& frame, const Run& run);
-
-/// Renders the images of --path into a video or a folder.
-int render_path(const RenderOptions& options);
-
-/// Renders the revolutions of --lidar into a point file or a folder.
-int render_lidar(const RenderOptions& options);
 
 }  // namespace redrive

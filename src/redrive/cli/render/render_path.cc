@@ -1,15 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
-// redrive render --path: renders a camera path into a video or a folder of images.
+// redrive render path: renders a camera path into a video or a folder of images.
 #include <algorithm>
 #include <charconv>
 #include <cstdio>
 #include <filesystem>
+#include <memory>
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
 #include "redrive/base/output_folder.h"
 #include "redrive/base/progress.h"
 #include "redrive/cli/backend_options.h"
+#include "redrive/cli/command.h"
+#include "redrive/cli/frames_option.h"
+#include "redrive/cli/help.h"
 #include "redrive/cli/output_file.h"
 #include "redrive/cli/render/render_options.h"
 #include "redrive/cli/train/training.h"
@@ -24,6 +28,11 @@ namespace {
 
 namespace fs = std::filesystem;
 
+struct RenderPathOptions : RenderOptions {
+  std::string path, camera, exposure = "own";
+  double fps = 0, seconds = 0;  ///< images a second and duration; 0: the path's own
+};
+
 std::string image_name(int index) {
   std::string digits = std::to_string(index);
   return digits.insert(0, 6 - std::min<std::size_t>(6, digits.size()), '0') + ".png";
@@ -32,7 +41,7 @@ std::string image_name(int index) {
 bool is_video(const fs::path& out) { return has_extension(out, {".mp4"}); }
 
 /// Checks --out before anything is rendered, and returns it without a slash at its end.
-fs::path checked_output(const RenderOptions& options) {
+fs::path checked_output(const RenderPathOptions& options) {
   const fs::path out = fs::path(options.out).has_filename() ? fs::path(options.out)
                                                             : fs::path(options.out).parent_path();
   if (is_video(out)) {
@@ -61,11 +70,11 @@ std::optional<double> left_of_drive(const std::string& path) {
   const char* const end = path.data() + path.size();
   const auto [at, error] = std::from_chars(path.data() + prefix.size(), end, left_m);
   if (error != std::errc{} || at != end || !(std::abs(left_m) <= kMaxShift_m))
-    throw UsageError("--path", path, "must be sideways:METRES to the left, at most 1e4");
+    throw UsageError("PATH", path, "must be sideways:METRES to the left, at most 1e4");
   return left_m;
 }
 
-CameraPath make_path(const RenderOptions& options, const Run& run) {
+CameraPath make_path(const RenderPathOptions& options, const Run& run) {
   const RigCamera& camera =
       options.camera.empty() ? run.scene.rig.front() : find_camera(run.scene, options.camera);
   CameraPath path;
@@ -79,9 +88,7 @@ CameraPath make_path(const RenderOptions& options, const Run& run) {
   return path;
 }
 
-}  // namespace
-
-int render_path(const RenderOptions& options) {
+int run_render_path(const RenderPathOptions& options) {
   const fs::path out = checked_output(options);
   left_of_drive(options.path);  // checks it before the run is opened
   const Run run = open_edited_run(options);
@@ -89,7 +96,7 @@ int render_path(const RenderOptions& options) {
   const bool own_lens = path.camera.empty();
   const int camera = std::max(0, run.scene.camera_index(path.camera));
   const Exposure exposure =
-      chosen_exposure(options, run).value_or(path_exposure(path, run.scene, camera));
+      chosen_exposure(options.exposure, run).value_or(path_exposure(path, run.scene, camera));
   Camera lens = own_lens ? *path.lens : run.scene.rig[camera].camera;
 
   const auto backend = make_checked_backend(options.backend);
@@ -126,6 +133,30 @@ int render_path(const RenderOptions& options) {
   std::printf("%s: %d images, %s, %g a second, %.2f s\n", out.c_str(), images,
               size_text(lens.width, lens.height).c_str(), path.fps, images / path.fps);
   return kExitOk;
+}
+
+}  // namespace
+
+Action configure_render_path(CLI::App& command) {
+  auto options = std::make_shared<RenderPathOptions>();
+  add_run_option(command, &options->run);
+  command
+      .add_option("PATH", options->path,
+                  "drive (the drive of --camera), sideways:N (N metres to its left), or a file in "
+                  "nerfstudio's layout")
+      ->required();
+  command
+      .add_option("--camera", options->camera,
+                  "camera of the run whose lens and exposure the images have (default: that of the "
+                  "file's keyframes, else the file's lens; for a drive the run's first)");
+  command.add_option("--fps", options->fps, "images a second (default: the file's, or " + number_text(CameraPath().fps) + ")")
+      ->check(within("--fps", kMinPathFps, kMaxPathFps));
+  command.add_option("--seconds", options->seconds, "duration (default: the path's own)")
+      ->check(within("--seconds", 0.001, kMaxPath_s));
+  add_exposure_option(command, &options->exposure,
+                      "those of the frame nearest to the path's middle, for all images");
+  add_render_options(command, options.get(), "OUT", "video, .mp4, or a folder for PNGs");
+  return [options] { return run_render_path(*options); };
 }
 
 }  // namespace redrive

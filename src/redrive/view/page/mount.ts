@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A user-defined camera on the car, as `redrive render --mount --lens` takes it (camera/mount.h),
+// A user-defined camera on the car, as `redrive render mount` takes it (camera/mount.h),
 // and its part of the panel.
 import {CarPlan} from "./car_plan";
 import type {CameraInfo, Hello} from "./protocol";

@@ -183,7 +183,7 @@ export class PathPart {
     if (!this.savedAs) return "";
     const file = `${this.hello.run.replace(/\/+$/, "")}/paths/${this.savedAs}.json`;
     const edit = this.state.edit ? ["--edit", this.state.edit] : [];
-    return ["redrive", "render", this.hello.run, "--path", file, ...edit,
+    return ["redrive", "render", "path", this.hello.run, file, ...edit,
       "--out", `${this.savedAs}.mp4`].map(quoted).join(" ");
   }
 

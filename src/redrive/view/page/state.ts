@@ -155,13 +155,14 @@ export function quoted(word: string): string {
 
 /** The command that renders the state's image. */
 export function toCommand(state: State, hello: Hello): string {
-  const words = ["redrive", "render", hello.run];
+  const words = ["redrive", "render"];
   const set = state.novel && hello.novel.find((novel) => novel.set === state.novel?.set);
   if (set) {
-    words.push("--poses", set.poses, "--out", set.set);
+    words.push("poses", hello.run, set.poses, "--out", set.set);
   } else {
-    if (state.mount) words.push(`--mount=${mountText(state.mount)}`, "--lens", state.mount.lens);
-    else words.push("--camera", state.camera);
+    if (state.mount)
+      words.push("mount", hello.run, `--mount=${mountText(state.mount)}`, "--lens", state.mount.lens);
+    else words.push("image", hello.run, "--camera", state.camera);
     words.push("--frame", String(state.frame));
     if (state.forward || state.left || state.up)
       words.push(`--translate=${state.forward},${state.left},${state.up}`);
