@@ -192,7 +192,7 @@ const tests = {
     const wrong = path.join(folder, "wrong.json");
     fs.writeFileSync(wrong, JSON.stringify({actors: {77: {remove: true}}}));
     await (await page.$("#edit-file")).uploadFile(wrong);
-    await page.waitForFunction(() => /wrong\.json.*actors\.77.*it draws 2, 3/s.test(
+    await page.waitForFunction(() => /wrong\.json.*actors\.77.*there are 2, 3/s.test(
       document.getElementById("edit-note").textContent));
     assert.equal(await page.evaluate(() => window.redriveView.traffic.accepted), "{}");
     fs.writeFileSync(wrong, "{");

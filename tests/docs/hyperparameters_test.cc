@@ -4,6 +4,7 @@
 #include <cstdlib>
 #include <fstream>
 #include <sstream>
+#include <utility>
 
 #include <gtest/gtest.h>
 
@@ -33,6 +34,13 @@ std::string document() {
          "bounded scene does for grid; `RUN/config.json` has the values of a run.\n";
   for (const Method& method : methods()) {
     out << "\n## " << method.name << "\n\n";
+    const char* before = "Defaults: ";
+    for (const auto& [option, value] : method.defaults)
+      out << std::exchange(before, ", ") << "`--" << option << "` " << value;
+    before = method.defaults.empty() ? "Presets: " : ".\nPresets: ";
+    for (const Preset& preset : method.presets)
+      out << std::exchange(before, ", ") << "`" << preset.name << "` " << preset.text();
+    out << ".\n\n";
     write_table(*method.make(), out);
   }
   out << "\n## Pose refinement\n\n";

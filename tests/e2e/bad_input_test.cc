@@ -456,7 +456,8 @@ TEST_F(EndToEnd, RefusesInvalidRenderRequests) {
   EXPECT_EQ(render({"mount", "--mount", mount, "--frame", "100", "--out", out}), kExitUsage);
   EXPECT_EQ(render({"mount", "--mount", "0,0,1", "--lens", lens, "--frame", "100", "--out", out}),
             kExitUsage);
-  EXPECT_EQ(render({"mount", "--mount", mount, "--lens", "NO", "--frame", "100", "--out", out}), kExitUsage);
+  EXPECT_EQ(render({"mount", "--mount", mount, "--lens", "NO", "--frame", "100", "--out", out}),
+            kExitUsage);
   EXPECT_EQ(render({"--camera", front, "--frame", "100", "--axes", "up", "--out", out}),
             kExitUsage);
   EXPECT_EQ(render({"--camera", front, "--frame", "100", "--out", (folder_ / "out.gif").string()}),

@@ -123,8 +123,8 @@ TEST_F(EndToEnd, RendersAMountOfOnesOwn) {
   for (const auto& [lens, width] : {std::pair("pinhole:90:64x48", 64), std::pair(kTinyLeft, 44)}) {
     const fs::path image = folder_ / (std::to_string(width) + ".png");
     const ProgramResult ended =
-        redrive({"render", "mount", run.string(), "--mount=-1,0,1.5,180,-5,0", "--lens", lens, "--frame",
-                 "101", "--translate", "0,0.5,0", "--out", image.string()});
+        redrive({"render", "mount", run.string(), "--mount=-1,0,1.5,180,-5,0", "--lens", lens,
+                 "--frame", "101", "--translate", "0,0.5,0", "--out", image.string()});
     ASSERT_EQ(ended.exit_code, kExitOk) << ended.err;
     EXPECT_EQ(read_image(image).width, width);
   }
@@ -291,12 +291,12 @@ TEST_F(EndToEnd, InspectListsTheRecording) {
 
 TEST_F(EndToEnd, InspectWritesMasks) {
   const std::filesystem::path masks = folder_ / "masks";
-  const ProgramResult ended = redrive({"inspect", drive_.string(), "--masks", masks.string()});
+  const ProgramResult ended = redrive({"inspect", drive_.string(), "--masks-out", masks.string()});
   ASSERT_EQ(ended.exit_code, kExitOk) << ended.err;
   EXPECT_THAT(ended.out, HasSubstr("mask of " + std::string(kTinyLeft)));
   EXPECT_EQ(read_image(masks / (std::string(kTinyFront) + ".png")).width, 48);
   EXPECT_EQ(read_image(masks / (std::string(kTinyFront) + "_overlay.png")).height, 32);
-  const ProgramResult again = redrive({"inspect", drive_.string(), "--masks", masks.string()});
+  const ProgramResult again = redrive({"inspect", drive_.string(), "--masks-out", masks.string()});
   EXPECT_EQ(again.exit_code, kExitUsage);
   EXPECT_THAT(again.err, HasSubstr("exists"));
 }

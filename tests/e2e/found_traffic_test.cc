@@ -48,7 +48,7 @@ TEST_F(FoundTraffic, IsDrawnScoredAndEditedAsAnnotatedTrafficIs) {
   const fs::path edit = folder_ / "edit.json";
   write_file(edit, R"({"actors": {"-1": {"remove": true}}})");
   EXPECT_EQ(rendered(run, {"--edit", edit}).rgb, none.rgb);
-  const ProgramResult exported = redrive({"export", run.string(), "--actor", "-1", "--to",
+  const ProgramResult exported = redrive({"export", run.string(), "--actors", "-1", "--to",
                                           "splat-ply", (folder_ / "car.ply").string()});
   EXPECT_EQ(exported.exit_code, kExitOk) << exported.err;
   EXPECT_THAT(exported.out, HasSubstr("FOUND of "));

@@ -14,9 +14,9 @@ TEST_F(EndToEnd, TheManPageNamesCommandsOptionsAndExitCodes) {
   const ProgramResult man = redrive({"--generate", "man"});
   ASSERT_EQ(man.exit_code, kExitOk) << man.err;
   EXPECT_THAT(man.out, StartsWith(".TH REDRIVE 1"));
-  for (const char* text : {".SS \\fBredrive train\\fR", ".SS \\fBredrive render lidar\\fR",
-                           "\\fB\\-\\-holdout\\-every\\fR",
-                           "\\fIRECORDING\\fR", ".SH EXIT STATUS", "\\fB130\\fR"})
+  for (const char* text :
+       {".SS \\fBredrive train\\fR", ".SS \\fBredrive render lidar\\fR",
+        "\\fB\\-\\-holdout\\-every\\fR", "\\fIRECORDING\\fR", ".SH EXIT STATUS", "\\fB130\\fR"})
     EXPECT_THAT(man.out, HasSubstr(text));
 }
 
@@ -58,7 +58,9 @@ TEST_F(EndToEnd, HelpFitsATerminalAndHasExamples) {
     for (std::string line; std::getline(lines, line);) EXPECT_LE(line.size(), 80u) << line;
   }
   // The default of the usual method, then of those that differ.
-  EXPECT_THAT(redrive({"help", "train"}).out, HasSubstr("default: 120"));
+  const std::string train = redrive({"help", "train"}).out;
+  EXPECT_THAT(train, HasSubstr("default: 120"));
+  EXPECT_THAT(train, ::testing::Not(HasSubstr("\nOptions\n"))) << "every option has a group";
 }
 
 TEST_F(EndToEnd, RenderHasSubcommands) {

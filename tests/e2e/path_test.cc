@@ -46,8 +46,7 @@ TEST_F(Path, StartsAndEndsAtItsKeyframes) {
   EXPECT_THAT(ended.out, HasSubstr("5 images, 44 x 36, 24 a second"));
   const fs::path first = folder_ / "first.png", last = folder_ / "last.png";
   ASSERT_EQ(image({"--frame", "100", "--out", first}), 0);
-  ASSERT_EQ(
-      image({"--frame", "102", "--translate", "0,0.5,0", "--yaw", "10", "--out", last}), 0);
+  ASSERT_EQ(image({"--frame", "102", "--translate", "0,0.5,0", "--yaw", "10", "--out", last}), 0);
   EXPECT_EQ(read_file(out_ / "000000.png"), read_file(first));
   EXPECT_EQ(read_file(out_ / "000004.png"), read_file(last));
 
@@ -58,8 +57,7 @@ TEST_F(Path, StartsAndEndsAtItsKeyframes) {
   EXPECT_EQ(rendered({file_, "--out", out_, "--force"}, 1000).exit_code, kExitIo);
   EXPECT_EQ(contents(folder_), before) << "nothing half-written";
   ASSERT_EQ(
-      rendered({file_, "--out", out_, "--force", "--fps", "10", "--camera", kTinyFront})
-          .exit_code,
+      rendered({file_, "--out", out_, "--force", "--fps", "10", "--camera", kTinyFront}).exit_code,
       kExitOk);
   EXPECT_EQ(contents(out_).size(), 3u) << "two images and the mark of the folder";
   EXPECT_EQ(read_image(out_ / "000001.png").width, 48);
@@ -95,8 +93,8 @@ TEST_F(Path, WritesAVideoOfTheDrive) {
   const std::string drive = read_file(video);
   EXPECT_EQ(rendered({"sideways:1", "--out", video}).exit_code, kExitUsage);
   EXPECT_EQ(read_file(video), drive);
-  ASSERT_EQ(rendered({"sideways:1", "--camera", kTinyRear, "--fps", "20", "--seconds",
-                      "0.5", "--out", video, "--force"})
+  ASSERT_EQ(rendered({"sideways:1", "--camera", kTinyRear, "--fps", "20", "--seconds", "0.5",
+                      "--out", video, "--force"})
                 .exit_code,
             kExitOk);
   if (std::system("ffprobe -version >/dev/null 2>&1") != 0)
@@ -128,13 +126,13 @@ TEST_F(Path, CtrlCLeavesNothing) {
 }
 
 TEST_F(Path, RefusesOtherOutputsAndOptions) {
-  for (const std::vector<std::string>& arguments : std::vector<std::vector<std::string>>{
-           {"drive", "--out", folder_ / "a.avi"},
-           {"drive", "--out", folder_ / "no" / "a.mp4"},
-           {"sideways:x", "--out", out_},
-           {"drive", "--out", out_, "--fps", "0"},
-           {"drive", "--out", out_, "--camera", "NONE"},
-           {"drive", "--out", out_, "--frame", "100"}}) {
+  for (const std::vector<std::string>& arguments :
+       std::vector<std::vector<std::string>>{{"drive", "--out", folder_ / "a.avi"},
+                                             {"drive", "--out", folder_ / "no" / "a.mp4"},
+                                             {"sideways:x", "--out", out_},
+                                             {"drive", "--out", out_, "--fps", "0"},
+                                             {"drive", "--out", out_, "--camera", "NONE"},
+                                             {"drive", "--out", out_, "--frame", "100"}}) {
     const ProgramResult ended = rendered(arguments);
     EXPECT_EQ(ended.exit_code, kExitUsage) << ended.out << ended.err;
   }

@@ -41,7 +41,8 @@ class Scan : public EndToEnd {
 TEST_F(Scan, RendersScoresAndExports) {
   train();
   // The recorded revolution as it is recorded: body axes, times of the recording.
-  const ProgramResult recorded = rendered({"--frame", "1001", "--out", las_.string(), "--points-in", "body"});
+  const ProgramResult recorded =
+      rendered({"--frame", "1001", "--out", las_.string(), "--points-in", "body"});
   ASSERT_EQ(recorded.exit_code, kExitOk) << recorded.err;
   EXPECT_THAT(recorded.out, AllOf(HasSubstr(las_.string()), HasSubstr("of low opacity"),
                                   HasSubstr("intensity: 0, since training does not model it")));
@@ -78,8 +79,7 @@ TEST_F(Scan, RendersScoresAndExports) {
            {"--frame", "1001", "--out", velodyne_.string()},
            {"--sensor", "64", "--actors", "5", "--frame", "1001", "--out", "a.las"},
            {"--rate", "20", "--frame", "1001", "--out", "a.las"},
-           {"--range", "5:2", "--frame", "1001", "--out",
-            (folder_ / "a.pcd").string()},
+           {"--range", "5:2", "--frame", "1001", "--out", (folder_ / "a.pcd").string()},
            {"--lens", kScanCamera, "--mount", "0,0,2,0,0,0", "--frame", "1001", "--out",
             (folder_ / "a.pcd").string()},
            {"--frame", "1001", "--out", (folder_ / "a.png").string()}})
@@ -141,8 +141,7 @@ TEST_F(Scan, RendersScoresAndExports) {
 
 TEST_F(Scan, NeedsALidar) {
   const fs::path run = trained("run", 2);
-  const ProgramResult recorded =
-      rendered({"--frame", "100", "--out", las_.string()});
+  const ProgramResult recorded = rendered({"--frame", "100", "--out", las_.string()});
   EXPECT_EQ(recorded.exit_code, kExitUsage);
   EXPECT_THAT(recorded.err, HasSubstr("the recording has no LiDAR"));
   const ProgramResult own =

@@ -57,7 +57,7 @@ TEST_F(Traffic, MovingObjectsAreDrawnScoredAndEdited) {
   // A body out and in again: on its own track it is the object, and it drives where none did.
   const fs::path body = folder_ / "car.ply";
   const ProgramResult exported =
-      redrive({"export", run.string(), "--actor", "2", "--to", "splat-ply", body.string()});
+      redrive({"export", run.string(), "--actors", "2", "--to", "splat-ply", body.string()});
   ASSERT_EQ(exported.exit_code, kExitOk) << exported.err;
   EXPECT_THAT(exported.out, HasSubstr("CAR of 4.63 x 2.10 x 1.44 m"));
   write_file(edit, R"({"actors": {"2": {"body": {"file": "car.ply"}}}})");
@@ -69,7 +69,7 @@ TEST_F(Traffic, MovingObjectsAreDrawnScoredAndEdited) {
   EXPECT_GT(changed(rendered(run, {"--edit", edit}), none), 300);
   EXPECT_EQ(rendered(run, {}).rgb, all.rgb) << "the run is as it was";
   for (const std::vector<std::string>& wrong : std::vector<std::vector<std::string>>{
-           {"--actor", "5", "--to", "splat-ply"}, {"--actor", "2", "--to", "las"}}) {
+           {"--actors", "5", "--to", "splat-ply"}, {"--actors", "2", "--to", "las"}}) {
     std::vector<std::string> arguments = {"export", run.string(), (folder_ / "no.ply").string()};
     arguments.insert(arguments.end(), wrong.begin(), wrong.end());
     EXPECT_EQ(redrive(arguments).exit_code, kExitUsage) << wrong[3];
@@ -79,8 +79,8 @@ TEST_F(Traffic, MovingObjectsAreDrawnScoredAndEdited) {
   // LiDAR sees them.
   const auto scan = [&](const std::string& actors) {
     const ProgramResult scanned =
-        redrive({"render", "lidar", run.string(), "--frame", "1012", "--actors",
-                 actors, "--out", (folder_ / "scan.bin").string(), "--force"});
+        redrive({"render", "lidar", run.string(), "--frame", "1012", "--actors", actors, "--out",
+                 (folder_ / "scan.bin").string(), "--force"});
     EXPECT_EQ(scanned.exit_code, kExitOk) << scanned.err;
     return read_file(folder_ / "scan.bin");
   };
@@ -99,14 +99,14 @@ TEST_F(Traffic, MovingObjectsAreDrawnScoredAndEdited) {
       redrive({"render", run.string(), "--camera", kTrafficCamera, "--frame", "1012", "--edit",
                edit, "--out", folder_ / "no.png"});
   EXPECT_EQ(unknown.exit_code, kExitBadInput);
-  EXPECT_THAT(unknown.err, HasSubstr("it draws 2, 3"));
+  EXPECT_THAT(unknown.err, HasSubstr("there are 2, 3"));
   EXPECT_FALSE(fs::exists(folder_ / "no.png"));
 
   const ProgramResult shown = redrive({"view", run.string(), "--edit", edit});
   if (shown.err.find("this build has no page") != std::string::npos)
     GTEST_SKIP() << "the build had no node or npm";
   EXPECT_EQ(shown.exit_code, kExitBadInput);
-  EXPECT_THAT(shown.err, HasSubstr("it draws 2, 3"));
+  EXPECT_THAT(shown.err, HasSubstr("there are 2, 3"));
   EXPECT_EQ(redrive({"view", run.string(), "--actors", "5"}).exit_code, kExitUsage);
   EXPECT_EQ(redrive({"view", REDRIVE_SAMPLES "/street_traffic", "--actors", "none"}).exit_code,
             kExitUsage);
@@ -114,7 +114,7 @@ TEST_F(Traffic, MovingObjectsAreDrawnScoredAndEdited) {
 
 TEST_F(Traffic, InspectListsObjects) {
   const std::string recording = REDRIVE_SAMPLES "/street_traffic";
-  const ProgramResult table = redrive({"inspect", recording, "--objects"});
+  const ProgramResult table = redrive({"inspect", recording, "--actors"});
   EXPECT_EQ(table.exit_code, kExitOk) << table.err;
   EXPECT_THAT(table.out, HasSubstr("parked"));
   const ProgramResult ended = redrive({"inspect", recording, "--objects", "--json"});

@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "redrive/base/error.h"
+#include "redrive/base/wrapped_text.h"
 
 namespace redrive {
 namespace {
@@ -72,6 +73,23 @@ bool progress_line_due(double now_s, double last_line_s, double began_s, bool an
   return now_s - last_line_s >= kLine_s || (!announced && now_s - began_s >= kFirstLine_s);
 }
 
+namespace {
+
+/// Returns the width of a terminal; 0: unknown.
+std::size_t columns_of(int terminal) {
+  winsize size{};
+  return ioctl(terminal, TIOCGWINSZ, &size) == 0 ? size.ws_col : 0;
+}
+
+/// Breaks lines that are longer than a terminal is wide between words.
+std::string short_lines(int terminal, std::string_view text) {
+  constexpr std::size_t kLeastColumns = 40;
+  const std::size_t columns = columns_of(terminal);
+  return columns < kLeastColumns ? std::string(text) : with_short_lines(text, columns);
+}
+
+}  // namespace
+
 /// The line on the terminal, and the thread that draws it.
 class ProgressDisplay {
  public:
@@ -115,7 +133,7 @@ class ProgressDisplay {
     erase_line();
     if (progress->own_.empty()) return;
     if (terminal_)
-      write_bytes(STDERR_FILENO, progress->own_ + "\n");
+      write_bytes(STDERR_FILENO, short_lines(STDERR_FILENO, progress->own_ + "\n"));
     else
       print_line(progress);
   }
@@ -138,7 +156,7 @@ class ProgressDisplay {
   void write_to(int to, std::string_view bytes) {
     const std::lock_guard lock(mutex_);
     erase_line();
-    write_bytes(to, bytes);
+    write_bytes(to, line_is_open_ ? std::string(bytes) : short_lines(to, bytes));
     if (!bytes.empty()) line_is_open_ = bytes.back() != '\n';
   }
 
@@ -171,9 +189,8 @@ class ProgressDisplay {
         print_line(progress);
     } else if (!line_is_open_) {
       std::string line = progress->text(true, now);
-      winsize size{};
-      if (ioctl(STDERR_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 1)
-        line.resize(std::min<std::size_t>(line.size(), size.ws_col - 1u));
+      if (const std::size_t columns = columns_of(STDERR_FILENO); columns > 1)
+        line.resize(std::min(line.size(), columns - 1));
       write_bytes(STDERR_FILENO, "\r" + line + "\033[K");
       is_drawn_ = true;
     }

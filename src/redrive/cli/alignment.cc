@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cstdio>
 
+#include "redrive/align/align_summary.h"
 #include "redrive/align/bundle/unobservable_extrinsics.h"
 #include "redrive/base/unfinished.h"
 #include "redrive/math/angles.h"
@@ -82,14 +83,10 @@ void print_alignment(const AlignResult& result) {
   if (bundle.lidar_points > 0)
     std::printf("LiDAR: %d points on %d planar patches, %.2f -> %.2f cm RMS\n", bundle.lidar_points,
                 bundle.patches, 100 * bundle.initial_lidar_rms_m, 100 * bundle.lidar_rms_m);
-  double sigma_m = 0, sigma_rad = 0;
-  for (const Correction& c : result.corrections) {
-    sigma_m = std::max(sigma_m, c.sigma.head<3>().norm());
-    sigma_rad = std::max(sigma_rad, c.sigma.tail<3>().norm());
-  }
+  const ShapeSigma sigma = worst_sigma(result);
   std::printf(
       "the trajectory's shape is known to %.2f cm and %.4f degrees (1 sigma, worst frame)\n",
-      100 * sigma_m, sigma_rad * kDegreesPerRadian);
+      100 * sigma.translation_m, sigma.rotation_deg);
   for (const std::string& remark : result.remarks) std::printf("note: %s\n", remark.c_str());
   if (result.initial_vs_ground_truth) print_residual("initial", *result.initial_vs_ground_truth);
   if (result.aligned_vs_ground_truth) print_residual("aligned", *result.aligned_vs_ground_truth);

@@ -6,12 +6,14 @@
 #include <string>
 #include <vector>
 
+#include "redrive/align/align_summary.h"
 #include "redrive/base/cpu_features.h"
 #include "redrive/base/error.h"
 #include "redrive/cli/alignment.h"
 #include "redrive/cli/command.h"
 #include "redrive/cli/frames_option.h"
 #include "redrive/cli/help.h"
+#include "redrive/cli/json_output.h"
 #include "redrive/cli/notes.h"
 #include "redrive/recording/core/camera_choice.h"
 #include "redrive/recording/core/readout_options.h"
@@ -28,13 +30,17 @@ struct AlignArguments {
   double max_damaged = kMostDamagedPercent;
   AlignOptions options;
   std::vector<std::string> rolling_shutter, cameras;
-  bool no_lidar = false, no_images = false, outside_files = false;
+  bool no_lidar = false, no_images = false, outside_files = false, json = false;
 };
 
 int run_align(AlignArguments arguments) {
   if (const int window = arguments.options.window; window != 0 && window < kMinWindow)
     throw UsageError("--window", std::to_string(window),
                      "must be 0 or " + std::to_string(kMinWindow) + " frames at least");
+  if (std::filesystem::path& masks = arguments.options.tracks.masks; masks == "auto")
+    masks.clear();
+  else if (!masks.empty() && !std::filesystem::is_directory(masks))
+    throw UsageError("--masks", masks.string(), "must be auto or a folder");
   if (!arguments.out.empty()) check_run_is_new(arguments.out);  // fails before minutes of work
   arguments.options.images = !arguments.no_images;
   arguments.options.lidar = !arguments.no_lidar;
@@ -48,10 +54,17 @@ int run_align(AlignArguments arguments) {
   if (arguments.options.lidar)
     if (const auto lost = lost_returns(sample_returns(recording, pool)))
       recording.findings.push_back(*lost);
-  print_notes(recording);
-  const AlignResult result = align_verbose(recording, arguments.options, pool);
-  if (arguments.out.empty()) return kExitOk;
-  write_alignment(arguments.out, recording, result);
+  if (!arguments.json) print_notes(recording);
+  const AlignResult result = arguments.json ? align(recording, arguments.options, pool)
+                                            : align_verbose(recording, arguments.options, pool);
+  if (!arguments.out.empty()) write_alignment(arguments.out, recording, result);
+  if (arguments.json) {
+    nlohmann::json json = alignment_to_json(result);
+    json["recording"] = recording.root.string();
+    json["findings"] = findings_to_json(recording.findings);
+    print_json(json);
+  }
+  if (arguments.out.empty() || arguments.json) return kExitOk;
   std::printf("%s: redrive train %s --poses %s\n",
               (std::filesystem::path(arguments.out) / "report.html").c_str(),
               arguments.recording.c_str(), arguments.out.c_str());
@@ -72,9 +85,12 @@ Action configure_align(CLI::App& command) {
                   "folder for poses, calibration and report.html; must not exist (default: prints "
                   "figures and writes nothing)")
       ->type_name("DIR");
-  command.add_option(
-      "--masks", arguments->options.tracks.masks,
-      "folder with CAM.png as inspect --masks writes them, in place of computed masks");
+  command
+      .add_option("--masks", arguments->options.tracks.masks,
+                  "auto: computes masks of the ego vehicle and broken rows; or a folder with "
+                  "CAM.png as inspect "
+                  "--masks-out writes them")
+      ->default_str("auto");
   auto* no_lidar = command.add_flag("--no-lidar", arguments->no_lidar, "use images only");
   command
       .add_flag("--no-images", arguments->no_images,
@@ -95,8 +111,8 @@ Action configure_align(CLI::App& command) {
                   "overlap by a fifth and joined; 0: never")
       ->check(within("--window", 0, 1'000'000))
       ->capture_default_str();
-  command.add_option("--threads", arguments->threads, "0: all that this process may use")
-      ->check(within("--threads", 0, 1024));
+  add_train_option(command, "threads", &arguments->threads);
+  add_json_option(command, &arguments->json);
   return [arguments] { return run_align(*arguments); };
 }
 

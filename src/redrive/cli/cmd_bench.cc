@@ -2,11 +2,10 @@
 #include <cstdio>
 #include <memory>
 
-#include <nlohmann/json.hpp>
-
 #include "redrive/bench/bench.h"
 #include "redrive/cli/backend_options.h"
 #include "redrive/cli/command.h"
+#include "redrive/cli/json_output.h"
 
 namespace redrive {
 
@@ -18,17 +17,18 @@ Action configure_bench(CLI::App& command) {
   };
   auto s = std::make_shared<Settings>();
   add_backend_options(command, &s->backend);
-  command.add_flag("--json", s->json, "prints the results as JSON");
+  add_json_option(command, &s->json);
   command.add_option("--filter", s->options.filter,
                      "runs only benchmarks whose name contains this (default: all)");
-  command.add_option(
-      "--repetitions", s->options.repetitions,
-      "0..10000; 0: at least 5 and for 3 s, but one run where it takes over 20 s (default: 0)");
+  command
+      .add_option("--repetitions", s->options.repetitions,
+                  "0..10000; 0: at least 5 and for 3 s, but one run where it takes over 20 s")
+      ->capture_default_str();
   return [s] {
     if (s->options.repetitions < 0 || s->options.repetitions > 10'000)
       throw UsageError("--repetitions", std::to_string(s->options.repetitions),
                        "must be in 0..10000");
-    const auto backend = make_checked_backend(s->backend);
+    const auto backend = kernels::make_backend(s->backend);
     // Progress goes to stderr where stdout is for a script.
     std::FILE* out = s->json ? stderr : stdout;
     std::fprintf(out, "%s, %s\n", describe(*backend).c_str(), cpu_model_name().c_str());
@@ -46,7 +46,7 @@ Action configure_bench(CLI::App& command) {
                  "and outputs\n",
                  report.ceilings.gflops, report.ceilings.arithmetic.c_str(),
                  report.ceilings.copy_gb_per_s);
-    if (s->json) std::printf("%s\n", bench::to_json(report).dump(2).c_str());
+    if (s->json) print_json(bench::to_json(report));
     return kExitOk;
   };
 }

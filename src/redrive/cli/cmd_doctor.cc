@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <cstdint>
 #include <cstdio>
+#include <memory>
 #include <string>
 
 #include <unistd.h>
@@ -7,17 +9,40 @@
 #include "redrive/base/cpu_features.h"
 #include "redrive/base/error.h"
 #include "redrive/cli/command.h"
+#include "redrive/cli/json_output.h"
 #include "redrive/kernels/backend.h"
 
 namespace redrive {
 namespace {
 
-int doctor() {
-  const double memory_gib = 0x1p-30 * static_cast<double>(sysconf(_SC_PHYS_PAGES)) *
-                            static_cast<double>(sysconf(_SC_PAGESIZE));
+/// Uses the keys of bench --json.
+void print_machine_json(std::int64_t memory_bytes) {
+  const auto backend = kernels::make_backend({});
+  nlohmann::json isas;
+  for (const Isa isa : all_isas()) {
+    const auto obstacle = isa_obstacle(isa);
+    isas[std::string(isa_name(isa))] = {{"usable", !obstacle},
+                                        {"why", obstacle ? nlohmann::json(*obstacle) : nullptr}};
+  }
+  print_json(
+      nlohmann::json{{"cpu", cpu_model_name()},
+                     {"cores", hardware_threads()},
+                     {"memory_bytes", memory_bytes},
+                     {"isas", isas},
+                     {"backend", backend->name()},
+                     {"isa", backend->isa() ? std::string(isa_name(*backend->isa())) : "none"},
+                     {"threads", backend->threads()}});
+}
+
+int doctor(bool json) {
+  const std::int64_t memory_bytes = std::int64_t{sysconf(_SC_PHYS_PAGES)} * sysconf(_SC_PAGESIZE);
+  if (json) {
+    print_machine_json(memory_bytes);
+    return kExitOk;
+  }
   std::printf("processor    %s\n", cpu_model_name().c_str());
   std::printf("cores        %d for this process\n", hardware_threads());
-  std::printf("memory       %.1f GiB\n", memory_gib);
+  std::printf("memory       %.1f GiB\n", 0x1p-30 * static_cast<double>(memory_bytes));
   for (const Isa isa : all_isas()) {
     const auto obstacle = isa_obstacle(isa);
     std::printf("%-12s %s\n", std::string(isa_name(isa)).c_str(),
@@ -38,6 +63,10 @@ int doctor() {
 
 }  // namespace
 
-Action configure_doctor(CLI::App&) { return doctor; }
+Action configure_doctor(CLI::App& command) {
+  auto json = std::make_shared<bool>(false);
+  add_json_option(command, json.get());
+  return [json] { return doctor(*json); };
+}
 
 }  // namespace redrive

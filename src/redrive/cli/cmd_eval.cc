@@ -8,13 +8,12 @@
 #include <string>
 #include <vector>
 
-#include <nlohmann/json.hpp>
-
 #include "redrive/base/error.h"
 #include "redrive/cli/backend_options.h"
 #include "redrive/cli/command.h"
 #include "redrive/cli/frames_option.h"
 #include "redrive/cli/help.h"
+#include "redrive/cli/json_output.h"
 #include "redrive/eval/edited_score.h"
 #include "redrive/eval/evaluate.h"
 #include "redrive/eval/other_cameras.h"
@@ -34,9 +33,9 @@ struct EvalCommandOptions {
 };
 
 void print_row(const std::string& name, const Score& score) {
-  std::printf("%-28s %6d %8.2f %8.4f %8.4f %10lld", name.c_str(), score.images, score.psnr_db,
+  std::printf("%-24s %6d %8.2f %8.4f %8.4f %9lld", name.c_str(), score.images, score.psnr_db,
               score.ssim, score.flip, static_cast<long long>(score.left_out));
-  if (!std::isnan(score.depth_error)) std::printf(" %14.2f", 100 * score.depth_error);
+  if (!std::isnan(score.depth_error)) std::printf(" %11.2f", 100 * score.depth_error);
   std::printf("\n");
 }
 
@@ -44,7 +43,7 @@ void print_moving(const MovingEvaluation& moving) {
   print_row("moving objects", moving.inside);
   print_row("beside moving objects", moving.outside);
   for (const auto& [id, object] : moving.objects)
-    std::printf("%-28s %6d %8.2f %8.4f\n", ("  " + object.type + " " + std::to_string(id)).c_str(),
+    std::printf("%-24s %6d %8.2f %8.4f\n", ("  " + object.type + " " + std::to_string(id)).c_str(),
                 object.score.images, object.score.psnr_db, object.score.ssim);
 }
 
@@ -61,7 +60,7 @@ void print_scored_share(const std::map<std::string, Score>& cameras, const Score
 void print_evaluation(const Evaluation& evaluation) {
   std::printf("%s\n",
               evaluation.held_out ? "held-out frames" : "training frames (no frame was held out)");
-  std::printf("%-28s %6s %8s %8s %8s %10s\n", "camera", "images", "PSNR dB", "SSIM", "FLIP",
+  std::printf("%-24s %6s %8s %8s %8s %9s\n", "camera", "images", "PSNR dB", "SSIM", "FLIP",
               "px masked");
   for (const auto& [name, score] : evaluation.cameras) print_row(name, score);
   print_row("all", evaluation.overall);
@@ -101,8 +100,8 @@ void print_evaluation(const Evaluation& evaluation) {
         "%.3f deg RMS\n",
         100 * alignment->translation_m, alignment->rotation_deg, 100 * alignment->residual_m,
         alignment->residual_deg);
-  std::printf("%-28s %6s %8s %8s %8s %10s %14s\n", "novel views", "images", "PSNR dB", "SSIM",
-              "FLIP", "px masked", "depth error %");
+  std::printf("%-24s %6s %8s %8s %8s %9s %11s\n", "novel views", "images", "PSNR dB", "SSIM",
+              "FLIP", "px masked", "depth err %");
   for (const auto& [name, score] : evaluation.novel) {
     print_row(name, score);
     for (const auto& [block, part] : evaluation.parts)
@@ -112,7 +111,7 @@ void print_evaluation(const Evaluation& evaluation) {
 }
 
 void print_other_cameras(const std::map<std::string, OtherCameraScore>& scores) {
-  std::printf("%-28s %6s %8s %8s %8s %10s\n", "camera not trained on", "images", "PSNR dB", "SSIM",
+  std::printf("%-24s %6s %8s %8s %8s %9s\n", "camera not trained on", "images", "PSNR dB", "SSIM",
               "FLIP", "px masked");
   for (const auto& [name, other] : scores) {
     print_row(name, other.score);
@@ -129,7 +128,7 @@ void print_other_cameras(const std::map<std::string, OtherCameraScore>& scores) 
 }
 
 void print_edited(const std::map<std::string, EditedScore>& scores) {
-  std::printf("%-28s %6s %8s %8s %8s %10s\n", "edit", "images", "PSNR dB", "SSIM", "FLIP",
+  std::printf("%-24s %6s %8s %8s %8s %9s\n", "edit", "images", "PSNR dB", "SSIM", "FLIP",
               "px masked");
   for (const auto& [name, score] : scores) {
     print_row(name + ", changed region", score.inside);
@@ -142,12 +141,12 @@ int run_eval(EvalCommandOptions options) {
   if (!options.cameras.empty()) refuse_divided(options.run, "eval --cameras");
   if (!options.edited.empty()) refuse_divided(options.run, "eval --edited");
   const Run run = open_to_render(options.run, options.max_damaged);
-  const auto backend = make_checked_backend(options.backend);
+  const auto backend = kernels::make_backend(options.backend);
   if (!options.json) std::printf("%s\n", kernels::describe(*backend).c_str());
   if (!options.edited.empty()) {
     const auto scores = score_edited(run, *backend, options.edited, options.eval);
     if (options.json)
-      std::printf("%s\n", edited_to_json(scores).dump(2).c_str());
+      print_json(edited_to_json(scores));
     else
       print_edited(scores);
     return kExitOk;
@@ -157,14 +156,14 @@ int run_eval(EvalCommandOptions options) {
   if (!options.cameras.empty()) {
     const auto scores = score_other_cameras(run, *backend, options.cameras, options.eval);
     if (options.json)
-      std::printf("%s\n", other_cameras_to_json(scores).dump(2).c_str());
+      print_json(other_cameras_to_json(scores));
     else
       print_other_cameras(scores);
     return kExitOk;
   }
   const Evaluation evaluation = evaluate(run, *backend, options.eval);
   if (options.json)
-    std::printf("%s\n", evaluation_to_json(evaluation).dump(2).c_str());
+    print_json(evaluation_to_json(evaluation));
   else
     print_evaluation(evaluation);
   return kExitOk;
@@ -175,7 +174,7 @@ int run_eval(EvalCommandOptions options) {
 Action configure_eval(CLI::App& command) {
   auto options = std::make_shared<EvalCommandOptions>();
   add_run_option(command, &options->run);
-  command.add_flag("--json", options->json, "JSON on standard output instead of the table");
+  add_json_option(command, &options->json);
   auto* cameras =
       command
           .add_option("--cameras", options->cameras,

@@ -189,7 +189,7 @@ int export_ply(const ExportCommandOptions& options) {
   const Source source = open_source(options);
   std::string bytes;
   if (source.is_run) {
-    const auto backend = make_checked_backend(options.backend);
+    const auto backend = kernels::make_backend(options.backend);
     const std::vector<PlyPoint> points = field_points(source.run, *backend, kMaxExportedPoints);
     if (points.empty())
       throw InputError(options.from, "", "", "the field has no opaque surface in its images");
@@ -225,7 +225,7 @@ int export_mesh(const ExportCommandOptions& options) {
   const auto write = mesh_writer(options.out);
   if (const auto obstacle = mesh_obstacle()) throw UsageError("--to", "mesh", *obstacle);
   const Run run = open_to_render(options.from, options.max_damaged);
-  const auto backend = make_checked_backend(options.backend);
+  const auto backend = kernels::make_backend(options.backend);
   const FieldMesh field =
       field_mesh(run, *backend, {options.voxel_m, allowed_memory(run.options, memory_bytes())});
   if (field.mesh.triangles.empty())
@@ -295,7 +295,7 @@ int export_model(const ExportCommandOptions& options) {
   const Run run = open_to_render(options.from, options.max_damaged);
   const ExportFormat format = find_format(*run.field(), options.format);
   ExportOptions encode = options.encode;
-  if (options.actor) encode.actor = &find_actor(run.scene, "--actor", *options.actor);
+  if (options.actor) encode.actor = &find_actor(run.scene, "--actors", *options.actor);
   const std::string bytes = format.encode(encode);
   write_file(options.out, bytes);
   if (const MovingObject* actor = encode.actor)
@@ -370,7 +370,8 @@ int run_export(const ExportCommandOptions& options) {
   for (const Format& format : kFormats) {
     if (options.format != format.name) continue;
     if (options.actor)
-      throw UsageError("--actor", std::to_string(*options.actor), "is for splat-ply and splat-spz");
+      throw UsageError("--actors", std::to_string(*options.actor),
+                       "is for splat-ply and splat-spz");
     return format.run(options);
   }
   if (const std::vector<std::string> names = format_names();
@@ -396,13 +397,14 @@ Action configure_export(CLI::App& command) {
                   "splat-ply a Gaussian takes 68 bytes with 0, 104 with 1")
       ->check(within("--sh-degree", 0, 1))
       ->capture_default_str();
-  command.add_option("--actor", options->actor,
-                     "id of a moving object whose Gaussians splat-ply and splat-spz have instead "
+  command.add_option("--actors", options->actor,
+                     "id of one moving object whose Gaussians splat-ply and splat-spz have instead "
                      "of the world's, in the axes of its box; render --edit takes the PLY");
   command
       .add_option("--voxel", options->voxel_m,
-                  "of meshes, the side of a voxel in metres, 0.001..100 (default: 0.1; of "
-                  "photographs a hundredth of the median depth)")
+                  "of meshes, the side of a voxel in metres, 0.001..100 (default: " +
+                      number_text(kMeshVoxel_m) + "; of photographs the median depth / " +
+                      number_text(kVoxelsPerMedianDepth) + ")")
       ->check(within("--voxel", 0.001, 100.0));
   command.add_flag("--force", options->force,
                    "overwrites an existing file, or a folder of an earlier export");

@@ -10,6 +10,7 @@
 #include "redrive/cli/command.h"
 #include "redrive/cli/frames_option.h"
 #include "redrive/cli/help.h"
+#include "redrive/cli/json_output.h"
 #include "redrive/render/open_to_render.h"
 #include "redrive/report/headline.h"
 #include "redrive/report/report.h"
@@ -21,6 +22,7 @@ struct FiguresCommandOptions {
   std::string run, compare;
   std::optional<double> max_damaged;
   FigureOptions figures;
+  bool json = false;
   kernels::BackendChoice backend;
 };
 
@@ -43,9 +45,15 @@ int run_figures(FiguresCommandOptions options) {
                            run.recording.root.string());
     options.figures.compared = &*compared;
   }
-  const auto backend = make_checked_backend(options.backend);
+  const auto backend = kernels::make_backend(options.backend);
   const Evaluation scores = write_figures(run, *backend, options.figures);
-  std::printf("%s: %s\n", run.paths.report().c_str(), score_text(scores).c_str());
+  if (options.json) {
+    nlohmann::json json = evaluation_to_json(scores);
+    json["report"] = run.paths.report().string();
+    print_json(json);
+  } else {
+    std::printf("%s: %s\n", run.paths.report().c_str(), score_text(scores).c_str());
+  }
   return kExitOk;
 }
 
@@ -62,6 +70,7 @@ Action configure_figures(CLI::App& command) {
                   "number of images to score per camera and per novel set, evenly spaced "
                   "(default: as eval)")
       ->check(within("--max-images", 1, 1000000));
+  add_json_option(command, &options->json);
   add_max_damaged_option(command, &options->max_damaged);
   add_backend_options(command, &options->backend);
   return [options] { return run_figures(*options); };

@@ -7,8 +7,6 @@
 #include <string>
 #include <vector>
 
-#include <nlohmann/json.hpp>
-
 #include "redrive/align/preflight/drive_checks.h"
 #include "redrive/align/tracks/patch.h"
 #include "redrive/base/cpu_features.h"
@@ -19,6 +17,8 @@
 #include "redrive/cli/command.h"
 #include "redrive/cli/frames_option.h"
 #include "redrive/cli/inspection.h"
+#include "redrive/cli/json_output.h"
+#include "redrive/edit/edit_actors.h"
 #include "redrive/image/image_io.h"
 #include "redrive/math/angles.h"
 #include "redrive/perception/find_moving.h"
@@ -147,10 +147,11 @@ void find_beams(Inspection* result) {
 }
 
 struct InspectOptions {
-  std::string recording, frames, masks, report;
+  std::string recording, frames, actors, masks, report;
   std::vector<std::string> cameras;
   double max_damaged = kMostDamagedPercent;
-  bool json = false, objects = false, outside_files = false;
+  int threads = 0;
+  bool json = false, outside_files = false;
 };
 
 Inspection inspect(const InspectOptions& options, ThreadPool& pool) {
@@ -283,30 +284,31 @@ void write_report(const std::filesystem::path& folder, ThreadPool& pool, Inspect
   });
 }
 
-/// Returns annotated objects, and moving ones that nobody annotated.
-std::vector<ObjectSummary> list_objects(const Recording& recording, ThreadPool& pool) {
-  const Scene scene = make_scene(recording, {});
+/// Returns the annotated objects, and moving ones that nobody annotated, that --actors chooses.
+std::vector<ObjectSummary> list_objects(const Recording& recording, const std::string& chosen,
+                                        ThreadPool& pool) {
+  Scene scene = make_scene(recording, {});
   const MovingObjects annotated = read_moving_objects(recording, scene);
-  return summarize_objects(scene, annotated.with(search_moving(recording, scene, annotated, pool)));
+  const MovingObjects all = annotated.with(search_moving(recording, scene, annotated, pool));
+  scene.actors = all.objects();
+  select_actors(chosen, &scene);
+  return summarize_objects(scene, MovingObjects(scene.actors));
 }
 
 int run_inspect(const InspectOptions& options) {
   const std::string &masks = options.masks, &report = options.report;
-  if (!masks.empty()) require_empty_folder("--masks", masks);
+  if (!masks.empty()) require_empty_folder("--masks-out", masks);
   if (!report.empty()) require_empty_folder("--report", report);
-  ThreadPool pool(hardware_threads());
+  ThreadPool pool(options.threads > 0 ? options.threads : hardware_threads());
   Inspection result = inspect(options, pool);
-  if (options.objects && result.problems.empty())
-    result.objects = list_objects(result.recording, pool);
+  if (!options.actors.empty() && result.problems.empty())
+    result.objects = list_objects(result.recording, options.actors, pool);
   if (!masks.empty() && result.problems.empty())
     write_folder(masks, /*replace=*/false,
                  [&](const std::filesystem::path& made) { write_masks(made, pool, &result); });
   if (!report.empty() && result.problems.empty()) write_report(report, pool, &result);
   if (options.json) {
-    // JSON must be UTF-8; file names need not be.
-    std::printf("%s\n", inspection_to_json(result)
-                            .dump(2, ' ', false, nlohmann::json::error_handler_t::replace)
-                            .c_str());
+    print_json(inspection_to_json(result));
   } else {
     print_inspection(result);
   }
@@ -323,12 +325,13 @@ Action configure_inspect(CLI::App& command) {
   add_cameras_option(command, &options->cameras);
   add_outside_files_option(command, &options->outside_files);
   add_max_damaged_option(command, &options->max_damaged);
-  command.add_flag("--json", options->json, "JSON on standard output instead of the table");
-  command.add_flag("--objects", options->objects,
+  add_json_option(command, &options->json);
+  command.add_flag("--actors{all},--objects{all}", options->actors,
                    "lists annotated objects, and ones that move by the LiDAR: type, moving or "
-                   "parked, boxes, metres driven, least distance, images");
+                   "parked, boxes, metres driven, least distance, images; --actors=3,17: these "
+                   "alone");
   command.add_option(
-      "--masks", options->masks,
+      "--masks-out,--masks", options->masks,
       "new folder for masks of pixels that training ignores: CAM.png and, where the LiDAR finds "
       "moving objects that nobody annotated, moving.json, to be edited, and CAM_overlay.png, to "
       "inspect them");
@@ -336,6 +339,7 @@ Action configure_inspect(CLI::App& command) {
       "--report", options->report,
       "new folder for a page (index.html) that checks calibration, poses and time offsets "
       "against the images");
+  add_train_option(command, "threads", &options->threads);
   return [options] { return run_inspect(*options); };
 }
 

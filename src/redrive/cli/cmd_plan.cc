@@ -9,12 +9,11 @@
 #include <memory>
 #include <optional>
 
-#include <nlohmann/json.hpp>
-
 #include "redrive/base/error.h"
 #include "redrive/base/memory_limit.h"
 #include "redrive/cli/command.h"
 #include "redrive/cli/help.h"
+#include "redrive/cli/json_output.h"
 #include "redrive/cli/notes.h"
 #include "redrive/cli/train/training.h"
 #include "redrive/perception/seen_through.h"
@@ -302,7 +301,7 @@ int run_plan(const PlanArguments& arguments) {
                         {"start_s", rates.start_s},   {"mask_s", rates.mask_s},
                         {"look_s", rates.look_s},     {"step_s", rates.step_s},
                         {"spread", rates.spread}};
-  std::printf("%s\n", json.dump(2).c_str());
+  print_json(json);
   return kExitOk;
 }
 
@@ -316,14 +315,14 @@ Action configure_plan(CLI::App& command) {
       add_field(command, field, &arguments->given);
   command.add_option("--blocks", arguments->blocks,
                      "metres of a block, or auto, as for train (default: one block)");
-  command
-      .add_option("--machines", arguments->machines, "number of machines, 1..100000 (default: 1)")
-      ->check(within("--machines", 1, 100'000));
+  command.add_option("--machines", arguments->machines, "number of machines, 1..100000")
+      ->check(within("--machines", 1, 100'000))
+      ->capture_default_str();
   command
       .add_option("--cores", arguments->cores,
                   "cores of each machine, 1..4096 (default: those of --threads here)")
       ->check(within("--cores", 1, 4096));
-  command.add_flag("--json", arguments->json, "prints the plan as JSON");
+  add_json_option(command, &arguments->json);
   return [arguments] { return run_plan(*arguments); };
 }
 

@@ -176,8 +176,10 @@ Action configure_train(CLI::App& command) {
       .add_option("--blocks", arguments->blocks,
                   "metres, or auto: divides the drive into blocks of so many metres at most, each "
                   "trained as a run of its own, one after the other or by the processes of "
-                  "mpirun; auto: 200 m, or less by --memory. --max-seconds, --max-steps and "
-                  "--epochs are those of each block")
+                  "mpirun; auto: " +
+                      number_text(kLongestCore_m) +
+                      " m, or less by --memory. --max-seconds, --max-steps and --epochs are those "
+                      "of each block")
       ->type_name("METRES")
       ->check(offering({"auto"}))
       ->group("Run");

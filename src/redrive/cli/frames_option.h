@@ -10,8 +10,7 @@
 
 #include <CLI/App.hpp>
 
-#include "redrive/cli/help.h"
-#include "redrive/recording/core/frame_range.h"
+#include "redrive/cli/train_option.h"
 #include "redrive/recording/core/recording.h"
 
 namespace redrive {
@@ -21,38 +20,26 @@ inline void add_run_option(CLI::App& command, std::string* run) {
 }
 
 inline void add_frames_option(CLI::App& command, std::string* frames) {
-  command.add_option("--frames", *frames,
-                     "frame ids, both ends included, either may be empty: reads "
-                     "these frames alone (default: all)");
+  add_train_option(command, "frames", frames);
 }
 
 inline void add_cameras_option(CLI::App& command, std::vector<std::string>* cameras) {
-  command.add_option("--cameras", *cameras, "takes these cameras alone (default: all with images)")
-      ->delimiter(',');
+  add_train_option(command, "cameras", cameras)->delimiter(',');
 }
 
 inline void add_outside_files_option(CLI::App& command, bool* outside_files) {
-  command.add_flag(
-      "--outside-files", *outside_files,
-      "also reads images, masks and points that transforms.json names outside of its folder");
+  add_train_option(command, "outside-files", outside_files);
 }
 
 /// `percent`: a double, or an optional one in commands that take a run.
 template <class Percent>
 void add_max_damaged_option(CLI::App& command, Percent* percent) {
-  const bool of_run = std::is_same_v<Percent, std::optional<double>>;
-  CLI::Option* const option =
-      command
-          .add_option("--max-damaged", *percent,
-                      std::string("percentage of a sensor's images, scans, poses or times that may "
-                                  "be damaged or impossible and are left out; one always may, "
-                                  "unless it is 0") +
-                          (of_run ? " (default: of a run what train was given, else " +
-                                        number_text(kMostDamagedPercent) + ")"
-                                  : ""))
-          ->type_name("PERCENT")
-          ->check(within("--max-damaged", 0, 100));
-  if constexpr (!of_run) option->capture_default_str();
+  const TrainField field = field_named("max-damaged");
+  std::string help;
+  if constexpr (std::is_same_v<Percent, std::optional<double>>)
+    help = field.help + " (" + field.rule + "; default: what train was given, of a recording " +
+           number_text(kMostDamagedPercent) + ")";
+  add_train_option(command, "max-damaged", percent, help);
 }
 
 }  // namespace redrive

@@ -16,6 +16,7 @@
 
 #include "redrive/base/did_you_mean.h"
 #include "redrive/base/error.h"
+#include "redrive/base/wrapped_text.h"
 
 namespace redrive {
 namespace {
@@ -28,9 +29,9 @@ struct OptionWords {
   const char *name, *value, *group;
 };
 
-constexpr const char *kView = "View", *kLidar = "LiDAR",
-                     *kTraffic = "Moving objects", *kOutput = "Output", *kServer = "Browser",
-                     *kRecording = "Recording", *kResources = "Resources";
+constexpr const char *kView = "View", *kLidar = "LiDAR", *kTraffic = "Moving objects",
+                     *kOutput = "Output", *kServer = "Browser", *kRecording = "Recording",
+                     *kResources = "Resources";
 
 constexpr OptionWords kOptionWords[] = {
     {"actors", "IDS", kTraffic},
@@ -58,6 +59,7 @@ constexpr OptionWords kOptionWords[] = {
     {"listen", "ADDRESS", kServer},
     {"machines", "N", ""},
     {"masks", "DIR", ""},
+    {"masks-out", "DIR", ""},
     {"max-images", "N", ""},
     {"mount", "X,Y,Z,YAW,PITCH,ROLL", kView},
     {"normals", "FILE.png", kOutput},
@@ -153,12 +155,12 @@ std::vector<std::string> names_of(const std::vector<const CLI::App*>& commands) 
         throw UsageError(option, "", "is no option of " + whose + "; it is " + usage_of(*beside));
     for (const CLI::App* beside : subcommands_of(*parent))
       if (beside->get_option_no_throw(option))
-        throw UsageError(
-            option, "", "is no option of " + whose + ", but one of " + full_name(*beside));
+        throw UsageError(option, "",
+                         "is no option of " + whose + ", but one of " + full_name(*beside));
   }
   std::vector<std::string> names;
   for (const CLI::Option* known : command.get_options())
-    for (const std::string& name : known->get_lnames()) names.push_back("--" + name);
+    if (!known->get_lnames().empty()) names.push_back("--" + known->get_lnames().front());
   const std::string meant = did_you_mean(option, names);
   throw UsageError(option, "",
                    "is no option of " + whose + meant + (meant.empty() ? "; " : " ") + whose +
@@ -187,31 +189,6 @@ std::string full_name(const CLI::App& command) {
   return (parent ? full_name(*parent) + " " : "") + command.get_name();
 }
 
-std::string wrapped(const std::string& text, std::size_t begin, std::size_t indent,
-                    std::size_t width) {
-  std::string out;
-  std::size_t column = begin;
-  for (std::size_t at = 0; at < text.size();) {
-    const std::size_t end = std::min(text.find_first_of(" \n", at), text.size());
-    const bool first = column == begin && out.empty();
-    if (!first && column + 1 + (end - at) > width && column > indent) {
-      out += "\n" + std::string(indent, ' ');
-      column = indent;
-    } else if (!first && column > indent) {
-      out += ' ';
-      ++column;
-    }
-    out.append(text, at, end - at);
-    column += end - at;
-    if (end < text.size() && text[end] == '\n') {
-      out += "\n" + std::string(indent, ' ');
-      column = indent;
-    }
-    at = end + 1;
-  }
-  return out;
-}
-
 void use_own_help(CLI::App& app) { app.formatter(std::make_shared<OwnFormatter>()); }
 
 void name_options(CLI::App& command) {
@@ -233,8 +210,7 @@ std::string option_heading(const CLI::Option& option) {
   if (option.get_positional() && option.get_lnames().empty()) return option.get_name(true);
   std::string text;
   for (const std::string& name : option.get_snames()) text += "-" + name + ", ";
-  for (const std::string& name : option.get_lnames()) text += "--" + name + ", ";
-  text.resize(text.size() - 2);
+  text += "--" + option.get_lnames().front();  // further ones are old names
   const std::string type = option.get_type_name();
   if (takes_value(option)) text += " " + type.substr(0, type.find(":{"));
   return text;

@@ -9,11 +9,6 @@
 
 namespace redrive {
 
-/// Returns text in lines of at most `width` columns, all but the first indented by `indent`; the
-/// first begins at column `begin`.
-std::string wrapped(const std::string& text, std::size_t begin, std::size_t indent,
-                    std::size_t width = 80);
-
 /// Gives the program and the commands added to it later help in groups and in 80 columns.
 void use_own_help(CLI::App& app);
 /// Names the values of a command's options, "N" or "DIR", and their groups, unless it names them

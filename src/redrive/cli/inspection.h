@@ -19,7 +19,7 @@ struct CameraReport {
   const RecordedCamera* recorded = nullptr;
   double horizontal_fov_deg = 0;
   double percent_without_ray = 0;        ///< pixels outside the model's valid region
-  std::optional<double> percent_masked;  ///< with --masks
+  std::optional<double> percent_masked;  ///< with --masks-out
   bool grey = false;                     ///< whether its images are grey
   bool alpha = false;                    ///< whether a decoded image has an alpha channel
   std::size_t held_out = 0, masks = 0;
@@ -33,7 +33,7 @@ struct Inspection {
   std::vector<Finding> findings;       ///< oddities with which the recording can be used
   std::vector<Finding> problems;       ///< reasons for which training would reject the recording
   std::optional<Preflight> preflight;  ///< with --report
-  std::optional<std::vector<ObjectSummary>> objects;  ///< with --objects
+  std::optional<std::vector<ObjectSummary>> objects;  ///< with --actors
 };
 
 nlohmann::ordered_json inspection_to_json(const Inspection& inspection);

@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "redrive/cli/inspection.h"
+#include "redrive/cli/json_output.h"
 #include "redrive/math/angles.h"
 #include "redrive/report/html.h"
 
@@ -38,9 +39,9 @@ nlohmann::ordered_json preflight_to_json(const Preflight& preflight) {
       tried.push_back({{"fault", fault_name(h.fault)}, {"what", h.what}, {"error_px", h.error_px}});
     nlohmann::ordered_json contrast = nlohmann::ordered_json::array();
     for (const ScanPoint& p : c.scan)
-      scan.push_back({{"offset_ms", p.offset_ms}, {"error_px", p.error_px}});
+      scan.push_back({{"time_offset_s", 1e-3 * p.offset_ms}, {"error_px", p.error_px}});
     for (const ContrastPoint& p : c.contrast)
-      contrast.push_back({{"offset_ms", p.offset_ms}, {"correlation", p.correlation}});
+      contrast.push_back({{"time_offset_s", 1e-3 * p.offset_ms}, {"correlation", p.correlation}});
     nlohmann::ordered_json camera = {{"name", c.name},
                                      {"verdict", verdict_name(c.verdict)},
                                      {"fault", fault_name(c.fault)},
@@ -52,13 +53,13 @@ nlohmann::ordered_json preflight_to_json(const Preflight& preflight) {
       camera["flow_px"] = c.flow_px;
     }
     if (c.offset_observable)
-      camera["best_offset"] = {{"offset_ms", c.offset_ms},
-                               {"sigma_ms", c.offset_sigma_ms},
+      camera["best_offset"] = {{"time_offset_s", 1e-3 * c.offset_ms},
+                               {"sigma_s", 1e-3 * c.offset_sigma_ms},
                                {"error_px", c.offset_error_px}};
     camera["time_offset"] = nullptr;  // unobservable
     if (const auto offset = c.time_offset())
-      camera["time_offset"] = {{"offset_ms", offset->offset_ms},
-                               {"sigma_ms", offset->sigma_ms},
+      camera["time_offset"] = {{"time_offset_s", 1e-3 * offset->offset_ms},
+                               {"sigma_s", 1e-3 * offset->sigma_ms},
                                {"by", offset->by_lidar ? "lidar" : "images"}};
     camera["edge_score"] = nullptr;  // the LiDAR is too sparse
     if (c.edges) camera["edge_score"] = {{"score", c.edges->score()}, {"edges", c.edges->edges}};
@@ -105,13 +106,6 @@ void print_objects(const std::vector<ObjectSummary>& objects) {
     std::printf("%-12lld %-20s %-8s %6zu %9.1f %10.1f %7zu\n", static_cast<long long>(o.id),
                 o.type.c_str(), o.moves ? "moves" : "parked", o.boxes, o.driven_m, o.nearest_m,
                 o.images);
-}
-
-nlohmann::json findings_to_json(const std::vector<Finding>& findings) {
-  nlohmann::json list = nlohmann::json::array();
-  for (const Finding& finding : findings)
-    list.push_back({{"subject", finding.subject}, {"what", finding.what}});
-  return list;
 }
 
 }  // namespace
@@ -165,7 +159,7 @@ nlohmann::ordered_json inspection_to_json(const Inspection& result) {
   if (result.lidar) lidar = structure_to_json(*result.lidar);
   nlohmann::ordered_json preflight;  // null without --report
   if (result.preflight) preflight = preflight_to_json(*result.preflight);
-  nlohmann::ordered_json objects;  // null without --objects
+  nlohmann::ordered_json objects;  // null without --actors
   if (result.objects) objects = objects_to_json(*result.objects);
   return {{"recording", recording.root.string()},
           {"format", recording.format},

@@ -21,6 +21,7 @@
 #include "redrive/base/interruption.h"
 #include "redrive/base/process_group.h"
 #include "redrive/base/progress.h"
+#include "redrive/base/wrapped_text.h"
 #include "redrive/cli/command.h"
 #include "redrive/cli/failure.h"
 #include "redrive/cli/help.h"
@@ -37,8 +38,8 @@ constexpr redrive::Command kRenderCommands[] = {
      "rendering"},
     {"mount", "render the image of a camera of your own on the car",
      redrive::configure_render_mount,
-     "  redrive render mount RUN --mount=-1,0,1.5,180,-5,0 --lens pinhole:90:1280x720 \\\n"
-     "      --frame 1028 --out rear.png",
+     "  redrive render mount RUN --mount=-1,0,1.5,180,-5,0 \\\n"
+     "      --lens pinhole:90:1280x720 --frame 1028 --out rear.png",
      "rendering"},
     {"poses", "render every image of a POSES.json into a folder", redrive::configure_render_poses,
      "  redrive render poses RUN POSES.json --out DIR", "rendering"},
@@ -60,7 +61,7 @@ constexpr redrive::Command kCommands[] = {
      redrive::configure_inspect,
      "  redrive inspect DRIVE\n"
      "  redrive inspect DRIVE --report CHECK     # calibration, poses, times\n"
-     "  redrive inspect DRIVE --objects --frames 100:200",
+     "  redrive inspect DRIVE --actors --frames 100:200",
      "inspecting"},
     {"align",
      "refine poses, extrinsics and time offsets by bundle adjustment of images, LiDAR and "
@@ -70,7 +71,7 @@ constexpr redrive::Command kCommands[] = {
      "  redrive train DRIVE --poses ALIGNED --out RUN",
      "aligning"},
     {"train", "train a radiance field on a recording", redrive::configure_train,
-     "  redrive train DRIVE --out RUN            # splat, 2 minutes\n"
+     "  redrive train DRIVE --out RUN\n"
      "  redrive train DRIVE --poses ALIGNED --holdout-every 8 --out RUN\n"
      "  redrive train PHOTOS --preset best --downscale 2 --out RUN\n"
      "  redrive train DRIVE --method grid --max-seconds 600 --out RUN"},
@@ -87,7 +88,7 @@ constexpr redrive::Command kCommands[] = {
      "  redrive eval RUN --all --json",
      "scoring"},
     {"render", "render images, videos and LiDAR scans of novel views", nullptr,
-     "  redrive render RUN --camera CAM --frame 1028 --translate 0,0.5,0 --out left.png\n"
+     "  redrive render RUN --camera CAM --frame 1028 --yaw 10 --out turned.png\n"
      "  redrive render path RUN sideways:1 --out left.mp4\n"
      "  redrive render lidar RUN --frame 1028 --out scan.las\n"
      "  redrive help render path                 # options of a subcommand",
@@ -161,11 +162,11 @@ void add_commands(CLI::App& app, std::span<const redrive::Command> commands, Act
     } else {
       sub->require_subcommand(1);
       add_commands(*sub, command.subcommands, actions);
-      footer = redrive::wrapped("Where the word after " + std::string(command.name) +
-                                    " is none of these, " + command.subcommands[0].name +
-                                    " is meant.",
-                                0, 0) +
-               "\n\n" + footer;
+      footer =
+          redrive::wrapped("Where the word after " + std::string(command.name) +
+                               " is none of these, " + command.subcommands[0].name + " is meant.",
+                           0, 0) +
+          "\n\n" + footer;
     }
     redrive::name_options(*sub);
     sub->footer(footer);

@@ -95,8 +95,8 @@ std::string name_words(const std::vector<const CLI::App*>& commands) {
 std::string option_words(const CLI::App& command) {
   std::string words;
   for (const CLI::Option* option : command.get_options())
-    for (const std::string& name : option->get_lnames())
-      words += (words.empty() ? "--" : " --") + name;
+    if (!option->get_lnames().empty())
+      words += (words.empty() ? "--" : " --") + option->get_lnames().front();
   return words;
 }
 
@@ -108,9 +108,9 @@ std::string man_page(const CLI::App& app, const std::string& version) {
                      "\n.SH SYNOPSIS\n" + bold(name) + " " + italic("COMMAND") + " [" +
                      italic("OPTIONS") + "]\n.SH OPTIONS\n" + option_list(app) + ".SH COMMANDS\n";
   for (const CLI::App* command : commands_of(app))
-    page += ".SS " + bold(full_name(*command)) + "\n" +
-            roff(command->get_description()) + "\n.PP\n" + roff(usage_of(*command)) + "\n" +
-            option_list(*command) + ".PP\n.nf\n" + roff(command->get_footer()) + "\n.fi\n";
+    page += ".SS " + bold(full_name(*command)) + "\n" + roff(command->get_description()) +
+            "\n.PP\n" + roff(usage_of(*command)) + "\n" + option_list(*command) + ".PP\n.nf\n" +
+            roff(command->get_footer()) + "\n.fi\n";
   page += ".SH EXIT STATUS\n";
   for (const auto& [code, meaning] : kExitCodes)
     page += ".TP\n" + bold(std::to_string(code)) + "\n" + roff(meaning) + "\n";
@@ -131,15 +131,15 @@ std::string value_cases(const CLI::App& command) {
   return cases;
 }
 
-/// Returns bash case lines for "COMMAND,NEXT WORD" that make $command a command with its subcommand,
-/// the first one where the next word names none.
+/// Returns bash case lines for "COMMAND,NEXT WORD" that make $command a command with its
+/// subcommand, the first one where the next word names none.
 std::string subcommand_cases(const CLI::App& app) {
   std::string cases;
   for (const CLI::App* command : subcommands_of(app)) {
     const std::vector<const CLI::App*> inner = subcommands_of(*command);
     for (const CLI::App* sub : inner)
-      cases += "    " + command->get_name() + "," + sub->get_name() + ") command=" +
-               quoted_name(*sub) + " ;;\n";
+      cases += "    " + command->get_name() + "," + sub->get_name() +
+               ") command=" + quoted_name(*sub) + " ;;\n";
     if (!inner.empty())
       cases += "    " + command->get_name() + ",*) command=" + quoted_name(*inner[0]) + " ;;\n";
   }

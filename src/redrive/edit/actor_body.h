@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The Gaussians of an object without its track: what `redrive export --actor` writes and an edit
+// The Gaussians of an object without its track: what `redrive export --actors` writes and an edit
 // puts on another track. Axes are the axes of the object's box: origin in its centre, x forward, y
 // left, z up, metres.
 #pragma once

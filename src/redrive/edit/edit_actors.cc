@@ -18,11 +18,11 @@ namespace {
 constexpr double kKeys_s = 0.1;  // seconds between keys of a changed track
 
 std::string known_ids(const std::vector<MovingObject>& actors) {
-  if (actors.empty()) return "the run draws no moving object";
+  if (actors.empty()) return "there is no moving object";
   std::string ids;
   for (const MovingObject& actor : actors)
     ids += (ids.empty() ? "" : ", ") + std::to_string(actor.id);
-  return "the run draws no such object; it draws " + ids;
+  return "there is no such moving object; there are " + ids;
 }
 
 std::int64_t ns_of(double seconds, const Scene& scene) {

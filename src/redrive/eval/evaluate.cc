@@ -245,11 +245,7 @@ nlohmann::json evaluation_to_json(const Evaluation& evaluation) {
     json["view_alignment"] = view_alignment_to_json(*aligned);
   if (evaluation.moving) json["moving"] = moving_to_json(*evaluation.moving);
   if (const auto& alignment = evaluation.alignment)
-    json["alignment"] = {{"translation_m", alignment->translation_m},
-                         {"rotation_deg", alignment->rotation_deg},
-                         {"residual_m", alignment->residual_m},
-                         {"residual_deg", alignment->residual_deg},
-                         {"frames", alignment->frames}};
+    json["alignment"] = registration_to_json(*alignment);
   if (const auto& lidar = evaluation.lidar) {
     json["lidar"] = range_score_to_json(*lidar);
     json["lidar"]["chamfer_m"] = lidar->chamfer_m;

@@ -21,8 +21,6 @@ constexpr std::size_t kMostViews = 200;
 // spans 0.1 m, a voxel, at a distance of 30 m.
 constexpr double kMostPixels = 300'000;
 constexpr double kRangeVoxels = 400;
-constexpr double kVoxel_m = 0.1;
-constexpr double kVoxelsPerMedianDepth = 100;
 // A piece of 1 m^2 has 200 triangles of half a voxel's face.
 constexpr std::size_t kLeastTriangles = 200;
 
@@ -122,7 +120,7 @@ FieldMesh field_mesh(const Run& run, kernels::Backend& backend, const MeshOption
   std::vector<DepthImage> images = render_depth_images(run, backend, options, pool);
   out.images = static_cast<int>(images.size());
   out.voxel_m = options.voxel_m > 0 ? options.voxel_m
-                : run.scene.metric  ? kVoxel_m
+                : run.scene.metric  ? kMeshVoxel_m
                                     : median_depth(images) / kVoxelsPerMedianDepth;
   out.range_m = kRangeVoxels * out.voxel_m;
   const Progress progress("making a surface of the depth");

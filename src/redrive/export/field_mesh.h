@@ -10,8 +10,12 @@
 
 namespace redrive {
 
+inline constexpr double kMeshVoxel_m = 0.1;           ///< default side of a voxel
+inline constexpr double kVoxelsPerMedianDepth = 100;  ///< likewise for photographs
+
 struct MeshOptions {
-  double voxel_m = 0;            ///< 0: 0.1 m; for photographs a hundredth of the median depth
+  double voxel_m =
+      0;  ///< 0: kMeshVoxel_m; for photographs the median depth / kVoxelsPerMedianDepth
   std::uint64_t most_bytes = 0;  ///< memory that images and volume may take
 };
 

@@ -22,6 +22,13 @@ std::vector<Method>& registry() {
 
 const std::vector<Method>& methods() { return registry(); }
 
+std::string Preset::text() const {
+  std::string text = help;
+  for (std::size_t i = 0; help.empty() && i < values.size(); ++i)
+    text += (i == 0 ? "--" : " --") + values[i].first + " " + values[i].second;
+  return text;
+}
+
 const Method* find_method(std::string_view name) {
   const auto found = std::ranges::find(registry(), name, &Method::name);
   return found == registry().end() ? nullptr : &*found;

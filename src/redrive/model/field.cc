@@ -11,7 +11,7 @@ namespace {
 ActorBody body_to_export(const FieldGaussians& gaussians, const MovingObject& actor) {
   ActorBody body = gaussians.body(actor);
   if (body.n == 0)
-    throw UsageError("--actor", std::to_string(actor.id),
+    throw UsageError("--actors", std::to_string(actor.id),
                      "has no Gaussians: no training image shows it");
   return body;
 }

@@ -19,11 +19,15 @@ using OptionValues = std::vector<std::pair<std::string, std::string>>;
 
 /// Values that --preset sets for options that are not given.
 struct Preset {
-  std::string name, help;
+  std::string name;
+  std::string help;  ///< empty: the values
   OptionValues values;
   /// Cameras to train on if --cameras is not given: from each entry the first one that the
   /// recording has. Empty: all.
   std::vector<std::vector<std::string>> cameras = {};
+
+  /// Returns the help: "--max-seconds 30".
+  std::string text() const;
 };
 
 /// The default method: the best after equal time (docs/benchmarks.md).

@@ -21,7 +21,7 @@ namespace {
 
 // Gaussians and hash grids are sized for hundreds of metres; a core shorter than the overlaps of 20
 // m at both ends costs more than it saves.
-constexpr double kLongestCore_m = 200, kShortestCore_m = 40, kShrink = 0.8;
+constexpr double kShortestCore_m = 40, kShrink = 0.8;
 
 /// Returns the run of a block without parameters.
 Run planned_run(const DividedRun& whole, const Block& block) {

@@ -33,9 +33,10 @@ struct BlockResources {
 /// --refine-poses on.
 void check_divisible(const std::string& text, const TrainOptions& options,
                      const Recording& recording);
-/// Divides as --blocks `text` asks for. With `auto` a core has 200 m at most, and less where a
-/// block needs more memory than is available, with the smallest cache of images that its method
-/// allows. Returns one block for a shorter drive.
+inline constexpr double kLongestCore_m = 200;  ///< most metres with --blocks auto
+/// Divides as --blocks `text` asks for. With `auto` a core has kLongestCore_m at most, and less
+/// where a block needs more memory than is available, with the smallest cache of images that its
+/// method allows. Returns one block for a shorter drive.
 std::vector<Block> divide_as_told(const std::string& text, const DividedRun& whole,
                                   const BlockResources& resources);
 

@@ -104,7 +104,7 @@ int run_render_image(const RenderImageOptions& options) {
   check_image_outputs(options);
   const Run run = open_edited_run(options);
   const RigCamera camera = chosen_camera(options, run.scene);
-  const auto pose = world_from_body(run.recording, run.scene, frame, camera);
+  const auto pose = world_from_body(run.scene, frame, camera);
   if (!pose) no_such_frame(options.frame, run);
   const ShiftAxes axes = shift_axes(options, run);
   const Rigid3d world_from_camera =
@@ -112,14 +112,13 @@ int run_render_image(const RenderImageOptions& options) {
                      turned_sensor(camera.body_from_sensor, kRadiansPerDegree * options.yaw_deg,
                                    kRadiansPerDegree * options.pitch_deg),
                      axes, shift_m);
-  const auto backend = make_checked_backend(options.backend);
+  const auto backend = kernels::make_backend(options.backend);
   std::printf("%s\n", kernels::describe(*backend).c_str());
   check_rendering_memory(run, &camera.camera);
   const RayTable rays = make_ray_table(camera.camera, backend->pool());
-  const RenderedImage image =
-      render_image(*backend, *run.field(), rays,
-                   posed_at_frame(run.recording, run.scene, camera, world_from_camera, frame),
-                   exposure_of(options.exposure, run, camera.name, frame));
+  const RenderedImage image = render_image(
+      *backend, *run.field(), rays, posed_at_frame(run.scene, camera, world_from_camera, frame),
+      exposure_of(options.exposure, run, camera.name, frame));
   write_images(options, image, rays);
   return kExitOk;
 }

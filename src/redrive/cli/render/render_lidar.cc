@@ -187,7 +187,7 @@ int run_render_lidar(const RenderLidarOptions& options) {
     throw InputError(run.recording.root, "frame id", std::to_string(last_id),
                      "KITTI has files of a line for every number; a million fit");
   const SensorMotion motion = sensor_motion(options, request, run);
-  const auto backend = make_checked_backend(options.backend);
+  const auto backend = kernels::make_backend(options.backend);
   std::printf("%s\n", kernels::describe(*backend).c_str());
   ScanCounts counts;
   /// Nothing where the recording has no revolution for a frame.
@@ -223,7 +223,8 @@ int run_render_lidar(const RenderLidarOptions& options) {
         }
         progress.count();
       }
-      if (scans == 0) throw UsageError("--sensor", options.sensor, "the run has no LiDAR revolution");
+      if (scans == 0)
+        throw UsageError("--sensor", options.sensor, "the run has no LiDAR revolution");
       require_points(counts, options);
       files.finish();
     });
@@ -248,8 +249,9 @@ Action configure_render_lidar(CLI::App& command) {
                   "have them, N:MIN:MAX (from MIN to MAX degrees of elevation) or elevations "
                   "E1,E2,..")
       ->capture_default_str();
-  add_mount_option(command, &options->mount, "the LiDAR, elsewhere than the recording's");
-  command.add_option("--azimuth-steps", options->azimuth_steps, "firings of a beam in a revolution")
+  add_mount_option(command, &options->mount, "the LiDAR")->default_str("the recording's");
+  command
+      .add_option("--azimuth-steps", options->azimuth_steps, "firings of a beam in a revolution")
       ->check(within("--azimuth-steps", 1, 36000))
       ->default_str(std::to_string(SpinningLidar().azimuth_steps));
   command.add_option("--rate", options->rate_hz, "revolutions a second")

@@ -95,9 +95,8 @@ std::optional<Exposure> chosen_exposure(const std::string& exposure, const Run& 
     throw UsageError("--exposure", exposure, rule);
   };
   if (colon == std::string::npos) fail("must be own, none or CAMERA:FRAME");
-  const Exposure chosen =
-      exposure_at(run.recording, run.scene, exposure.substr(0, colon),
-                  parse_frame("--exposure", exposure.substr(colon + 1)));
+  const Exposure chosen = exposure_at(run.scene, exposure.substr(0, colon),
+                                      parse_frame("--exposure", exposure.substr(colon + 1)));
   if (chosen.camera < 0) fail("the run has no such camera or the recording no such frame");
   return chosen;
 }
@@ -105,7 +104,7 @@ std::optional<Exposure> chosen_exposure(const std::string& exposure, const Run& 
 Exposure exposure_of(const std::string& exposure, const Run& run, const std::string& camera,
                      std::int64_t frame) {
   const std::optional<Exposure> chosen = chosen_exposure(exposure, run);
-  return chosen ? *chosen : exposure_at(run.recording, run.scene, camera, frame);
+  return chosen ? *chosen : exposure_at(run.scene, camera, frame);
 }
 
 std::int64_t parse_frame(const char* option, const std::string& text) {
@@ -140,7 +139,7 @@ ShiftAxes shift_axes(const MovedSensorOptions& options, const Run& run) {
 }
 
 void no_such_frame(const std::string& frame, const Run& run) {
-  throw UsageError("--frame", frame, unknown_frame(parse_frame("--frame", frame), run.recording));
+  throw UsageError("--frame", frame, unknown_frame(parse_frame("--frame", frame), run.scene));
 }
 
 }  // namespace redrive

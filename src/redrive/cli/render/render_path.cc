@@ -99,7 +99,7 @@ int run_render_path(const RenderPathOptions& options) {
       chosen_exposure(options.exposure, run).value_or(path_exposure(path, run.scene, camera));
   Camera lens = own_lens ? *path.lens : run.scene.rig[camera].camera;
 
-  const auto backend = make_checked_backend(options.backend);
+  const auto backend = kernels::make_backend(options.backend);
   std::printf("%s\n", kernels::describe(*backend).c_str());
   check_rendering_memory(run, &lens);
   const std::atomic<bool>& stop = stop_on_signal();
@@ -145,11 +145,13 @@ Action configure_render_path(CLI::App& command) {
                   "drive (the drive of --camera), sideways:N (N metres to its left), or a file in "
                   "nerfstudio's layout")
       ->required();
+  command.add_option(
+      "--camera", options->camera,
+      "camera of the run whose lens and exposure the images have (default: that of the "
+      "file's keyframes, else the file's lens; for a drive the run's first)");
   command
-      .add_option("--camera", options->camera,
-                  "camera of the run whose lens and exposure the images have (default: that of the "
-                  "file's keyframes, else the file's lens; for a drive the run's first)");
-  command.add_option("--fps", options->fps, "images a second (default: the file's, or " + number_text(CameraPath().fps) + ")")
+      .add_option("--fps", options->fps,
+                  "images a second (default: the file's, or " + number_text(CameraPath().fps) + ")")
       ->check(within("--fps", kMinPathFps, kMaxPathFps));
   command.add_option("--seconds", options->seconds, "duration (default: the path's own)")
       ->check(within("--seconds", 0.001, kMaxPath_s));

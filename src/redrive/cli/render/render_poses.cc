@@ -42,16 +42,15 @@ int run_render_poses(const RenderPosesOptions& options) {
   for (std::size_t i = 0; i < poses.views.size(); ++i) {  // check all before the first is rendered
     const RigCamera& camera = requested_camera(poses, i, rig);
     cameras.push_back(&camera);
-    poses_of.push_back(posed_at_frame(
-        run.recording, run.scene, camera,
-        requested_world_from_body(poses, i, camera, run.recording, run.scene, options.relative) *
-            camera.body_from_sensor,
-        poses.views[i].frame_id));
-    exposures.push_back(
-        exposure_of(options.exposure, run, camera.name, poses.views[i].frame_id));
+    poses_of.push_back(
+        posed_at_frame(run.scene, camera,
+                       requested_world_from_body(poses, i, camera, run.scene, options.relative) *
+                           camera.body_from_sensor,
+                       poses.views[i].frame_id));
+    exposures.push_back(exposure_of(options.exposure, run, camera.name, poses.views[i].frame_id));
   }
 
-  const auto backend = make_checked_backend(options.backend);
+  const auto backend = kernels::make_backend(options.backend);
   std::printf("%s\n", kernels::describe(*backend).c_str());
   for (const RigCamera* camera : cameras) check_rendering_memory(run, &camera->camera);
   std::error_code error;

@@ -15,9 +15,11 @@
 namespace redrive {
 
 void add_data_parallel_option(CLI::App& command, bool* data_parallel) {
-  command.add_flag("--data-parallel", *data_parallel,
-                   "the processes of mpirun train one run together: each draws its own image of a "
-                   "step, and their gradients are averaged");
+  command
+      .add_flag("--data-parallel", *data_parallel,
+                "the processes of mpirun train one run together: each draws its own image of a "
+                "step, and their gradients are averaged")
+      ->group("Run");
 }
 
 void check_together(const ProcessGroup& processes, const Run& run) {

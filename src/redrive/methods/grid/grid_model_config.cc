@@ -19,15 +19,15 @@ GridModel::GridModel() {
 }
 
 Method grid_method() {
-  return {.name = "grid",
-          .help = "a hash-grid field for unbounded scenes with proposal sampling",
-          .make = [] { return std::unique_ptr<Trainee>(std::make_unique<GridModel>()); },
-          .presets = {{"fast", "1 minute", {{"max-seconds", "60"}}},
-                      {"best", "20 minutes", {{"max-seconds", "1200"}}}},
-          .refines_poses = true,
-          .random_background = true,
-          .contracts_space = true,
-          .benchmarks = grid_benchmarks};
+  return {
+      .name = "grid",
+      .help = "a hash-grid field for unbounded scenes with proposal sampling",
+      .make = [] { return std::unique_ptr<Trainee>(std::make_unique<GridModel>()); },
+      .presets = {{"fast", "", {{"max-seconds", "60"}}}, {"best", "", {{"max-seconds", "1200"}}}},
+      .refines_poses = true,
+      .random_background = true,
+      .contracts_space = true,
+      .benchmarks = grid_benchmarks};
 }
 
 void GridModel::visit_hyperparameters(HyperparameterVisitor& visit) {

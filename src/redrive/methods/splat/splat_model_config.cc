@@ -20,9 +20,11 @@ constexpr std::int64_t kPixelsPerGaussian = 64;
 constexpr std::size_t kMostPhotoCameras = 16;
 constexpr std::int64_t kLeastPixelLimit = 20'000;
 
+constexpr double kUsual_s = 120, kGrowth = 0.35;  // max_gaussians over time
+
 /// More Gaussians cost time a step: a short run converges better with fewer.
 OptionValues gaussians_of_time(double seconds) {
-  const double most = 400'000 * std::pow(seconds / 120, 0.35);
+  const double most = SplatModel().max_gaussians * std::pow(seconds / kUsual_s, kGrowth);
   return {{"max-gaussians", std::to_string(std::clamp<std::int64_t>(
                                 std::llround(most / 1000) * 1000, 100'000, 1'000'000))}};
 }
@@ -30,19 +32,19 @@ OptionValues gaussians_of_time(double seconds) {
 }  // namespace
 
 Method splat_method() {
-  return {.name = "splat",
-          .help = "3D Gaussians, rasterised",
-          .make = [] { return std::unique_ptr<Trainee>(std::make_unique<SplatModel>()); },
-          .defaults = {{"max-seconds", "120"}},
-          .presets = {{"fast", "30 seconds", {{"max-seconds", "30"}}},
-                      {"best", "10 minutes", {{"max-seconds", "600"}}}},
-          .defaults_of_time = gaussians_of_time,
-          .refines_poses = true,
-          .random_background = true,
-          .contracts_space = true,
-          .rasterises = true,
-          .change_every = "densify_every",
-          .benchmarks = splat_benchmarks};
+  return {
+      .name = "splat",
+      .help = "3D Gaussians, rasterised",
+      .make = [] { return std::unique_ptr<Trainee>(std::make_unique<SplatModel>()); },
+      .defaults = {{"max-seconds", "120"}},
+      .presets = {{"fast", "", {{"max-seconds", "30"}}}, {"best", "", {{"max-seconds", "600"}}}},
+      .defaults_of_time = gaussians_of_time,
+      .refines_poses = true,
+      .random_background = true,
+      .contracts_space = true,
+      .rasterises = true,
+      .change_every = "densify_every",
+      .benchmarks = splat_benchmarks};
 }
 
 std::string SplatModel::describe() const {
@@ -50,8 +52,12 @@ std::string SplatModel::describe() const {
 }
 
 void SplatModel::visit_hyperparameters(HyperparameterVisitor& visit) {
-  visit(Hyperparameter{"max_gaussians", "number of Gaussians, at most", 1000, kMostGaussians}
-            .as_option("max-gaussians"),
+  char most[120];
+  std::snprintf(most, sizeof most,
+                "number of Gaussians, at most; unless given, the default times (--max-seconds / "
+                "%g)^%g",
+                kUsual_s, kGrowth);
+  visit(Hyperparameter{"max_gaussians", most, 1000, kMostGaussians}.as_option("max-gaussians"),
         max_gaussians);
   visit(Hyperparameter{"pixel_limit", "number of Gaussians, at most: one of 64 training pixels",
                        1000, kMostGaussians}

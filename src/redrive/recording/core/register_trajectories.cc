@@ -7,6 +7,7 @@
 #include <vector>
 
 #include <Eigen/Dense>
+#include <nlohmann/json.hpp>
 
 #include "redrive/base/error.h"
 #include "redrive/math/angles.h"
@@ -64,6 +65,14 @@ TrajectoryRegistration register_trajectories(std::span<const FramePose> run,
   alignment.residual_deg =
       std::sqrt(squares_rad / static_cast<double>(pairs.size())) * kDegreesPerRadian;
   return alignment;
+}
+
+nlohmann::json registration_to_json(const TrajectoryRegistration& registration) {
+  return {{"translation_m", registration.translation_m},
+          {"rotation_deg", registration.rotation_deg},
+          {"residual_m", registration.residual_m},
+          {"residual_deg", registration.residual_deg},
+          {"frames", registration.frames}};
 }
 
 }  // namespace redrive

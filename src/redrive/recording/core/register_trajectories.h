@@ -6,6 +6,8 @@
 
 #include <span>
 
+#include <nlohmann/json_fwd.hpp>
+
 #include "redrive/recording/core/recording.h"
 
 namespace redrive {
@@ -25,5 +27,8 @@ struct TrajectoryRegistration {
 TrajectoryRegistration register_trajectories(std::span<const FramePose> run,
                                              std::span<const FramePose> ground_truth,
                                              const std::filesystem::path& file);
+
+/// Returns translation_m, rotation_deg, residual_m, residual_deg and frames.
+nlohmann::json registration_to_json(const TrajectoryRegistration& registration);
 
 }  // namespace redrive

@@ -187,11 +187,21 @@ std::vector<std::string> preset_names() {
 
 std::string preset_help() {
   std::string text;
-  for (const Method& method : methods())
-    for (const Preset& preset : method.presets)
-      text +=
-          (text.empty() ? " (" : "; ") + preset.name + ": " + preset.help + " of " + method.name;
+  for (const std::string& name : method_names()) {
+    std::string presets;
+    for (const Preset& preset : find_method(name)->presets)
+      presets += (presets.empty() ? name + ": " : ", ") + preset.name + " = " + preset.text();
+    if (!presets.empty()) text += (text.empty() ? " (" : "; ") + presets;
+  }
   return text + ")";
+}
+
+/// Returns the names of the methods whose `flag` has this value: "splat and grid".
+std::string methods_where(bool Method::*flag, bool value = true) {
+  std::string text;
+  for (const std::string& name : method_names())
+    if (find_method(name)->*flag == value) text += (text.empty() ? "" : " and ") + name;
+  return text;
 }
 
 /// Returns a number; text that is no number stays text, which loading rejects.
@@ -212,6 +222,7 @@ std::string hyperparameter_text(const std::string& flag, const nlohmann::json& j
 /// Returns a value of config.json as text; empty if there is none.
 std::string text_of_json(const nlohmann::json& json) {
   if (json.is_string()) return json.get<std::string>();
+  if (json.is_number_float()) return text_of(json.get<double>());
   if (json.is_number()) return json.dump();
   return "";
 }
@@ -324,7 +335,7 @@ std::vector<TrainField> data_fields() {
       "Data",
       {text("recording", "", &O::recording, {}, "folder of the recording"),
        list("cameras", "A,B", &O::cameras,
-            "the cameras to train on (default: all that have images)"),
+            "takes these cameras alone (default: all that have images)"),
        text("frames", "FIRST:LAST[:STEP]", &O::frames, {},
             "frame ids, both included, either may be empty (default: all)"),
        number("downscale", &O::downscale, Range<int>{1, 64},
@@ -345,7 +356,8 @@ std::vector<TrainField> data_fields() {
             "computed masks"),
        text("background", "COLOUR", &O::background, {"", "white", "black", "random"},
             "background of transparent pixels in rendering and scoring, which they need; random: "
-            "black; grid trains on random backgrounds")});
+            "black, on random backgrounds in training, which " +
+                methods_where(&Method::random_background) + " can")});
 }
 
 std::vector<TrainField> pose_fields() {
@@ -366,7 +378,9 @@ std::vector<TrainField> pose_fields() {
             "it (default: readout_s of the calibration)"),
        text("refine-poses", "WHEN", &O::refine_poses, {"auto", "on", "off"},
             "refine each frame's pose and each camera's extrinsics and time offset while training; "
-            "auto: on for drives with splat and grid, off for nerf and with --truth-poses")});
+            "auto: on for drives with " +
+                methods_where(&Method::refines_poses) + ", off for " +
+                methods_where(&Method::refines_poses, false) + " and with --truth-poses")});
 }
 
 std::vector<TrainField> length_fields() {
@@ -383,7 +397,8 @@ std::vector<TrainField> length_fields() {
        number("seed", &O::seed, Range<std::uint64_t>{0, std::numeric_limits<std::uint64_t>::max()},
               "seed of all random numbers"),
        number("checkpoint-every", &O::checkpoint_every, Range<int>{1, 1'000'000'000},
-              "steps between checkpoints; at least one per minute is written")});
+              "steps between checkpoints; at least one in " + text_of(kSecondsPerCheckpoint) +
+                  " s is written")});
 }
 
 std::vector<TrainField> method_fields() {

@@ -186,6 +186,10 @@ TEST(TrainOptions, PresetFillsOnlyWhatIsNotGiven) {
 TEST(TrainOptions, HaveTheDefaultMethod) {
   EXPECT_EQ(TrainOptions().method, kDefaultMethod);
   EXPECT_THAT(help_text(field("method")), HasSubstr("default: " + std::string(kDefaultMethod)));
+  EXPECT_THAT(help_text(field("preset")), HasSubstr("splat: fast = --max-seconds 30, best = "));
+  EXPECT_THAT(help_text(field("max-seconds")), HasSubstr("default: 120; grid: 300; nerf: 0)"));
+  EXPECT_THAT(help_text(field("refine-poses")),
+              HasSubstr("on for drives with splat and grid, off for nerf"));
 }
 
 TEST(TrainOptions, DefaultsAreThoseOfTheMethod) {
