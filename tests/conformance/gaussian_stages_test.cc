@@ -39,6 +39,8 @@ struct GaussianCase {
   std::vector<std::uint8_t> tiles;
   std::vector<std::vector<PlainPose>> poses_of_part;
   std::vector<GaussianPart> parts;
+  std::vector<float> u, v;  ///< centres of the pixels; empty: they are a grid
+  bool by_column = false;
 
   explicit GaussianCase(std::string_view model, bool rolling, bool ranges, bool masked = false) {
     const CameraModelInfo& info = *find_camera_model(model);
@@ -97,7 +99,28 @@ struct GaussianCase {
     for (std::size_t part = 0; part < 3; ++part)
       parts.push_back({blocks - 8 + 3 * part, poses_of_part[part]});
   }
-  GaussianCamera view() const { return {camera, poses, 0, float(camera.height), parts}; }
+  /// Makes the image a part of a LiDAR's turn: beams at uneven elevations, each with an offset in
+  /// azimuth, no two firings quite alike.
+  void make_scan() {
+    constexpr float kPerRadian = 45;
+    camera = make_spherical_camera(double(kPerRadian), 1.2, camera.width, camera.height);
+    by_column = true;
+    const std::vector<float> jitter = random_floats(2 * size.plane(), 40, -0.2, 0.2);
+    for (int y = 0; y < size.rows; ++y)
+      for (int x = 0; x < size.stride; ++x) {
+        const float beam = static_cast<float>(y - 21), offset = static_cast<float>(y * 7 % 5);
+        u.push_back(0.8f * static_cast<float>(x - 35) + offset + jitter[2 * u.size()]);
+        v.push_back(beam * (0.4f + 0.03f * std::fabs(beam)) + jitter[2 * u.size() - 1]);
+      }
+  }
+  GaussianCamera view() const {
+    const float width = static_cast<float>(camera.width);
+    GaussianCamera out{camera, poses, 0, by_column ? width : float(camera.height), parts};
+    out.centres = {u, v};
+    out.by_column = by_column;
+    if (!u.empty()) out.first_row = 0.5f * width;
+    return out;
+  }
   Gaussians gaussians() const { return {n, numbers}; }
   RasterOptions options() const {
     return {
@@ -196,6 +219,81 @@ TEST_P(GaussianStagesTest, ImagesAndGradientsAgreeWithTheOracle) {
       const GaussianCase c(model.name, rolling, /*ranges=*/masked != rolling, masked);
       expect_same(c, run(*backend, c), run(*ref, c));
     }
+}
+
+TEST_P(GaussianStagesTest, ScansAndTheirGradientsAgreeWithTheOracle) {
+  const auto backend = make(), ref = make_ref_backend();
+  for (const bool rolling : {false, true}) {
+    SCOPED_TRACE(rolling ? "rolling" : "global");
+    GaussianCase c(kPinhole, rolling, /*ranges=*/true, /*masked=*/rolling);
+    c.make_scan();
+    c.cut_into_parts();
+    expect_same(c, run(*backend, c), run(*ref, c));
+  }
+}
+
+/// The camera turned by a quarter about its axis has columns in place of rows.
+TEST_P(GaussianStagesTest, PosesByColumnAreThoseByRowOfATurnedCamera) {
+  const auto backend = make();
+  GaussianCase rows(kPinhole, true, false), columns = rows;
+  columns.by_column = true;
+  std::swap(columns.camera.width, columns.camera.height);
+  std::swap(columns.camera.fx, columns.camera.fy);
+  std::swap(columns.camera.cx, columns.camera.cy);
+  columns.camera.cx = float(columns.camera.width - 1) - columns.camera.cx;  // u = -v of the rows
+  Rigid3d turn = Rigid3d::Identity();
+  turn.linear() << 0, 1, 0, -1, 0, 0, 0, 0, 1;
+  for (PlainPose& pose : columns.poses) pose = plain(rigid(pose) * turn);
+  std::ranges::reverse(columns.poses);
+  // A pinhole: the typical lens is not symmetric.
+  for (GaussianCase* c : {&rows, &columns}) std::ranges::fill(c->camera.numbers, 0.0f);
+  const Raster a = backend->gaussians().rasterise(rows.view(), rows.gaussians(), rows.options()),
+               b = backend->gaussians().rasterise(columns.view(), columns.gaussians(),
+                                                  columns.options());
+  for (int y = 0; y < rows.camera.height; ++y)
+    for (int x = 0; x < rows.camera.width; ++x)
+      ASSERT_NEAR(a.image().rgb[y * a.image().size.stride + x],
+                  b.image().rgb[x * b.image().size.stride + columns.camera.width - 1 - y], 2e-3)
+          << x << " " << y;
+}
+
+TEST_P(GaussianStagesTest, CentresOfTheGridAreTheGrid) {
+  const auto backend = make();
+  GaussianCase grid(kMei, true, true), centres = grid;
+  for (int y = 0; y < grid.size.rows; ++y)
+    for (int x = 0; x < grid.size.stride; ++x) {
+      centres.u.push_back(static_cast<float>(x));
+      centres.v.push_back(static_cast<float>(y));
+    }
+  GaussianCamera camera = centres.view();
+  camera.first_row = 0;
+  const Raster a = backend->gaussians().rasterise(grid.view(), grid.gaussians(), grid.options()),
+               b = backend->gaussians().rasterise(camera, centres.gaussians(), centres.options());
+  for (int y = 0; y < grid.camera.height; ++y)
+    for (int x = 0; x < grid.camera.width; ++x) {
+      const std::size_t i = static_cast<std::size_t>(y) * grid.size.stride + x;
+      for (std::size_t k = 0; k < 3; ++k)
+        ASSERT_NEAR(a.image().rgb[k * grid.size.plane() + i],
+                    b.image().rgb[k * grid.size.plane() + i], 2e-3)
+            << x << " " << y;
+      ASSERT_NEAR(a.image().range_error[i], b.image().range_error[i], 2e-3) << x << " " << y;
+    }
+}
+
+TEST_P(GaussianStagesTest, TheOrderOfCentresChangesNoRay) {
+  const auto backend = make();
+  GaussianCase c(kPinhole, true, false);
+  c.make_scan();
+  GaussianCase mixed = c;
+  const std::size_t plane = c.size.plane(), step = 1777;  // a prime: every place once
+  for (std::size_t i = 0; i < plane; ++i) {
+    mixed.u[i] = c.u[i * step % plane];
+    mixed.v[i] = c.v[i * step % plane];
+  }
+  const Raster a = backend->gaussians().rasterise(c.view(), c.gaussians(), c.options()),
+               b = backend->gaussians().rasterise(mixed.view(), mixed.gaussians(), mixed.options());
+  for (std::size_t i = 0; i < plane; ++i)
+    ASSERT_NEAR(b.image().transmittance[i], a.image().transmittance[i * step % plane], 1.1e-3) << i;
 }
 
 TEST_P(GaussianStagesTest, PartsThatMoveAgreeWithTheOracle) {

@@ -16,6 +16,7 @@
 #include "redrive/bench/workload.h"
 #include "redrive/field/gaussian.h"
 #include "redrive/model/method.h"
+#include "redrive/render/lidar_sensor.h"
 #include "redrive/render/renderer.h"
 #include "redrive/train/pose_refiner.h"
 #include "redrive/train/run.h"
@@ -157,8 +158,32 @@ Camera bench_camera(std::string_view model, double f, std::span<const double> pa
   return make_camera(camera);
 }
 
-/// Times whole images of Gaussians, and steps on one window: with 400,000 Gaussians, with twice as
-/// many, and where 50 objects have a quarter of them. Rates count Gaussians.
+/// The beams of a revolution of a LiDAR that drives along the street at 10 m/s, in its middle.
+struct Revolution {
+  std::vector<float> origin, direction;  ///< [3, n]
+
+  kernels::Rays rays() const { return {static_cast<int>(origin.size() / 3), origin, direction}; }
+};
+Revolution make_revolution(int beams, int azimuth_steps) {
+  constexpr double kAhead_m = 30, kHeight_m = 0.5, kSpeed_m_per_s = 10;
+  SpinningLidar lidar;
+  lidar.elevation_deg = *parse_beams(std::to_string(beams));
+  lidar.azimuth_steps = azimuth_steps;
+  const LidarFirings firings = lidar.revolution(0);
+  Revolution out;
+  for (int k = 0; k < 3; ++k)
+    for (std::size_t i = 0; i < firings.size(); ++i) {
+      const double at[] = {kAhead_m + 1e-9 * double(firings.t_ns[i]) * kSpeed_m_per_s, 0,
+                           kHeight_m};
+      out.origin.push_back(static_cast<float>(at[k]));
+      out.direction.push_back(static_cast<float>(firings.direction[i][k]));
+    }
+  return out;
+}
+
+/// Times whole images of Gaussians, a revolution of a LiDAR, and steps on one window: with 400,000
+/// Gaussians, with twice as many, and where 50 objects have a quarter of them. Rates count
+/// Gaussians.
 void time_gaussians(Runner& runner, kernels::Backend& backend, const SyntheticDrive& drive,
                     const Method& method) {
   constexpr double kRead = kGaussianRows * sizeof(float);  // bytes of a Gaussian
@@ -183,6 +208,15 @@ void time_gaussians(Runner& runner, kernels::Backend& backend, const SyntheticDr
                              &image);
     });
   };
+  const auto time_scan = [&](int beams, int azimuth_steps) {
+    const std::string name =
+        "render/" + method.name + "-400k-lidar-" + std::to_string(beams * azimuth_steps);
+    if (!runner.wanted(name)) return;
+    const TrainState state = make_street(drive, kGaussians);
+    const Revolution revolution = make_revolution(beams, azimuth_steps);
+    runner.time(name, kGaussians, {0, kRead},
+                [&] { state.model->trace(backend, revolution.rays()); });
+  };
   const auto time_step = [&](const std::string& size, const SyntheticDrive& of, int gaussians) {
     const std::string name = "step/" + method.name + "-" + size + "-640x352";
     if (!runner.wanted(name)) return;
@@ -205,6 +239,7 @@ void time_gaussians(Runner& runner, kernels::Backend& backend, const SyntheticDr
               bench_camera("opencv_fisheye", 430, OpenCvFisheye::kTypical));
   time_render("400k-opencv_rational-1400x1400",
               bench_camera("opencv_rational", 800, OpenCvRational::kTypical));
+  time_scan(64, 2048);
   time_step("400k", drive, kGaussians);
   time_step("800k", drive, 2 * kGaussians);
   SyntheticDrive with_actors = drive;

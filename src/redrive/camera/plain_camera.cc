@@ -60,6 +60,17 @@ PlainCamera make_plain_camera(const Camera& camera) {
   return out;
 }
 
+SphericalCamera make_spherical_camera(double per_radian, double radius_rad, int width, int height) {
+  SphericalCamera out{PlainCamera()};
+  out.model = PlainCamera::kSpherical;
+  out.perspective = false;
+  out.fx = out.fy = static_cast<float>(per_radian);
+  out.max_radius2 = static_cast<float>(radius_rad * radius_rad);
+  out.width = width;
+  out.height = height;
+  return out;
+}
+
 PlainCamera window_of(PlainCamera camera, int x, int y, int width, int height) {
   camera.cx -= static_cast<float>(x);
   camera.cy -= static_cast<float>(y);

@@ -7,15 +7,16 @@
 
 #include "redrive/camera/lens.h"
 #include "redrive/camera/models.h"
+#include "redrive/camera/spherical.h"
 
 namespace redrive {
 
 struct Camera;
 
 struct PlainCamera {
-  static constexpr int kMostNumbers = 8;
+  static constexpr int kMostNumbers = 8, kSpherical = -1;
 
-  int model = 0;                         ///< index into CameraModel
+  int model = 0;                         ///< index into CameraModel; kSpherical: SphericalCamera
   bool perspective = true;               ///< whether the model sees only what is in front of it
   float fx = 1, fy = 1, cx = 0, cy = 0;  ///< pixel = f (x, y) + c; integers are pixel centres
   float numbers[kMostNumbers] = {};      ///< the model's Numbers
@@ -25,9 +26,25 @@ struct PlainCamera {
   int width = 0, height = 0;
 };
 
+/// The projection of camera/spherical.h: fx and fy are pixels per radian. It is a type of its own:
+/// kernels have its code beside the code of cameras, which therefore changes no bit.
+struct SphericalCamera : PlainCamera {
+  explicit REDRIVE_LANES SphericalCamera(const PlainCamera& camera) : PlainCamera(camera) {}
+};
+
+/// Calls use(camera), by its type.
+template <class Use>
+REDRIVE_LANES auto with_camera(const PlainCamera& camera, const Use& use) {
+  return camera.model == PlainCamera::kSpherical ? use(SphericalCamera(camera)) : use(camera);
+}
+
 /// Points count up to 1.15 times the radius of the image's corners, so that what is centred beyond
 /// the edge reaches into the image, or to where the model folds.
 PlainCamera make_plain_camera(const Camera& camera);
+
+/// u and v are angles times `per_radian`; points count up to `radius_rad` from u = v = 0, which
+/// must stay below pi / 2, the poles.
+SphericalCamera make_spherical_camera(double per_radian, double radius_rad, int width, int height);
 
 /// Returns the camera of the window of width x height pixels from (x, y) on.
 PlainCamera window_of(PlainCamera camera, int x, int y, int width, int height);
@@ -76,6 +93,14 @@ REDRIVE_LANES PlainPixel<M> project(const PlainCamera& camera, typename M::Real 
   return out;
 }
 
+template <class M>
+REDRIVE_LANES PlainPixel<M> project(const SphericalCamera& camera, typename M::Real x,
+                                    typename M::Real y, typename M::Real z) {
+  const PlanePoint<M> at = SphericalPlane::project<M>(x, y, z);
+  return {M::constant(camera.fx) * at.x, M::constant(camera.fy) * at.y,
+          M::both(at.seen, at.s <= M::constant(camera.max_radius2))};
+}
+
 /// Adds the derivatives of u d_u + v d_v with respect to the point to d_point[3].
 template <class M>
 REDRIVE_LANES void project_adjoint(const PlainCamera& camera, typename M::Real x,
@@ -87,6 +112,14 @@ REDRIVE_LANES void project_adjoint(const PlainCamera& camera, typename M::Real x
             numbers, M::constant(camera.max_radius2), x, y, z, d_u * M::constant(camera.fx),
             d_v * M::constant(camera.fy), d_point);
       });
+}
+
+template <class M>
+REDRIVE_LANES void project_adjoint(const SphericalCamera& camera, typename M::Real x,
+                                   typename M::Real y, typename M::Real z, typename M::Real d_u,
+                                   typename M::Real d_v, typename M::Real* d_point) {
+  SphericalPlane::adjoint<M>(x, y, z, d_u * M::constant(camera.fx), d_v * M::constant(camera.fy),
+                             d_point);
 }
 
 }  // namespace redrive

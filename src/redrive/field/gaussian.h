@@ -10,7 +10,7 @@
 // lowered by sqrt(det / filtered det), so that the sum over the pixels stays (Yu et al.,
 // Mip-Splatting, CVPR 2024, section 4.2).
 //
-// Templated on the arithmetic M (math/lanes.h).
+// Templated on the arithmetic M (math/lanes.h) and the camera C, a PlainCamera or SphericalCamera.
 #pragma once
 
 #include <cstddef>
@@ -147,8 +147,8 @@ REDRIVE_LANES void add_cross(const typename M::Real* a, const typename M::Real* 
 }
 
 /// Projects the mean alone: sets point, length, mean and visible.
-template <class M>
-REDRIVE_LANES void project_mean(const PlainCamera& camera, const GaussianPose<M>& pose,
+template <class M, class C>
+REDRIVE_LANES void project_mean(const C& camera, const GaussianPose<M>& pose,
                                 const typename M::Real* position, ProjectedGaussian<M>* out) {
   using Real = typename M::Real;
   Real from_centre[3];
@@ -165,8 +165,8 @@ REDRIVE_LANES void project_mean(const PlainCamera& camera, const GaussianPose<M>
 
 /// Projects Gaussians whose mean project_mean has projected. `rows`: their numbers, by
 /// GaussianRow. Numbers of invisible lanes are arbitrary.
-template <class M>
-REDRIVE_LANES void project_gaussian(const PlainCamera& camera, const GaussianPose<M>& pose,
+template <class M, class C>
+REDRIVE_LANES void project_gaussian(const C& camera, const GaussianPose<M>& pose,
                                     const typename M::Real* rows, ProjectedGaussian<M>* out) {
   using Real = typename M::Real;
   const Real one = M::constant(1), filter = M::constant(kScreenVariance);
@@ -238,8 +238,8 @@ REDRIVE_LANES void project_gaussian(const PlainCamera& camera, const GaussianPos
 /// Writes the derivatives with respect to the rows 0..kDistanceRow-1 and, if `d_pose` is not null,
 /// to the pose. The spread's bound by the distance, the slope and the row of a rolling shutter
 /// count as constants.
-template <class M>
-REDRIVE_LANES void project_gaussian_adjoint(const PlainCamera& camera, const GaussianPose<M>& pose,
+template <class M, class C>
+REDRIVE_LANES void project_gaussian_adjoint(const C& camera, const GaussianPose<M>& pose,
                                             const typename M::Real* rows,
                                             const ProjectedGaussian<M>& at,
                                             const ProjectedGradient<M>& gradient,

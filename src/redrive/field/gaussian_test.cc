@@ -33,6 +33,8 @@ PlainCamera fisheye() {
   return camera_of(Mei(std::array{-0.2, 0.05, 0.001, -0.002, 0.01, 1.4}), 0.9f);
 }
 
+SphericalCamera lidar() { return make_spherical_camera(500, 1.4, 192, 104); }
+
 std::array<double, kDistanceRow> random_rows(std::mt19937* random, double log_scale) {
   std::uniform_real_distribution<double> uniform(-1, 1);
   std::array<double, kDistanceRow> rows;
@@ -64,7 +66,8 @@ typename M::Real weighted_sum(const ProjectedGaussian<M>& at) {
 }
 const ProjectedGradient<Numbers> kWeights{{0.3, -0.2}, {7, 5, -3}, 0.9, {0.4, -0.6, 0.8}, 0.11};
 
-void expect_adjoint(const PlainCamera& camera, double log_scale, unsigned seed) {
+template <class C>
+void expect_adjoint(const C& camera, double log_scale, unsigned seed) {
   std::mt19937 random(seed);
   for (int trial = 0; trial < 20; ++trial) {
     const std::array<double, kDistanceRow> rows = random_rows(&random, log_scale);
@@ -116,6 +119,7 @@ TEST(GaussianTest, AdjointOfEveryModel) {
     expect_adjoint(camera_of(model.make(model.typical), 1.2f), -2, 4);
   }
 }
+TEST(GaussianTest, AdjointOfALidar) { expect_adjoint(lidar(), -2, 6); }
 TEST(GaussianTest, AdjointOfLargeGaussians) { expect_adjoint(fisheye(), 1.2, 3); }
 
 TEST(GaussianTest, AColourBelowZeroMayRiseButNotFall) {
@@ -141,37 +145,41 @@ TEST(GaussianTest, AColourBelowZeroMayRiseButNotFall) {
 }
 
 /// Mean and covariance of the image of a Gaussian, from a grid of its density.
-TEST(GaussianTest, CovarianceAgreesWithIntegrationThroughTheCamera) {
-  for (const PlainCamera& camera : {pinhole(), fisheye()}) {
-    std::mt19937 random(4);
-    for (int trial = 0; trial < 5; ++trial) {
-      const std::array<double, kDistanceRow> rows = random_rows(&random, -3);
-      const GaussianPose<Numbers> pose = some_pose();
-      ProjectedGaussian<Numbers> at;
-      project_mean<Numbers>(camera, pose, rows.data(), &at);
-      project_gaussian<Numbers>(camera, pose, rows.data(), &at);
-      double sum = 0, xx = 0, xy = 0, yy = 0;
-      constexpr int kSteps = 12;
-      for (int i = -kSteps; i <= kSteps; ++i)
-        for (int j = -kSteps; j <= kSteps; ++j)
-          for (int k = -kSteps; k <= kSteps; ++k) {
-            const double s[3] = {4.0 * i / kSteps, 4.0 * j / kSteps, 4.0 * k / kSteps};
-            double p[3] = {at.point[0], at.point[1], at.point[2]};
-            for (int axis = 0; axis < 3; ++axis)
-              for (int r = 0; r < 3; ++r) p[r] += s[axis] * at.scale[axis] * at.axis[axis][r];
-            const PlainPixel<Numbers> pixel = project<Numbers>(camera, p[0], p[1], p[2]);
-            const double weight = std::exp(-0.5 * (s[0] * s[0] + s[1] * s[1] + s[2] * s[2]));
-            const double u = pixel.u - at.mean[0], v = pixel.v - at.mean[1];
-            sum += weight;
-            xx += weight * u * u;
-            xy += weight * u * v;
-            yy += weight * v * v;
-          }
-      EXPECT_NEAR(at.variance[0] - double(kScreenVariance), xx / sum, 0.02 * xx / sum);
-      EXPECT_NEAR(at.variance[1] - double(kScreenVariance), yy / sum, 0.02 * yy / sum);
-      EXPECT_NEAR(at.covariance, xy / sum, 0.02 * std::sqrt(xx * yy) / sum);
-    }
+template <class C>
+void expect_covariance(const C& camera) {
+  std::mt19937 random(4);
+  for (int trial = 0; trial < 5; ++trial) {
+    const std::array<double, kDistanceRow> rows = random_rows(&random, -3);
+    const GaussianPose<Numbers> pose = some_pose();
+    ProjectedGaussian<Numbers> at;
+    project_mean<Numbers>(camera, pose, rows.data(), &at);
+    project_gaussian<Numbers>(camera, pose, rows.data(), &at);
+    double sum = 0, xx = 0, xy = 0, yy = 0;
+    constexpr int kSteps = 12;
+    for (int i = -kSteps; i <= kSteps; ++i)
+      for (int j = -kSteps; j <= kSteps; ++j)
+        for (int k = -kSteps; k <= kSteps; ++k) {
+          const double s[3] = {4.0 * i / kSteps, 4.0 * j / kSteps, 4.0 * k / kSteps};
+          double p[3] = {at.point[0], at.point[1], at.point[2]};
+          for (int axis = 0; axis < 3; ++axis)
+            for (int r = 0; r < 3; ++r) p[r] += s[axis] * at.scale[axis] * at.axis[axis][r];
+          const PlainPixel<Numbers> pixel = project<Numbers>(camera, p[0], p[1], p[2]);
+          const double weight = std::exp(-0.5 * (s[0] * s[0] + s[1] * s[1] + s[2] * s[2]));
+          const double u = pixel.u - at.mean[0], v = pixel.v - at.mean[1];
+          sum += weight;
+          xx += weight * u * u;
+          xy += weight * u * v;
+          yy += weight * v * v;
+        }
+    EXPECT_NEAR(at.variance[0] - double(kScreenVariance), xx / sum, 0.02 * xx / sum);
+    EXPECT_NEAR(at.variance[1] - double(kScreenVariance), yy / sum, 0.02 * yy / sum);
+    EXPECT_NEAR(at.covariance, xy / sum, 0.02 * std::sqrt(xx * yy) / sum);
   }
+}
+TEST(GaussianTest, CovarianceAgreesWithIntegrationThroughTheCamera) {
+  expect_covariance(pinhole());
+  expect_covariance(fisheye());
+  expect_covariance(lidar());
 }
 
 TEST(GaussianTest, FilterKeepsTheSumOverThePixels) {

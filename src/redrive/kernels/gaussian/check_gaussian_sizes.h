@@ -12,6 +12,9 @@ inline void check_rasterise(const GaussianCamera& camera, const Gaussians& gauss
   const RasterSize size = raster_size(camera.camera.width, camera.camera.height);
   REDRIVE_CHECK(size.width > 0 && size.height > 0);
   REDRIVE_CHECK(!camera.world_from_camera.empty());
+  const PixelCentres& centres = camera.centres;
+  REDRIVE_CHECK(centres.u.size() == centres.v.size() &&
+                (centres.u.empty() || centres.u.size() == size.plane()));
   REDRIVE_CHECK_OP(gaussians.numbers.size(), ==, gaussian_blocks(gaussians.n) * kBlockSize);
   std::size_t last_block = 0;
   for (const GaussianPart& part : camera.parts) {

@@ -5,6 +5,7 @@
 // backend.h. Sums have a fixed order: the number of threads changes no bit.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <memory>
 #include <span>
@@ -33,6 +34,14 @@ struct GaussianPart {
   std::span<const PlainPose> part_from_camera;
 };
 
+/// Centres of pixels that are no grid, such as the beams of a LiDAR: planes (RasterSize), finite in
+/// the padding, too. Any order gives the same image; it is drawn fastest where the pixels of a tile
+/// are neighbours and tiles ascend by u along their rows and by v down their columns. Empty: the
+/// centre of pixel (x, y) is u = x, v = y.
+struct PixelCentres {
+  std::span<const float> u, v;
+};
+
 /// The camera of an image, or of a window of it: `camera` then has the window's size and principal
 /// point.
 struct GaussianCamera {
@@ -44,6 +53,10 @@ struct GaussianCamera {
   float image_rows = 1;  ///< height of the whole image
   /// Parts that move, ascending by block. The blocks before the first one are in the world.
   std::span<const GaussianPart> parts;
+  PixelCentres centres;
+  /// Whether the poses follow the columns of the image instead, as a LiDAR turns: from the left
+  /// edge to the right one. first_row and image_rows are then a column and the width.
+  bool by_column = false;
 };
 
 /// Planes of an image: pixel (x, y) of plane k is planes[(k * rows + y) * stride + x]. Width and
@@ -57,6 +70,24 @@ constexpr int kTileSide = 16;
 inline RasterSize raster_size(int width, int height) {
   const auto padded = [](int n) { return (n + kTileSide - 1) / kTileSide * kTileSide; };
   return {width, height, padded(width), padded(height)};
+}
+
+/// The rectangle that holds all of a raster's pixels.
+struct RasterBounds {
+  float left, right, top, bottom;
+};
+inline RasterBounds raster_bounds(const GaussianCamera& camera) {
+  if (camera.centres.u.empty())
+    return {-0.5f, static_cast<float>(camera.camera.width) - 0.5f, -0.5f,
+            static_cast<float>(camera.camera.height) - 0.5f};
+  const auto [left, right] = std::ranges::minmax(camera.centres.u);
+  const auto [top, bottom] = std::ranges::minmax(camera.centres.v);
+  return {left, right, top, bottom};
+}
+/// Returns the u or v of the pose from which the search for a Gaussian's own pose starts.
+inline float first_line(const GaussianCamera& camera, const RasterBounds& bounds) {
+  return camera.by_column ? 0.5f * (bounds.left + bounds.right)
+                          : 0.5f * static_cast<float>(camera.camera.height);
 }
 
 struct RasterImage {

@@ -161,9 +161,9 @@ void SplatModel::trace_actors(kernels::Backend& backend, const kernels::Rays& ra
     if (blocks.empty()) continue;
     const RaysOfActor met = rays_of_actor(rays, t_ns, actor);
     if (met.index.empty()) continue;
-    const RenderedRays own =
-        trace_gaussians(backend.gaussians(), {blocks.size() / kGaussianRows, blocks},
-                        {static_cast<int>(met.index.size()), met.origin, met.direction});
+    const RenderedRays own = trace_gaussians(
+        backend.gaussians(), backend.pool(), {blocks.size() / kGaussianRows, blocks},
+        {static_cast<int>(met.index.size()), met.origin, met.direction});
     for (std::size_t m = 0; m < met.index.size(); ++m)
       add_surface(own.depth[m], own.opacity[m], &rendered->depth[met.index[m]],
                   &rendered->opacity[met.index[m]]);

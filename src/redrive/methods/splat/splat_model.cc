@@ -459,7 +459,7 @@ void SplatModel::render_to(kernels::Backend& backend, const RayTable& rays,
 }
 
 RenderedRays SplatModel::trace(kernels::Backend& backend, const kernels::Rays& rays) const {
-  return trace_gaussians(backend.gaussians(), world_gaussians(), rays);
+  return trace_gaussians(backend.gaussians(), backend.pool(), world_gaussians(), rays);
 }
 
 }  // namespace redrive

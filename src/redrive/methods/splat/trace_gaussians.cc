@@ -2,201 +2,159 @@
 #include "redrive/methods/splat/trace_gaussians.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <compare>
-#include <optional>
+#include <cstdint>
 #include <vector>
 
-#include "redrive/camera/camera.h"
 #include "redrive/camera/plain_camera.h"
 #include "redrive/math/rigid3.h"
-#include "redrive/math/voxel_grid.h"
+#include "redrive/methods/splat/ray_groups.h"
 
 namespace redrive {
 namespace {
 
-/// Side of the cells by which origins are grouped, metres. The centre of a group is at most 4.3 cm
-/// from its origins: from 1.6 m on that shifts a surface by less than the tile around each ray.
-constexpr double kGroup_m = 0.05;
-/// Pixels along a face, without its margin. One spans 0.11 degrees in the middle of the face and
-/// 0.06 at the middle of an edge, similar to training images and to a beam's divergence.
-constexpr int kFacePixels = 1024;
-constexpr int kMargin = kernels::kTileSide, kSide = kFacePixels + 2 * kMargin,
-              kTilesAcross = kSide / kernels::kTileSide;
-constexpr double kFocal = kFacePixels / 2.0, kCentre = (kSide - 1) / 2.0;
-/// Largest ratio of depths between which the depth is interpolated: neighbouring pixels of a road
-/// differ by as much 130 m away.
-constexpr double kSameSurface = 1.15;
-/// Each divides the error by roughly the distance over 5 cm.
-constexpr int kIterations = 4;
+constexpr std::size_t kTileRays = kernels::kTileSide * kernels::kTileSide;
+/// Rays of a side of the blocks of a tile's pixels that kernels draw together.
+constexpr std::size_t kBlockSide = 4;
+constexpr std::size_t kBlockRays = kBlockSide * kBlockSide;
+/// Steps of an angle by which rays are ordered: 0.02 degrees of a quarter of a turn.
+constexpr std::size_t kAngleSteps = 4096;
+/// Farthest azimuth and elevation, rad, at which Gaussians count: short of the poles.
+constexpr double kMostRadius_rad = 1.54;
 
-/// A ray in its group: the cell of its origin and the face that it crosses.
-struct GroupedRay {
-  std::uint64_t cell = 0;  ///< key of its voxel
-  int face = 0;            ///< 2 axis + (negative ? 1 : 0)
-  int ray = 0;
+/// A group's rays as pixels of a raster, neighbours in a tile.
+struct RayTiles {
+  int tiles_x = 0, tiles_y = 0;
+  std::vector<float> u, v;           ///< planes of centres
+  std::vector<std::uint32_t> place;  ///< one per ray of the group: its place in the planes
 
-  auto operator<=>(const GroupedRay&) const = default;
-  bool in_group_of(const GroupedRay& other) const {
-    return cell == other.cell && face == other.face;
+  kernels::RasterSize size() const {
+    return kernels::raster_size(kernels::kTileSide * tiles_x, kernels::kTileSide * tiles_y);
   }
 };
 
-Eigen::Vector3d vector_at(std::span<const float> xyz, std::size_t n, std::size_t i) {
-  return {double(xyz[i]), double(xyz[n + i]), double(xyz[2 * n + i])};
+/// Returns the indices of angles that range over `extent` from `low` on, ascending to a step.
+std::vector<std::uint32_t> order_by(const std::vector<float>& angles, float low, float extent) {
+  const float steps = static_cast<float>(kAngleSteps - 1) / std::max(extent, 1e-6f);
+  std::vector<std::uint32_t> next(kAngleSteps + 1), order(angles.size());
+  const auto step_of = [&](float angle) { return static_cast<std::size_t>((angle - low) * steps); };
+  for (const float angle : angles) ++next[step_of(angle) + 1];
+  for (std::size_t step = 0; step < kAngleSteps; ++step) next[step + 1] += next[step];
+  for (std::size_t k = 0; k < angles.size(); ++k)
+    order[next[step_of(angles[k])]++] = static_cast<std::uint32_t>(k);
+  return order;
 }
 
-std::vector<GroupedRay> grouped(const kernels::Rays& rays) {
-  const std::size_t n = rays.n;
-  std::vector<GroupedRay> out(n);
-  for (std::size_t i = 0; i < n; ++i) {
-    GroupedRay& ray = out[i];
-    ray.ray = static_cast<int>(i);
-    ray.cell = voxel_key(voxel_of(vector_at(rays.origin, n, i), kGroup_m));
-    int axis = 0;
-    const Eigen::Vector3d direction = vector_at(rays.direction, n, i);
-    direction.cwiseAbs().maxCoeff(&axis);
-    ray.face = 2 * axis + (direction[axis] < 0);
+/// Sorts each run of `length` rays, whose positions are given, as `order` has them.
+void sort_runs(const std::vector<std::uint32_t>& order, std::size_t length,
+               std::vector<std::uint32_t>* position) {
+  std::vector<std::uint32_t> next(order.size() / length + 1);
+  for (std::size_t run = 0; run < next.size(); ++run)
+    next[run] = static_cast<std::uint32_t>(run * length);
+  for (const std::uint32_t ray : order) (*position)[ray] = next[(*position)[ray] / length]++;
+}
+
+/// Cuts the rays by azimuth into strips, these by elevation into tiles of about the same height,
+/// and tiles into blocks of 4 x 4 rays, as near to squares as the beams lie.
+RayTiles make_tiles(const RayGroup& group, double per_radian) {
+  RayTiles out;
+  const std::size_t n = group.rays.size(), tiles = (n + kTileRays - 1) / kTileRays;
+  const auto [left, right] = std::ranges::minmax(group.azimuth);
+  const auto [top, bottom] = std::ranges::minmax(group.elevation);
+  const double wide = double(right - left), high = double(bottom - top);
+  out.tiles_y = static_cast<int>(std::clamp(
+      std::round(std::sqrt(double(tiles) * high / std::max(wide, 1e-6))), 1.0, double(tiles)));
+  const std::size_t strip = out.tiles_y * kTileRays;
+  out.tiles_x = static_cast<int>((n + strip - 1) / strip);
+  const std::vector<std::uint32_t> by_azimuth = order_by(group.azimuth, left, right - left),
+                                   by_elevation = order_by(group.elevation, top, bottom - top);
+  std::vector<std::uint32_t> position(n);
+  sort_runs(by_azimuth, n, &position);
+  sort_runs(by_elevation, strip, &position);
+  sort_runs(by_azimuth, kBlockSide * kBlockRays, &position);
+  sort_runs(by_elevation, kBlockRays, &position);
+  const kernels::RasterSize size = out.size();
+  out.u.resize(size.plane());
+  out.v.resize(size.plane());
+  out.place.resize(n);
+  const auto put = [&](std::size_t at, std::size_t ray) {
+    const std::size_t tile = at % strip / kTileRays, block = at % kTileRays / kBlockRays,
+                      in_block = at % kBlockRays,
+                      x = at / strip * kernels::kTileSide + block % kBlockSide * kBlockSide +
+                          in_block % kBlockSide,
+                      y = tile * kernels::kTileSide + block / kBlockSide * kBlockSide +
+                          in_block / kBlockSide,
+                      place = y * size.stride + x;
+    out.u[place] = static_cast<float>(per_radian * double(group.azimuth[ray]));
+    out.v[place] = static_cast<float>(per_radian * double(group.elevation[ray]));
+    return static_cast<std::uint32_t>(place);
+  };
+  std::size_t last = 0;
+  for (std::size_t ray = 0; ray < n; ++ray) {
+    out.place[ray] = put(position[ray], ray);
+    if (position[ray] + 1 == n) last = ray;
   }
-  std::ranges::sort(out);
+  // Places that no ray is left for repeat the last one.
+  for (std::size_t at = n; at < size.plane(); ++at) put(at, last);
   return out;
 }
 
-/// Returns the axes of a face in the world: columns x and y of the image, z outwards.
-Eigen::Matrix3d world_from_face(int face) {
-  const int axis = face / 2;
-  Eigen::Matrix3d axes;
-  axes.col(2) = (face % 2 ? -1 : 1) * Eigen::Vector3d::Unit(axis);
-  axes.col(0) = Eigen::Vector3d::Unit((axis + 1) % 3);
-  axes.col(1) = axes.col(2).cross(axes.col(0));
-  return axes;
-}
-
-/// The surface that a face shows in one direction.
-struct FaceSample {
-  double distance = 0;  ///< from the cube's centre, metres; 0: no Gaussian is there
-  double opacity = 0;
-};
-
-/// A drawn face of the cube around a group's mean origin.
-class Face {
- public:
-  /// Draws the tiles of the rays and those around them.
-  Face(kernels::GaussianStages& stages, const kernels::Gaussians& gaussians,
-       const kernels::Rays& rays, std::span<const GroupedRay> group) {
-    const std::size_t n = rays.n;
-    world_from_face_ = world_from_face(group[0].face);
-    centre_.setZero();
-    tiles_.assign(static_cast<std::size_t>(kTilesAcross) * kTilesAcross, 0);
-    for (const GroupedRay& ray : group) {
-      centre_ += vector_at(rays.origin, n, ray.ray) / static_cast<double>(group.size());
-      const auto pixel = pixel_of(vector_at(rays.direction, n, ray.ray));
-      const auto tile = [](double coordinate) {
-        return static_cast<int>(coordinate) / kernels::kTileSide;
-      };
-      const int x = tile(pixel.x()), y = tile(pixel.y());
-      for (int ty = std::max(y - 1, 0); ty <= std::min(y + 1, kTilesAcross - 1); ++ty)
-        for (int tx = std::max(x - 1, 0); tx <= std::min(x + 1, kTilesAcross - 1); ++tx)
-          tiles_[static_cast<std::size_t>(ty) * kTilesAcross + tx] = 1;
-    }
+/// Draws a group's rays.
+void trace_group(kernels::GaussianStages& stages, const kernels::Gaussians& gaussians,
+                 const kernels::Rays& rays, const RayGroup& group, const RayTiles& tiles,
+                 double per_radian, RenderedRays* out) {
+  const auto [left, right] = std::ranges::minmax(group.azimuth);
+  const kernels::RasterSize size = tiles.size();
+  std::vector<PlainPose> poses;
+  for (const float azimuth : {left, right}) {
     Rigid3d pose = Rigid3d::Identity();
-    pose.linear() = world_from_face_;
-    pose.translation() = centre_;
-    const PlainPose world_from_camera = plain(pose);
-    static const Camera camera{OpenCvPinhole{}, kFocal, kFocal, kCentre, kCentre, kSide, kSide};
-    kernels::RasterOptions options;
-    options.depth = true;
-    options.tiles = tiles_;
-    raster_.emplace(stages.rasterise({make_plain_camera(camera), {&world_from_camera, 1}, 0, kSide},
-                                     gaussians, options));
+    pose.linear() = group.world_from_axes;
+    pose.translation() = group.origin_at(double(azimuth));
+    poses.push_back(plain(pose));
   }
-
-  const Eigen::Vector3d& centre() const { return centre_; }
-
-  /// Reads the face in `direction` from the centre (any length > 0). False where nothing is drawn
-  /// there.
-  bool read(const Eigen::Vector3d& direction, FaceSample* sample) const {
-    if (direction.dot(world_from_face_.col(2)) <= 0) return false;
-    const Eigen::Vector2d at = pixel_of(direction);
-    const double left = std::floor(at.x()), top = std::floor(at.y());
-    if (!(left >= 0 && top >= 0 && left < kSide - 1 && top < kSide - 1)) return false;
-    const kernels::RasterImage& image = raster_->image();
-    double weights[4], inverse_z[4], opacity[4], least = 0, most = 0;
-    int nearest = 0;
-    for (int k = 0; k < 4; ++k) {
-      const int x = static_cast<int>(left) + k % 2, y = static_cast<int>(top) + k / 2;
-      if (!tiles_[static_cast<std::size_t>(y / kernels::kTileSide) * kTilesAcross +
-                  x / kernels::kTileSide])
-        return false;
-      const std::size_t i = static_cast<std::size_t>(y) * image.size.stride + x;
-      const double distance = image.depth[i];
-      inverse_z[k] = distance > 0 ? stretch(x, y) / distance : 0;
-      opacity[k] = 1 - double(image.transmittance[i]);
-      weights[k] = (1 - std::abs(at.x() - x)) * (1 - std::abs(at.y() - y));
-      if (weights[k] > weights[nearest]) nearest = k;
-      least = k == 0 ? inverse_z[k] : std::min(least, inverse_z[k]);
-      most = std::max(most, inverse_z[k]);
-    }
-    if (least == 0 || most > kSameSurface * least)
-      for (int k = 0; k < 4; ++k) weights[k] = k == nearest;
-    double inverse = 0;
-    sample->opacity = 0;
-    for (int k = 0; k < 4; ++k) {
-      inverse += weights[k] * inverse_z[k];
-      sample->opacity += weights[k] * opacity[k];
-    }
-    sample->distance = inverse > 0 ? stretch(at.x(), at.y()) / inverse : 0;
-    return true;
+  if (left == right || group.by_azimuth_m.isZero()) poses.resize(1);
+  const float first = static_cast<float>(per_radian * double(left)),
+              width = static_cast<float>(per_radian * double(right - left));
+  kernels::GaussianCamera camera;
+  camera.camera = make_spherical_camera(per_radian, kMostRadius_rad, size.width, size.height);
+  camera.world_from_camera = poses;
+  camera.first_row = -first - 0.5f;
+  camera.image_rows = std::max(width, 1e-3f);
+  camera.centres = {tiles.u, tiles.v};
+  camera.by_column = true;
+  kernels::RasterOptions options;
+  options.depth = true;
+  const kernels::Raster raster = stages.rasterise(camera, gaussians, options);
+  const kernels::RasterImage& image = raster.image();
+  for (std::size_t k = 0; k < group.rays.size(); ++k) {
+    const std::size_t ray = group.rays[k], place = tiles.place[k];
+    const Eigen::Vector3d drawn_from = group.origin_at(double(group.azimuth[k]));
+    double ahead = 0;  // the drawn origin before the ray's own
+    for (std::size_t axis = 0; axis < 3; ++axis)
+      ahead += (drawn_from[axis] - double(rays.origin[axis * rays.n + ray])) *
+               double(rays.direction[axis * rays.n + ray]);
+    const float depth = image.depth[place];
+    out->depth[ray] = depth > 0 ? std::max(0.0f, depth + static_cast<float>(ahead)) : 0.0f;
+    out->opacity[ray] = 1 - image.transmittance[place];
   }
-
- private:
-  /// The direction must point out of the face.
-  Eigen::Vector2d pixel_of(const Eigen::Vector3d& direction) const {
-    const Eigen::Vector3d in_face = world_from_face_.transpose() * direction;
-    return (kFocal / in_face.z() * in_face.head<2>()).array() + kCentre;
-  }
-  /// Distance over depth along the face's axis at a pixel.
-  static double stretch(double x, double y) {
-    return std::hypot((x - kCentre) / kFocal, (y - kCentre) / kFocal, 1.0);
-  }
-
-  std::optional<kernels::Raster> raster_;
-  Eigen::Matrix3d world_from_face_;
-  Eigen::Vector3d centre_;
-  std::vector<std::uint8_t> tiles_;
-};
+}
 
 }  // namespace
 
-RenderedRays trace_gaussians(kernels::GaussianStages& stages, const kernels::Gaussians& gaussians,
-                             const kernels::Rays& rays) {
-  const std::size_t n = rays.n;
+RenderedRays trace_gaussians(kernels::GaussianStages& stages, ThreadPool& pool,
+                             const kernels::Gaussians& gaussians, const kernels::Rays& rays,
+                             double beam_rad) {
+  const auto n = static_cast<std::size_t>(rays.n);
   RenderedRays out{std::vector<float>(n), std::vector<float>(n)};
-  const std::vector<GroupedRay> all = grouped(rays);
-  for (std::size_t begin = 0, end = 0; begin < n; begin = end) {
-    while (end < n && all[end].in_group_of(all[begin])) ++end;
-    const std::span<const GroupedRay> group = std::span(all).subspan(begin, end - begin);
-    const Face face(stages, gaussians, rays, group);
-    for (const GroupedRay& grouped : group) {
-      const std::size_t i = grouped.ray;
-      const Eigen::Vector3d direction = vector_at(rays.direction, n, i),
-                            from_centre = vector_at(rays.origin, n, i) - face.centre();
-      // Finds r with |from_centre + r direction| = the distance drawn in its direction.
-      double range = 0;
-      FaceSample sample;
-      for (int k = 0; k < kIterations; ++k) {
-        const Eigen::Vector3d seen = k == 0 ? direction : from_centre + range * direction;
-        if (!face.read(seen, &sample) || sample.distance == 0) break;
-        const double along = from_centre.dot(direction), root = along * along -
-                                                                from_centre.squaredNorm() +
-                                                                sample.distance * sample.distance;
-        range = std::max(0.0, std::sqrt(std::max(0.0, root)) - along);
-      }
-      out.depth[i] = static_cast<float>(range);
-      out.opacity[i] = static_cast<float>(sample.opacity);
-    }
-  }
+  // The filter of the kernels is the beam: an even disc has a sixteenth of its width squared as
+  // variance along each axis.
+  const double per_radian = 4 * std::sqrt(double(kScreenVariance)) / beam_rad;
+  const std::vector<RayGroup> groups = group_rays(rays, pool);
+  std::vector<RayTiles> tiles(groups.size());
+  pool.run(static_cast<int>(groups.size()),
+           [&](int g) { tiles[g] = make_tiles(groups[g], per_radian); });
+  for (std::size_t g = 0; g < groups.size(); ++g)
+    trace_group(stages, gaussians, rays, groups[g], tiles[g], per_radian, &out);
   return out;
 }
 

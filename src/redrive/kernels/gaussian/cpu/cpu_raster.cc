@@ -9,6 +9,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/kernels/gaussian/check_gaussian_sizes.h"
+#include "redrive/kernels/gaussian/mean_bounds.h"
 
 namespace redrive::kernels {
 namespace {
@@ -38,8 +39,8 @@ void sort_by_distance(std::uint64_t* keys, std::uint64_t* memory, std::size_t n)
   }
 }
 
-Segment make_segment(const GaussianCamera& camera, std::span<const PlainPose> poses,
-                     std::size_t begin, std::size_t end) {
+Segment make_segment(const GaussianCamera& camera, const RasterBounds& bounds,
+                     std::span<const PlainPose> poses, std::size_t begin, std::size_t end) {
   Segment segment{.begin = begin, .end = end, .shutter = {}, .keys = {}};
   std::vector<float>& keys = segment.keys;
   for (const PlainPose& pose : poses) {
@@ -61,14 +62,30 @@ Segment make_segment(const GaussianCamera& camera, std::span<const PlainPose> po
   shutter.keys = keys.data();
   for (int k = 0; k < 9 && !poses.empty(); ++k)
     shutter.rotation[k] = static_cast<float>(poses[0].rotation[3 * (k % 3) + k / 3]);
+  shutter.by_column = camera.by_column;
+  shutter.first = first_line(camera, bounds);
   shutter.row_scale = static_cast<float>(shutter.n - 1) / camera.image_rows;
   shutter.row_offset = (camera.first_row + 0.5f) * shutter.row_scale;
   return segment;
 }
 
-std::uint64_t count_tiles(const RasterRecord& record, const RasterSize& size) {
-  const TileRange t = tiles_of(record, size.stride / kTileSide, size.rows / kTileSide);
-  return static_cast<std::uint64_t>(t.x1 - t.x0 + 1) * static_cast<std::uint64_t>(t.y1 - t.y0 + 1);
+std::uint64_t count_tiles(const RasterRecord& record, const TileGrid& grid) {
+  const TileRange t = tiles_of(record, grid);
+  return static_cast<std::uint64_t>(std::max(t.x1 - t.x0 + 1, 0)) *
+         static_cast<std::uint64_t>(std::max(t.y1 - t.y0 + 1, 0));
+}
+
+/// Makes tiles' least and greatest centres ascend, without narrowing any.
+void make_ascending(float* low, float* high, int tiles) {
+  for (int t = 1; t < tiles; ++t) {
+    high[t] = std::max(high[t], high[t - 1]);
+    low[tiles - 1 - t] = std::min(low[tiles - 1 - t], low[tiles - t]);
+  }
+}
+
+TileAxis tile_axis(const float* low, const float* high, int tiles) {
+  const float first = low[0], length = high[tiles - 1] - first;
+  return {low, high, first, static_cast<float>(tiles) / std::max(length, 1e-6f)};
 }
 
 }  // namespace
@@ -118,6 +135,10 @@ void CpuRaster::for_tiles(const Body& body) const {
       job.stride = size.stride;
       job.plane = size.plane();
       job.log_range = options_.log_range.empty() ? nullptr : options_.log_range.data();
+      if (!camera_.centres.u.empty()) {
+        job.u = camera_.centres.u.data();
+        job.v = camera_.centres.v.data();
+      }
       job.scratch = tile_memory(tile_scratch(job.n));
       body(&job);
     }
@@ -131,6 +152,7 @@ void CpuRaster::forward(const GaussianCamera& camera, const Gaussians& gaussians
   gaussians_ = gaussians;
   options_ = options;
   const RasterSize size = image.size = raster_size(camera.camera.width, camera.camera.height);
+  set_grid();
   project();
   sort_by_distance(keys_.data(), scratch_of<std::uint64_t>(n_visible_), n_visible_);
   bin();
@@ -197,7 +219,60 @@ void CpuRaster::backward(const RasterGradient& gradient, const GaussianDerivativ
       }
 }
 
-void CpuRaster::set_segments() {
+void CpuRaster::set_grid() {
+  const RasterSize& size = image.size;
+  const int tiles_x = size.stride / kTileSide, tiles_y = size.rows / kTileSide;
+  grid_ = {};
+  grid_.tiles_x = tiles_x;
+  grid_.tiles_y = tiles_y;
+  const PixelCentres& centres = camera_.centres;
+  if (centres.u.empty()) return;
+  const int block_rows = kernels_.block_rows, across = kTileSide / kBlockColumns,
+            blocks = across * (kTileSide / block_rows);
+  const std::size_t tiles = static_cast<std::size_t>(tiles_x) * tiles_y;
+  float* const boxes = grown(&boxes_, tiles * 4 * blocks);
+  pool_.run_ranges(tiles, kTilesPerRange, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t tile = begin; tile < end; ++tile)
+      for (int b = 0; b < blocks; ++b) {
+        const std::size_t x = tile % tiles_x * kTileSide + b % across * kBlockColumns,
+                          y = tile / tiles_x * kTileSide + b / across * block_rows;
+        float* const box = boxes + tile * 4 * blocks + b;
+        for (const bool along_v : {false, true}) {
+          const std::span<const float> plane = along_v ? centres.v : centres.u;
+          float low = plane[y * size.stride + x], high = low;
+          for (int row = 0; row < block_rows; ++row)
+            for (int column = 0; column < kBlockColumns; ++column) {
+              const float at = plane[(y + row) * size.stride + x + column];
+              low = std::min(low, at);
+              high = std::max(high, at);
+            }
+          box[2 * along_v * blocks] = low;
+          box[(2 * along_v + 1) * blocks] = high;
+        }
+      }
+  });
+  constexpr float kFar = std::numeric_limits<float>::max();
+  extents_.assign(2 * (tiles_x + tiles_y), -kFar);
+  float *const low_u = extents_.data(), *const high_u = low_u + tiles_x,
+               *const low_v = high_u + tiles_x, *const high_v = low_v + tiles_y;
+  std::fill_n(low_u, tiles_x, kFar);
+  std::fill_n(low_v, tiles_y, kFar);
+  for (std::size_t tile = 0; tile < tiles; ++tile) {
+    const float* const box = boxes + tile * 4 * blocks;
+    const std::size_t x = tile % tiles_x, y = tile / tiles_x;
+    low_u[x] = std::min(low_u[x], std::ranges::min(std::span(box, blocks)));
+    high_u[x] = std::max(high_u[x], std::ranges::max(std::span(box + blocks, blocks)));
+    low_v[y] = std::min(low_v[y], std::ranges::min(std::span(box + 2 * blocks, blocks)));
+    high_v[y] = std::max(high_v[y], std::ranges::max(std::span(box + 3 * blocks, blocks)));
+  }
+  make_ascending(low_u, high_u, tiles_x);
+  make_ascending(low_v, high_v, tiles_y);
+  grid_.boxes = boxes;
+  grid_.along_u = tile_axis(low_u, high_u, tiles_x);
+  grid_.along_v = tile_axis(low_v, high_v, tiles_y);
+}
+
+void CpuRaster::set_segments(const RasterBounds& bounds) {
   const GaussianCamera& camera = camera_;
   const std::size_t blocks = gaussian_blocks(gaussians_.n);
   segments_.clear();
@@ -205,23 +280,27 @@ void CpuRaster::set_segments() {
   const auto begin_of = [&](std::size_t part) {
     return part < camera.parts.size() ? camera.parts[part].first_block : blocks;
   };
-  segments_.push_back(make_segment(camera, camera.world_from_camera, 0, begin_of(0)));
+  segments_.push_back(make_segment(camera, bounds, camera.world_from_camera, 0, begin_of(0)));
   for (std::size_t part = 0; part < camera.parts.size(); ++part)
-    segments_.push_back(make_segment(camera, camera.parts[part].part_from_camera, begin_of(part),
-                                     begin_of(part + 1)));
+    segments_.push_back(make_segment(camera, bounds, camera.parts[part].part_from_camera,
+                                     begin_of(part), begin_of(part + 1)));
 }
 
 void CpuRaster::project() {
-  const RasterSize& size = image.size;
   const std::size_t blocks = gaussian_blocks(gaussians_.n);
   REDRIVE_CHECK_OP(blocks * kGaussianBlock, <=, kMostPairs);
   grown(&records_, blocks * kGaussianBlock);
   grown(&visible_, blocks);
   grown(&keys_, blocks * kGaussianBlock);
-  set_segments();
+  const RasterBounds bounds = raster_bounds(camera_);
+  set_segments(bounds);
   ProjectionJob job;
   job.camera = camera_.camera;
   job.gaussians = gaussians_.numbers.data();
+  const auto plain = [](const RasterBounds& b) { return Bounds{b.left, b.right, b.top, b.bottom}; };
+  job.pixels = plain(bounds);
+  job.bounds_means = !camera_.centres.u.empty();
+  job.means = plain(mean_bounds(camera_, bounds));
   std::vector<std::size_t> drawn(blocks / kBlocksPerRange + 1);
   pool_.run_ranges(blocks, kBlocksPerRange, [&](std::size_t begin, std::size_t end) {
     std::size_t& n = drawn[begin / kBlocksPerRange];
@@ -236,7 +315,7 @@ void CpuRaster::project() {
     });
     // While the records are in the cache.
     for (std::uint64_t& key : std::span(keys_.data() + begin * kGaussianBlock, n)) {
-      const std::uint64_t tiles = count_tiles(records_[static_cast<std::uint32_t>(key)], size);
+      const std::uint64_t tiles = count_tiles(records_[static_cast<std::uint32_t>(key)], grid_);
       key = (key & ~(kManyTiles << kTileShift)) | std::min(tiles, kManyTiles) << kTileShift;
     }
   });
@@ -249,9 +328,7 @@ void CpuRaster::project() {
 }
 
 void CpuRaster::bin() {
-  const RasterSize& size = image.size;
-  const int tiles_x = size.stride / kTileSide, tiles_y = size.rows / kTileSide;
-  const std::size_t tiles = static_cast<std::size_t>(tiles_x) * tiles_y, n = n_visible_;
+  const std::size_t tiles = static_cast<std::size_t>(grid_.tiles_x) * grid_.tiles_y, n = n_visible_;
   struct Range {
     std::size_t begin, end, place, made = 0;
     std::uint32_t slot = 0;
@@ -267,7 +344,7 @@ void CpuRaster::bin() {
       const std::uint64_t tiles = keys_[i] >> kTileShift & kManyTiles;
       range.place += tiles < kManyTiles
                          ? tiles
-                         : count_tiles(records_[static_cast<std::uint32_t>(keys_[i])], size);
+                         : count_tiles(records_[static_cast<std::uint32_t>(keys_[i])], grid_);
     }
   });
   std::size_t most = 0;
@@ -277,8 +354,8 @@ void CpuRaster::bin() {
     Range& range = ranges[r];
     TilePair* const pairs = unordered + range.place;
     range.made =
-        kernels_.bin(records_.data(), keys_.data() + range.begin, range.end - range.begin, tiles_x,
-                     tiles_y, options_.tiles.empty() ? nullptr : options_.tiles.data(), pairs);
+        kernels_.bin(records_.data(), keys_.data() + range.begin, range.end - range.begin, grid_,
+                     options_.tiles.empty() ? nullptr : options_.tiles.data(), pairs);
     range.next.assign(tiles, 0);
     for (std::size_t i = 0; i < range.made; ++i) ++range.next[pairs[i].tile];
   });

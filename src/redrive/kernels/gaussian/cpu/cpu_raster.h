@@ -47,8 +47,10 @@ class CpuRaster final : public RasterPass {
                 std::span<GaussianPoseGradient<NumberMath<double>>> d_poses) override;
 
  private:
+  /// Sets grid_.
+  void set_grid();
   /// Sets segments_: the world, then the parts.
-  void set_segments();
+  void set_segments(const RasterBounds& bounds);
   /// Sets records_, visible_, keys_ and n_visible_.
   void project();
   /// Sets pairs_, by tile and in each by distance, and first_.
@@ -81,6 +83,9 @@ class CpuRaster final : public RasterPass {
   std::vector<std::uint32_t> first_;  ///< [tiles + 1]: first pair of each tile
   std::size_t n_visible_ = 0;
   std::vector<Segment> segments_;
+  TileGrid grid_;
+  Buffer<float> boxes_;         ///< TileGrid::boxes
+  std::vector<float> extents_;  ///< along_u.low and along_u.high of grid_, then along_v's
 };
 
 }  // namespace redrive::kernels

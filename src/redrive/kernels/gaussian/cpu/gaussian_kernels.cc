@@ -16,7 +16,7 @@ constexpr float kHalfLog2E = 0.72134752f;
 using Pose = GaussianPose<LaneMath>;
 using Projected = ProjectedGaussian<LaneMath>;
 
-/// Computes the poses at the rows on which the means fall.
+/// Computes the poses at the rows, or columns, on which the means fall.
 REDRIVE_INLINE void pose_at(const ShutterKeys& shutter, Vf v, Pose* pose) {
   const Vf zero{}, one = splat(1.0f);
   Vf q[4], position = splat(shutter.row_scale) * v + splat(shutter.row_offset);
@@ -35,19 +35,36 @@ REDRIVE_INLINE void pose_at(const ShutterKeys& shutter, Vf v, Pose* pose) {
   for (int k = 0; k < 9; ++k) pose->rotation[k] = r[k / 3][k % 3];
 }
 
+REDRIVE_INLINE void bound_means(const ProjectionJob& job, Projected* at) {
+  if (!job.bounds_means) return;
+  const Bounds& in = job.means;
+  at->visible &= (at->mean[0] > splat(in.left)) & (at->mean[0] < splat(in.right)) &
+                 (at->mean[1] > splat(in.top)) & (at->mean[1] < splat(in.bottom));
+}
+
 /// Projects the means. A Gaussian's row depends on the pose, which depends on the row: two
-/// iterations from the middle of the image.
-REDRIVE_INLINE void project_means(const ProjectionJob& job, const Vf* rows, Pose* pose,
-                                  Projected* out) {
+/// iterations from the middle of the image. By columns alike.
+template <class C>
+REDRIVE_INLINE void project_means(const ProjectionJob& job, const C& camera, const Vf* rows,
+                                  Pose* pose, Projected* out) {
   if (job.shutter.n == 1) {
     for (int k = 0; k < 9; ++k) pose->rotation[k] = splat(job.shutter.rotation[k]);
     for (int k = 0; k < 3; ++k) pose->centre[k] = splat(job.shutter.keys[4 + k]);
-    return project_mean<LaneMath>(job.camera, *pose, rows + kPositionRow, out);
+    project_mean<LaneMath>(camera, *pose, rows + kPositionRow, out);
+    return bound_means(job, out);
   }
-  out->mean[1] = splat(0.5f * static_cast<float>(job.camera.height));
+  Vf line = splat(job.shutter.first);
+  Vi seen = line == line;
   for (int i = 0; i < 3; ++i) {
-    pose_at(job.shutter, out->mean[1], pose);
-    project_mean<LaneMath>(job.camera, *pose, rows + kPositionRow, out);
+    pose_at(job.shutter, line, pose);
+    project_mean<LaneMath>(camera, *pose, rows + kPositionRow, out);
+    if (job.bounds_means) {
+      bound_means(job, out);
+      seen &= out->visible;
+      out->visible = seen;
+      if (lane_bits(seen) == 0) return;
+    }
+    line = job.shutter.by_column ? out->mean[0] : out->mean[1];
   }
 }
 
@@ -56,11 +73,11 @@ REDRIVE_INLINE void load_rows(const float* block, int vector, Vf* rows) {
     rows[row] = load(block + row * kGaussianBlock + vector * kLanes);
 }
 
-std::size_t project(const ProjectionJob& job, std::size_t begin, std::size_t end,
-                    RasterRecord* records, std::uint16_t* visible, std::uint64_t* keys) {
+template <class C>
+REDRIVE_INLINE std::size_t project(const ProjectionJob& job, const C& camera, std::size_t begin,
+                                   std::size_t end, RasterRecord* records, std::uint16_t* visible,
+                                   std::uint64_t* keys) {
   std::size_t drawn = 0;
-  const float width = static_cast<float>(job.camera.width) - 0.5f,
-              height = static_cast<float>(job.camera.height) - 0.5f;
   for (std::size_t block = begin; block < end; ++block) {
     unsigned in_block = 0;
     for (int vector = 0; vector < kVectors; ++vector) {
@@ -71,10 +88,10 @@ std::size_t project(const ProjectionJob& job, std::size_t begin, std::size_t end
             load(numbers + (kPositionRow + k) * kGaussianBlock + vector * kLanes);
       Pose pose;
       Projected at;
-      project_means(job, rows, &pose, &at);
+      project_means(job, camera, rows, &pose, &at);
       if (lane_bits(at.visible) == 0) continue;
       load_rows(numbers, vector, rows);
-      project_gaussian<LaneMath>(job.camera, pose, rows, &at);
+      project_gaussian<LaneMath>(camera, pose, rows, &at);
       const Vf alpha = maximum(at.alpha, splat(1e-9f)), log2_alpha = logarithm_of_two(alpha);
       // alpha falls to kMinAlpha where half the squared Mahalanobis distance is log(alpha / min).
       const Vf reach =
@@ -82,11 +99,13 @@ std::size_t project(const ProjectionJob& job, std::size_t begin, std::size_t end
       const Vf radius_x = square_root(reach * at.variance[0]),
                radius_y = square_root(reach * at.variance[1]);
       // Comparisons are false for values that are not finite.
-      const unsigned bits = lane_bits(
-          at.visible & (alpha > splat(kMinAlpha)) & (at.mean[0] + radius_x > splat(-0.5f)) &
-          (at.mean[0] - radius_x < splat(width)) & (at.mean[1] + radius_y > splat(-0.5f)) &
-          (at.mean[1] - radius_y < splat(height)) & (at.conic[0] > Vf{}) & (at.conic[2] > Vf{}) &
-          (magnitude_of(at.conic[1]) < splat(1e30f)));
+      const unsigned bits =
+          lane_bits(at.visible & (alpha > splat(kMinAlpha)) &
+                    (at.mean[0] + radius_x > splat(job.pixels.left)) &
+                    (at.mean[0] - radius_x < splat(job.pixels.right)) &
+                    (at.mean[1] + radius_y > splat(job.pixels.top)) &
+                    (at.mean[1] - radius_y < splat(job.pixels.bottom)) & (at.conic[0] > Vf{}) &
+                    (at.conic[2] > Vf{}) & (magnitude_of(at.conic[1]) < splat(1e30f)));
       if (bits == 0) continue;
       in_block |= bits << (vector * kLanes);
       const Vf half = splat(-kHalfLog2E);
@@ -118,6 +137,14 @@ std::size_t project(const ProjectionJob& job, std::size_t begin, std::size_t end
     visible[block] = static_cast<std::uint16_t>(in_block);
   }
   return drawn;
+}
+
+std::size_t project(const ProjectionJob& job, std::size_t begin, std::size_t end,
+                    RasterRecord* records, std::uint16_t* visible, std::uint64_t* keys) {
+  return with_camera(
+      job.camera, [&](const auto& camera) __attribute__((always_inline)) {
+        return project(job, camera, begin, end, records, visible, keys);
+      });
 }
 
 /// The bits of vectors of optim/packed_moments.h.
@@ -184,7 +211,9 @@ REDRIVE_INLINE void update_block(const UpdateJob& job, const float* gradients, c
   }
 }
 
-void project_backward(const ProjectionBackwardJob& job, std::size_t begin, std::size_t end) {
+template <class C>
+REDRIVE_INLINE void project_backward(const ProjectionBackwardJob& job, const C& camera,
+                                     std::size_t begin, std::size_t end) {
   Vf pose_sums[6] = {};
   alignas(64) float of_block[kBlockSize], errors_of_block[kGaussianBlock];
   for (std::size_t block = begin; block < end; ++block) {
@@ -225,8 +254,8 @@ void project_backward(const ProjectionBackwardJob& job, std::size_t begin, std::
       load_rows(job.gaussians + block * kBlockSize, vector, rows);
       Pose pose;
       Projected at;
-      project_means(job, rows, &pose, &at);
-      project_gaussian<LaneMath>(job.camera, pose, rows, &at);
+      project_means(job, camera, rows, &pose, &at);
+      project_gaussian<LaneMath>(camera, pose, rows, &at);
       ProjectedGradient<LaneMath> gradient;
       gradient.mean[0] = at.conic[0] * sum[kSumX] + at.conic[1] * sum[kSumY];
       gradient.mean[1] = at.conic[1] * sum[kSumX] + at.conic[2] * sum[kSumY];
@@ -238,7 +267,7 @@ void project_backward(const ProjectionBackwardJob& job, std::size_t begin, std::
       gradient.length = sum[kSumLogDistance] / at.length;
       Vf d_rows[kDistanceRow];
       GaussianPoseGradient<LaneMath> d_pose;
-      project_gaussian_adjoint<LaneMath>(job.camera, pose, rows, at, gradient, d_rows,
+      project_gaussian_adjoint<LaneMath>(camera, pose, rows, at, gradient, d_rows,
                                          job.d_pose ? &d_pose : nullptr);
       float* const out = gradients + vector * kLanes;
       for (int row = 0; row < kDistanceRow; ++row)
@@ -258,6 +287,13 @@ void project_backward(const ProjectionBackwardJob& job, std::size_t begin, std::
         job.d_pose[k] += static_cast<double>(pose_sums[k][lane]);
 }
 
+void project_backward(const ProjectionBackwardJob& job, std::size_t begin, std::size_t end) {
+  with_camera(
+      job.camera, [&](const auto& camera) __attribute__((always_inline)) {
+        project_backward(job, camera, begin, end);
+      });
+}
+
 void update(const UpdateJob& job, const float* gradients, const float* errors, std::size_t begin,
             std::size_t end) {
   for (std::size_t block = begin; block < end; ++block)
@@ -267,6 +303,6 @@ void update(const UpdateJob& job, const float* gradients, const float* errors, s
 }  // namespace
 
 const GaussianKernels kGaussianKernels = {project,          bin,    tile_forward, tile_backward,
-                                          project_backward, update, loss_row};
+                                          project_backward, update, loss_row,     kBlockRows};
 
 }  // namespace redrive::kernels::REDRIVE_ISA

@@ -25,8 +25,10 @@ struct alignas(64) RasterRecord {
 static_assert(sizeof(RasterRecord) == 64);
 constexpr int kRecordFloats = 16;
 
+constexpr int kBlockColumns = 4;
+
 /// A Gaussian in a tile. Bit b of `blocks` stands for block b of the tile's pixels; a block has as
-/// many pixels as a vector has lanes, 4 a row, and blocks are numbered row by row.
+/// many pixels as a vector has lanes, kBlockColumns a row, and blocks are numbered row by row.
 struct TilePair {
   std::uint32_t gaussian, tile, blocks, slot;
 };
@@ -37,13 +39,23 @@ struct ShutterKeys {
   int n = 1;
   const float* keys = nullptr;          ///< [n, 7], neighbours on the same half of the sphere
   float rotation[9];                    ///< camera_from_world of the only key
+  bool by_column = false;               ///< GaussianCamera::by_column
+  float first = 0;                      ///< v, or u, of the first pose that is tried
   float row_scale = 0, row_offset = 0;  ///< position among the keys: row_scale v + row_offset
+};
+
+/// RasterBounds, for files with ISA flags.
+struct Bounds {
+  float left = 0, right = 0, top = 0, bottom = 0;
 };
 
 struct ProjectionJob {
   PlainCamera camera;
   ShutterKeys shutter;
   const float* gaussians = nullptr;  ///< blocks
+  Bounds pixels;
+  bool bounds_means = false;  ///< whether means must lie in `means` (mean_bounds.h)
+  Bounds means;
 };
 
 struct TileJob {
@@ -53,7 +65,8 @@ struct TileJob {
   std::size_t n = 0;
   // Planes; `stride` floats a row.
   std::size_t stride = 0, plane = 0;
-  const float* log_range = nullptr;  ///< may be null
+  const float* log_range = nullptr;        ///< may be null
+  const float *u = nullptr, *v = nullptr;  ///< PixelCentres; null: none
   // Scratch of tile_scratch(n) floats, 64-byte aligned:
   float* scratch = nullptr;
 };
@@ -125,12 +138,49 @@ constexpr int kLossPasses = 5;
 /// Floats of scratch memory of a row.
 static constexpr std::size_t loss_scratch(std::size_t stride) { return 2 * (stride + 32); }
 
-/// Tiles that a Gaussian's rectangle overlaps, inclusive.
+/// Where the tiles of PixelCentres are along u or v: the least and greatest centre of each column
+/// or row of tiles, made to ascend, so that the first and last tile of an interval can be found.
+struct TileAxis {
+  const float *low = nullptr, *high = nullptr;  ///< [tiles]
+  float first = 0, tiles_per_unit = 0;          ///< guess of the tile at a u or v
+};
+
+/// The tiles of a raster.
+struct TileGrid {
+  int tiles_x = 0, tiles_y = 0;
+  // With PixelCentres:
+  TileAxis along_u, along_v;
+  /// [tiles, 4, blocks of a tile]: least and greatest u, then v of each block; null: no centres.
+  const float* boxes = nullptr;
+};
+
+/// Returns the first of n ascending numbers that is at least `at`; n: none is.
+static inline __attribute__((always_inline)) int first_from(const float* ascending, int n, float at,
+                                                            float guess) {
+  int i = guess <= 0 ? 0 : guess >= static_cast<float>(n) ? n : static_cast<int>(guess);
+  while (i > 0 && ascending[i - 1] >= at) --i;
+  while (i < n && ascending[i] < at) ++i;
+  return i;
+}
+
+/// Tiles that a Gaussian's rectangle overlaps, inclusive; none where an end is before its begin.
 struct TileRange {
   int x0, x1, y0, y1;
 };
-static inline __attribute__((always_inline)) TileRange tiles_of(const RasterRecord& r, int tiles_x,
-                                                                int tiles_y) {
+static inline __attribute__((always_inline)) TileRange tiles_of(const RasterRecord& r,
+                                                                const TileGrid& grid) {
+  const int tiles_x = grid.tiles_x, tiles_y = grid.tiles_y;
+  if (grid.boxes) {
+    const auto first = [](const float* ascending, const TileAxis& axis, int n, float at)
+        __attribute__((always_inline)) {
+      return first_from(ascending, n, at, (at - axis.first) * axis.tiles_per_unit);
+    };
+    const TileAxis &u = grid.along_u, &v = grid.along_v;
+    return {first(u.high, u, tiles_x, r.x - r.radius[0]),
+            first(u.low, u, tiles_x, r.x + r.radius[0]) - 1,
+            first(v.high, v, tiles_y, r.y - r.radius[1]),
+            first(v.low, v, tiles_y, r.y + r.radius[1]) - 1};
+  }
   // Tile k has the pixel centres 16 k .. 16 k + 15. Bounded before the conversion.
   const auto tile = [](float at, int last) __attribute__((always_inline)) {
     const float t = (at + 0.5f) * (1.0f / 16);
@@ -147,8 +197,8 @@ struct GaussianKernels {
                          RasterRecord* records, std::uint16_t* visible, std::uint64_t* keys);
   /// Writes the pairs of the Gaussians of keys [n] with tiles; sets RasterRecord::pairs. Returns
   /// their number. wanted: by tile, or null.
-  std::size_t (*bin)(RasterRecord* records, const std::uint64_t* keys, std::size_t n, int tiles_x,
-                     int tiles_y, const std::uint8_t* wanted, TilePair* pairs);
+  std::size_t (*bin)(RasterRecord* records, const std::uint64_t* keys, std::size_t n,
+                     const TileGrid& grid, const std::uint8_t* wanted, TilePair* pairs);
   void (*tile_forward)(const TileForwardJob& job);
   void (*tile_backward)(const TileBackwardJob& job);
   void (*project_backward)(const ProjectionBackwardJob& job, std::size_t begin, std::size_t end);
@@ -158,6 +208,7 @@ struct GaussianKernels {
   /// Row y in pass 0..kLossPasses-1; a pass needs all rows of the pass before. Passes 0 and 2
   /// write parts of sums; without SSIM 1 to 3 are left out. scratch: loss_scratch floats.
   void (*loss_row)(const LossJob& job, int pass, int y, float* scratch, LossSums* sums);
+  int block_rows;  ///< rows of a block of pixels (TilePair)
 };
 
 namespace avx2 {

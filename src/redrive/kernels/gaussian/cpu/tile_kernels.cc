@@ -72,6 +72,16 @@ REDRIVE_INLINE void store_block(float* p, std::size_t stride, Vf v) {
                 kBlockColumns * sizeof(float));
 }
 
+REDRIVE_INLINE void centres_of(const TileJob& job, const BlockPixels& pixels, int x, int y, Vf* u,
+                               Vf* v) {
+  *u = pixels.x + splat(static_cast<float>(x));
+  *v = pixels.y + splat(static_cast<float>(y));
+  if (!job.u) return;
+  const std::size_t at = static_cast<std::size_t>(y) * job.stride + static_cast<std::size_t>(x);
+  *u = load_block(job.u + at, job.stride);
+  *v = load_block(job.v + at, job.stride);
+}
+
 /// Offsets of a block's pixels from a mean, and log2 of the alpha there.
 struct Falloff {
   Vf dx, dy, log2_alpha;
@@ -101,8 +111,8 @@ REDRIVE_INLINE void forward(const TileForwardJob& job) {
     const int x = job.tile_x * kTilePixels + b % kBlocksAcross * kBlockColumns,
               y = job.tile_y * kTilePixels + b / kBlocksAcross * kBlockRows;
     const std::size_t at = static_cast<std::size_t>(y) * job.stride + static_cast<std::size_t>(x);
-    const Vf px = pixels.x + splat(static_cast<float>(x)),
-             py = pixels.y + splat(static_cast<float>(y));
+    Vf px, py;
+    centres_of(job, pixels, x, y, &px, &py);
     Vf t = splat(1.0f), rgb[3] = {}, median = splat(kNothing), error{}, log_range{};
     if constexpr (kRange) log_range = load_block(job.log_range + at, job.stride);
     const std::uint32_t *const list = tile.lists[b], n = tile.counts[b];
@@ -147,8 +157,8 @@ REDRIVE_INLINE void backward(const TileBackwardJob& job) {
     const int x = job.tile_x * kTilePixels + b % kBlocksAcross * kBlockColumns,
               y = job.tile_y * kTilePixels + b / kBlocksAcross * kBlockRows;
     const std::size_t at = static_cast<std::size_t>(y) * job.stride + static_cast<std::size_t>(x);
-    const Vf px = pixels.x + splat(static_cast<float>(x)),
-             py = pixels.y + splat(static_cast<float>(y));
+    Vf px, py;
+    centres_of(job, pixels, x, y, &px, &py);
     const Vf through = load_block(job.transmittance + at, job.stride);
     Vf t = one, d_rgb[3], log_range{}, d_range{},
        behind = kept(greater(through, opaque),
@@ -209,10 +219,10 @@ REDRIVE_INLINE void backward(const TileBackwardJob& job) {
             load(tile.sums + kRecordFloats * i + k));
 }
 
-}  // namespace
-
-std::size_t bin(RasterRecord* records, const std::uint64_t* keys, std::size_t n, int tiles_x,
-                int tiles_y, const std::uint8_t* wanted, TilePair* pairs) {
+/// kCentres: whether the grid has boxes.
+template <bool kCentres>
+REDRIVE_INLINE std::size_t bin(RasterRecord* records, const std::uint64_t* keys, std::size_t n,
+                               const TileGrid& grid, const std::uint8_t* wanted, TilePair* pairs) {
   constexpr int kVectors = kBlocksPerTile / kLanes;  // vectors of blocks in a tile
   Vf left[kVectors], top[kVectors];
   for (int v = 0; v < kVectors; ++v)
@@ -227,20 +237,31 @@ std::size_t bin(RasterRecord* records, const std::uint64_t* keys, std::size_t n,
     if (i + 12 < n) __builtin_prefetch(&records[static_cast<std::uint32_t>(keys[i + 12])]);
     const std::uint32_t id = static_cast<std::uint32_t>(keys[i]);
     RasterRecord& r = records[id];
-    const TileRange range = tiles_of(r, tiles_x, tiles_y);
+    const TileRange range = tiles_of(r, grid);
     const Vf xx = splat(r.xx), xy = splat(r.xy), yy = splat(r.yy), peak = splat(r.log2_alpha),
              least = splat(-kLog2InverseMinAlpha), best_x = splat(-0.5f * r.xy / r.xx),
              best_y = splat(-0.5f * r.xy / r.yy);
     const std::size_t before = made;
     for (int ty = range.y0; ty <= range.y1; ++ty)
       for (int tx = range.x0; tx <= range.x1; ++tx) {
-        const std::uint32_t tile = static_cast<std::uint32_t>(ty * tiles_x + tx);
+        const std::uint32_t tile = static_cast<std::uint32_t>(ty * grid.tiles_x + tx);
         if (wanted && !wanted[tile]) continue;
         std::uint32_t blocks = 0;
         for (int v = 0; v < kVectors; ++v) {
-          const Vf x0 = left[v] + splat(static_cast<float>(tx * kTilePixels) - r.x),
-                   x1 = x0 + across,
-                   y0 = top[v] + splat(static_cast<float>(ty * kTilePixels) - r.y), y1 = y0 + down;
+          Vf x0, x1, y0, y1;
+          if constexpr (kCentres) {
+            const float* const box =
+                grid.boxes + std::size_t{4} * kBlocksPerTile * tile + v * kLanes;
+            x0 = load(box) - splat(r.x);
+            x1 = load(box + kBlocksPerTile) - splat(r.x);
+            y0 = load(box + 2 * kBlocksPerTile) - splat(r.y);
+            y1 = load(box + 3 * kBlocksPerTile) - splat(r.y);
+          } else {
+            x0 = left[v] + splat(static_cast<float>(tx * kTilePixels) - r.x);
+            x1 = x0 + across;
+            y0 = top[v] + splat(static_cast<float>(ty * kTilePixels) - r.y);
+            y1 = y0 + down;
+          }
           // The falloff is greatest on the sides nearest to the mean.
           const Vf side_x = minimum(maximum(zero, x0), x1), side_y = minimum(maximum(zero, y0), y1);
           const Vf y = minimum(maximum(best_y * side_x, y0), y1),
@@ -254,6 +275,14 @@ std::size_t bin(RasterRecord* records, const std::uint64_t* keys, std::size_t n,
     r.pairs = static_cast<std::uint32_t>(made - before);
   }
   return made;
+}
+
+}  // namespace
+
+std::size_t bin(RasterRecord* records, const std::uint64_t* keys, std::size_t n,
+                const TileGrid& grid, const std::uint8_t* wanted, TilePair* pairs) {
+  return grid.boxes ? bin<true>(records, keys, n, grid, wanted, pairs)
+                    : bin<false>(records, keys, n, grid, wanted, pairs);
 }
 
 void tile_forward(const TileForwardJob& job) {

@@ -8,14 +8,13 @@
 
 namespace redrive::kernels::REDRIVE_ISA {
 
-constexpr int kTilePixels = 16;   ///< a side
-constexpr int kBlockColumns = 4;  ///< pixels of a vector: 4 columns
+constexpr int kTilePixels = 16;  ///< a side
 constexpr int kBlockRows = kLanes / kBlockColumns;
 constexpr int kBlocksPerTile = kTilePixels * kTilePixels / kLanes;
 constexpr float kLog2InverseMinAlpha = 7.9943534f;  ///< log2(255)
 
-std::size_t bin(RasterRecord* records, const std::uint64_t* keys, std::size_t n, int tiles_x,
-                int tiles_y, const std::uint8_t* wanted, TilePair* pairs);
+std::size_t bin(RasterRecord* records, const std::uint64_t* keys, std::size_t n,
+                const TileGrid& grid, const std::uint8_t* wanted, TilePair* pairs);
 void tile_forward(const TileForwardJob& job);
 void tile_backward(const TileBackwardJob& job);
 void loss_row(const LossJob& job, int pass, int y, float* scratch, LossSums* sums);

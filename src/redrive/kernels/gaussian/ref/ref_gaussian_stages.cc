@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "redrive/kernels/gaussian/check_gaussian_sizes.h"
+#include "redrive/kernels/gaussian/mean_bounds.h"
 #include "redrive/kernels/gaussian/target_window.h"
 #include "redrive/math/shutter_row.h"
 #include "redrive/optim/packed_moments.h"
@@ -34,9 +35,10 @@ std::span<const PlainPose> poses_of(const GaussianCamera& camera, std::size_t pa
 }
 
 GaussianPose<Math> pose_at(const GaussianCamera& camera, std::span<const PlainPose> poses,
-                           double v) {
-  const double row =
-      (v + 0.5 + static_cast<double>(camera.first_row)) / static_cast<double>(camera.image_rows);
+                           const double* mean) {
+  const double v = mean[camera.by_column ? 0 : 1],
+               row = (v + 0.5 + static_cast<double>(camera.first_row)) /
+                     static_cast<double>(camera.image_rows);
   const PlainPose pose = pose_at_row(poses.data(), poses.size(), row);
   GaussianPose<Math> out;
   for (int k = 0; k < 9; ++k) out.rotation[k] = pose.rotation[3 * (k % 3) + k / 3];
@@ -44,25 +46,36 @@ GaussianPose<Math> pose_at(const GaussianCamera& camera, std::span<const PlainPo
   return out;
 }
 
+bool holds_mean(const RasterBounds& means, const Projected& at) {
+  return at.mean[0] > double(means.left) && at.mean[0] < double(means.right) &&
+         at.mean[1] > double(means.top) && at.mean[1] < double(means.bottom);
+}
+
 /// Whether the ellipse in which alpha exceeds kMinAlpha meets the image's rectangle of pixels.
-bool meets_image(const PlainCamera& camera, const Projected& at) {
+bool meets_image(const RasterBounds& image, const Projected& at) {
   const double reach = 2 * std::log(at.alpha / double(kMinAlpha));
   const double rx = std::sqrt(reach * at.variance[0]), ry = std::sqrt(reach * at.variance[1]);
-  return at.mean[0] + rx > -0.5 && at.mean[0] - rx < camera.width - 0.5 && at.mean[1] + ry > -0.5 &&
-         at.mean[1] - ry < camera.height - 0.5;
+  return at.mean[0] + rx > double(image.left) && at.mean[0] - rx < double(image.right) &&
+         at.mean[1] + ry > double(image.top) && at.mean[1] - ry < double(image.bottom);
 }
 
 double log_range(const RasterOptions& options, std::size_t pixel) {
   return options.log_range.empty() ? static_cast<double>(kNoRange)
                                    : static_cast<double>(options.log_range[pixel]);
 }
+/// Calls body(u, v, index) for the pixels of wanted tiles.
 template <class Body>
-void for_pixels(const RasterSize& size, const RasterOptions& options, const Body& body) {
+void for_pixels(const RasterSize& size, const PixelCentres& centres, const RasterOptions& options,
+                const Body& body) {
   for (int y = 0; y < size.rows; ++y)
     for (int x = 0; x < size.stride; ++x) {
       const int tile = y / kTileSide * (size.stride / kTileSide) + x / kTileSide;
       if (!options.tiles.empty() && !options.tiles[tile]) continue;
-      body(x, y, static_cast<std::size_t>(y) * size.stride + static_cast<std::size_t>(x));
+      const std::size_t i = static_cast<std::size_t>(y) * size.stride + static_cast<std::size_t>(x);
+      if (centres.u.empty())
+        body(double(x), double(y), i);
+      else
+        body(double(centres.u[i]), double(centres.v[i]), i);
     }
 }
 
@@ -99,6 +112,7 @@ void update_by(const GaussianUpdate& update, std::size_t n, std::span<const floa
 struct RefRaster final : RasterPass {
   void forward() {
     drawn.clear();
+    const RasterBounds bounds = raster_bounds(camera), means = mean_bounds(camera, bounds);
     std::size_t part = 0;
     for (std::size_t id = 0; id < gaussians.n; ++id) {
       while (part < camera.parts.size() && camera.parts[part].first_block <= id / kGaussianBlock)
@@ -108,15 +122,22 @@ struct RefRaster final : RasterPass {
       Drawn d{.id = id, .part = part};
       for (int row = 0; row < kDistanceRow; ++row)
         d.rows[row] = static_cast<double>(gaussians.numbers[gaussian_slot(id, row)]);
-      d.at.mean[1] = camera.camera.height / 2.0;
+      d.at.mean[camera.by_column ? 0 : 1] = double(first_line(camera, bounds));
       const int iterations = poses.size() > 1 ? 3 : 1;
+      bool seen = true;
       for (int i = 0; i < iterations; ++i) {
-        d.pose = pose_at(camera, poses, d.at.mean[1]);
-        project_mean<Math>(camera.camera, d.pose, d.rows.data() + kPositionRow, &d.at);
+        d.pose = pose_at(camera, poses, d.at.mean);
+        with_camera(camera.camera, [&](const auto& lens) {
+          project_mean<Math>(lens, d.pose, d.rows.data() + kPositionRow, &d.at);
+        });
+        const bool now = d.at.visible && holds_mean(means, d.at);
+        seen = camera.centres.u.empty() ? now : seen && now;
       }
-      if (!d.at.visible) continue;
-      project_gaussian<Math>(camera.camera, d.pose, d.rows.data(), &d.at);
-      if (!(d.at.alpha > double(kMinAlpha)) || !meets_image(camera.camera, d.at)) continue;
+      if (!seen) continue;
+      with_camera(camera.camera, [&](const auto& lens) {
+        project_gaussian<Math>(lens, d.pose, d.rows.data(), &d.at);
+      });
+      if (!(d.at.alpha > double(kMinAlpha)) || !meets_image(bounds, d.at)) continue;
       drawn.push_back(d);
     }
     std::ranges::stable_sort(drawn, {}, [](const Drawn& d) { return d.at.length; });
@@ -136,9 +157,9 @@ struct RefRaster final : RasterPass {
     for (Buffer<float>* plane : {&image.transmittance, &image.depth, &image.range_error})
       if (plane->size() < size.plane()) *plane = Buffer<float>(size.plane());
     if (image.rgb.size() < 3 * size.plane()) image.rgb = Buffer<float>(3 * size.plane());
-    for_pixels(size, options, [&](int x, int y, std::size_t i) {
+    for_pixels(size, camera.centres, options, [&](double u, double v, std::size_t i) {
       const BlendedPixel<double> pixel =
-          blend_gaussians(splats, x, y, options.background, log_range(options, i));
+          blend_gaussians(splats, u, v, options.background, log_range(options, i));
       for (int c = 0; c < 3; ++c)
         image.rgb[c * size.plane() + i] = static_cast<float>(pixel.rgb[c]);
       image.transmittance[i] = static_cast<float>(pixel.transmittance);
@@ -157,11 +178,11 @@ struct RefRaster final : RasterPass {
                            errors = to.update ? errors_to_apply : to.errors;
     std::vector<Splat2dGradient> sums(splats.size());
     const std::size_t plane = image.size.plane();
-    for_pixels(image.size, options, [&](int x, int y, std::size_t i) {
+    for_pixels(image.size, camera.centres, options, [&](double u, double v, std::size_t i) {
       double d_rgb[3];
       for (int c = 0; c < 3; ++c) d_rgb[c] = static_cast<double>(gradient.d_rgb[c * plane + i]);
       blend_gaussians_adjoint(
-          splats, x, y, options.background, log_range(options, i),
+          splats, u, v, options.background, log_range(options, i),
           {d_rgb, gradient.d_range.empty() ? 0 : static_cast<double>(gradient.d_range[i]),
            static_cast<double>(gradient.d_transmittance[i])},
           static_cast<double>(gradient.error[i]), &sums);
@@ -179,8 +200,10 @@ struct RefRaster final : RasterPass {
                                               sum.distance};
       double d_rows[kDistanceRow];
       GaussianPoseGradient<Math> of_pose;
-      project_gaussian_adjoint<Math>(camera.camera, d.pose, d.rows.data(), d.at, projected, d_rows,
-                                     &of_pose);
+      with_camera(camera.camera, [&](const auto& lens) {
+        project_gaussian_adjoint<Math>(lens, d.pose, d.rows.data(), d.at, projected, d_rows,
+                                       &of_pose);
+      });
       for (int row = 0; row < kDistanceRow; ++row)
         gradients[gaussian_slot(d.id, row)] += static_cast<float>(d_rows[row]);
       for (int k = 0; !d_poses.empty() && k < 3; ++k) {
