@@ -126,6 +126,9 @@ TEST_F(Traffic, InspectListsObjects) {
   EXPECT_EQ(objects[1].at("boxes"), 24);
   EXPECT_GT(objects[1].at("distance_m"), 3);
   EXPECT_GT(objects[1].at("images"), 20);
+  const ProgramResult one = redrive({"inspect", recording, "--actors=2", "--json"});
+  EXPECT_EQ(nlohmann::json::parse(one.out).at("objects").size(), 1u);
+  EXPECT_EQ(redrive({"inspect", recording, "--actors=99"}).exit_code, kExitUsage);
   EXPECT_TRUE(
       nlohmann::json::parse(redrive({"inspect", recording, "--json"}).out).at("objects").is_null());
 }

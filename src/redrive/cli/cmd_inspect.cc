@@ -287,12 +287,17 @@ void write_report(const std::filesystem::path& folder, ThreadPool& pool, Inspect
 /// Returns the annotated objects, and moving ones that nobody annotated, that --actors chooses.
 std::vector<ObjectSummary> list_objects(const Recording& recording, const std::string& chosen,
                                         ThreadPool& pool) {
-  Scene scene = make_scene(recording, {});
+  const Scene scene = make_scene(recording, {});
   const MovingObjects annotated = read_moving_objects(recording, scene);
-  const MovingObjects all = annotated.with(search_moving(recording, scene, annotated, pool));
-  scene.actors = all.objects();
-  select_actors(chosen, &scene);
-  return summarize_objects(scene, MovingObjects(scene.actors));
+  std::vector<ObjectSummary> objects =
+      summarize_objects(scene, annotated.with(search_moving(recording, scene, annotated, pool)));
+  Scene listed;
+  for (const ObjectSummary& object : objects) listed.actors.emplace_back().id = object.id;
+  select_actors(chosen, &listed);
+  std::erase_if(objects, [&](const ObjectSummary& object) {
+    return std::ranges::find(listed.actors, object.id, &MovingObject::id) == listed.actors.end();
+  });
+  return objects;
 }
 
 int run_inspect(const InspectOptions& options) {
