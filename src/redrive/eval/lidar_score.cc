@@ -123,7 +123,7 @@ std::optional<LidarScore> score_lidar(const Run& run, kernels::Backend& backend,
         range_m = rendered.depth[i];
         seen.push_back(origin + rendered.depth[i] * direction);
       }
-      std::size_t nearest = i;  // of the ray's returns to the rendered one
+      std::size_t nearest = i;  // the ray's return nearest to the rendered one
       const auto off_m = [&](std::size_t k) { return std::abs(recorded.range_m[k] - *range_m); };
       for (std::size_t k = i; k < end; ++k) {
         measured.push_back(origin + recorded.range_m[k] * direction);

@@ -25,7 +25,7 @@ struct ScanStructure {
   std::optional<double> rate_hz;  ///< revolutions a second; nothing where a scan has one time
   bool clockwise = true;          ///< seen from above
   double residual_rad = 0;        ///< RMS elevation about the beams, the largest twentieth left out
-  double min_range_m = 0, max_range_m = 0;  ///< of the returns
+  double min_range_m = 0, max_range_m = 0;  ///< ranges of the returns
   double second_returns = 0;                ///< share of the rays with a second return
 };
 
