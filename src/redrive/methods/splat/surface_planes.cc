@@ -14,7 +14,7 @@ namespace {
 // "Distance" is the distance to the nearest training camera.
 constexpr std::size_t kMostReturns = 1'000'000;  // evenly spaced in the order of the returns
 constexpr float kVoxel = 0.03f;                  // side over distance
-constexpr std::size_t kNeighbours = 16;
+constexpr std::size_t kPlaneNeighbours = 16;
 /// Largest RMS residual of the neighbours: metres + a part of the distance.
 constexpr float kResidual_m = 0.03f, kRelativeResidual = 0.002f;
 constexpr float kFlatness = 0.15f;  // largest RMS residual over the smaller RMS extent in the plane
@@ -101,15 +101,15 @@ SurfacePlanes::SurfacePlanes(const Scene& scene, const LidarReturns& lidar, Thre
     : points_(thinned(scene, lidar, pool)),
       planes_(points_.size()),
       tree_(3, set_, nanoflann::KDTreeSingleIndexAdaptorParams(16)) {
-  if (points_.size() < kNeighbours) return;
+  if (points_.size() < kPlaneNeighbours) return;
   tree_.buildIndex();
   const NearestCamera cameras(scene);
   pool.run_ranges(points_.size(), kPointsPerRange, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       const Eigen::Vector3f& position = points_[i].position;
-      std::array<std::uint32_t, kNeighbours> near;
-      std::array<float, kNeighbours> squares;
-      tree_.knnSearch(position.data(), kNeighbours, near.data(), squares.data());
+      std::array<std::uint32_t, kPlaneNeighbours> near;
+      std::array<float, kPlaneNeighbours> squares;
+      tree_.knnSearch(position.data(), kPlaneNeighbours, near.data(), squares.data());
       const PlaneFit plane = plane_of(points_, near);
       const Eigen::Vector3f extent = plane.extent().cast<float>();
       const float residual = kResidual_m + kRelativeResidual * cameras.distance(position.data());
@@ -121,7 +121,7 @@ SurfacePlanes::SurfacePlanes(const Scene& scene, const LidarReturns& lidar, Thre
 }
 
 const SurfacePlane* SurfacePlanes::at(const Eigen::Vector3f& position, float distance) const {
-  if (points_.size() < kNeighbours) return nullptr;
+  if (points_.size() < kPlaneNeighbours) return nullptr;
   std::uint32_t nearest;
   float square;
   tree_.knnSearch(position.data(), 1, &nearest, &square);
