@@ -28,7 +28,6 @@
 #include "redrive/model/method.h"
 #include "redrive/recording/core/wording.h"
 #include "redrive/recording/lidar/las.h"
-#include "redrive/recording/lidar/scan_files.h"
 #include "redrive/render/open_to_render.h"
 #include "redrive/scene/lidar_points.h"
 #include "redrive/scene/lidar_returns.h"

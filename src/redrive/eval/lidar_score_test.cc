@@ -11,7 +11,6 @@
 #include "redrive/methods/nerf/nerf_model.h"
 #include "redrive/recording/formats/aimotive/aimotive.h"
 #include "redrive/recording/lidar/las.h"
-#include "redrive/recording/lidar/scan_files.h"
 #include "redrive/render/paint_backend_testing.h"
 #include "redrive/scene/scene_testing.h"
 

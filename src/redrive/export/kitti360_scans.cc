@@ -11,7 +11,7 @@
 #include "redrive/export/write_photo_set.h"
 #include "redrive/recording/core/trajectory.h"
 #include "redrive/recording/core/wording.h"
-#include "redrive/recording/lidar/scan_files.h"
+#include "redrive/recording/formats/kitti/kitti_write.h"
 #include "redrive/scene/lidar_returns.h"
 
 namespace redrive {
@@ -154,7 +154,7 @@ void write_kitti360_scans(const kitti360::Layout& layout, const Recording& drive
   for (const Scan& scan : scans) times.emplace_back(scan.id, scan.middle_ns);
   make_folders(layout.velodyne() / "data");
   const fs::path times_file = layout.velodyne() / "timestamps.txt";
-  write_file(times_file, kitti_timestamps(times));
+  write_file(times_file, kitti::make_timestamps(times));
   const std::int64_t revolution_ns = kitti360::revolution_ns(kitti::Timestamps(times_file));
 
   const Rigid3d body_from_velodyne = body_from_velodyne_of(*drive.body_from_lidar);
@@ -163,7 +163,7 @@ void write_kitti360_scans(const kitti360::Layout& layout, const Recording& drive
     const Scan& scan = scans[static_cast<std::size_t>(s)];
     Counts& own = counts[static_cast<std::size_t>(s)];
     write_file(
-        layout.velodyne() / "data" / kitti_file_name(scan.id, ".bin"),
+        layout.velodyne() / "data" / kitti::file_name(scan.id, ".bin"),
         make_scan(new_points(drive, scan, &own), kitti360::scan_at(scan.middle_ns, revolution_ns),
                   drive.frames, frames, body_from_velodyne, &own));
     progress.count();

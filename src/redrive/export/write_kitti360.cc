@@ -12,12 +12,13 @@
 #include "redrive/export/drive.h"
 #include "redrive/export/kitti360_scans.h"
 #include "redrive/export/write_photo_set.h"
+#include "redrive/recording/core/actor_kind.h"
 #include "redrive/recording/core/trajectory.h"
 #include "redrive/recording/core/wording.h"
 #include "redrive/recording/formats/kitti/kitti.h"
+#include "redrive/recording/formats/kitti/kitti_write.h"
 #include "redrive/recording/formats/kitti360/kitti360.h"
 #include "redrive/recording/formats/kitti360/kitti360_boxes.h"
-#include "redrive/recording/lidar/scan_files.h"
 #include "redrive/scene/moving_objects.h"
 
 namespace redrive {
@@ -191,7 +192,7 @@ void write_cameras(const kitti360::Layout& layout, const Slots& slots, std::int6
         *recorded,
         [&, slot = name](const ImageFile& image) {
           return layout.images(slot).lexically_relative(layout.root) /
-                 kitti_file_name(image.frame_id - earlier_ids, ".png");
+                 kitti::file_name(image.frame_id - earlier_ids, ".png");
         },
         &photos);
   }
@@ -261,11 +262,10 @@ std::vector<kitti360::Object> objects_of(const Recording& drive,
     if (frame == frames.end() || frame->id != id) continue;
     for (const Box& box : drive.reader->read_boxes(file)) {
       Track& track = tracks[box.object_id];
-      track.moves |=
-          box.deforms || velocity_in_global(box, drive.frames).norm() > kMovingSpeed_m_per_s;
+      track.moves |= kind_of(box.type).always_moves ||
+                     velocity_in_global(box, drive.frames).norm() > kMovingSpeed_m_per_s;
       kitti360::Object object;
       object.type = box.type;
-      object.deforms = box.deforms;
       object.frame_id = object.first_frame = object.last_frame = id;
       object.world_from_box =
           world_from_global * global_from_box_at(box, drive.frames, frame->t_ns);
@@ -278,8 +278,7 @@ std::vector<kitti360::Object> objects_of(const Recording& drive,
   std::vector<kitti360::Object> objects;
   std::size_t dropped = 0;
   for (auto& [id, track] : tracks) {
-    const kitti360::ObjectClass& what =
-        kitti360::class_named(track.boxes.front().type, track.boxes.front().deforms);
+    const kitti360::ObjectClass& what = kitti360::class_named(track.boxes.front().type);
     if (track.boxes.front().type != what.name)
       renamed.insert(track.boxes.front().type + " as " + std::string(what.name));
     const int instance = ++instances[what.label_id];
@@ -322,8 +321,8 @@ DriveNotes write_kitti360(const fs::path& folder, const Recording& drive, Thread
   DriveNotes notes;
   const Slots slots = assign_slots(drive, &notes);
   const std::int64_t first_id = drive.frames.front().id, last_id = drive.frames.back().id;
-  const std::int64_t earlier_ids = last_id < kMaxKittiTimes ? 0 : first_id;
-  if (last_id - earlier_ids >= kMaxKittiTimes)
+  const std::int64_t earlier_ids = last_id < kitti::kMaxTimes ? 0 : first_id;
+  if (last_id - earlier_ids >= kitti::kMaxTimes)
     throw InputError(drive.root, "frame id", std::to_string(last_id),
                      "KITTI-360 has files of a line for every number; a million fit");
   if (earlier_ids != 0)
@@ -353,7 +352,7 @@ DriveNotes write_kitti360(const fs::path& folder, const Recording& drive, Thread
     for (const FramePose& frame : frames)
       times.emplace_back(frame.id, frame.t_ns + calibration.time_offset_ns - offset_ns);
     make_folders(layout.camera(name));
-    write_file(layout.camera(name) / "timestamps.txt", kitti_timestamps(times));
+    write_file(layout.camera(name) / "timestamps.txt", kitti::make_timestamps(times));
     if (calibration.readout_ns != 0) rolling += (rolling.empty() ? "" : ", ") + name;
     if (const double m = distance_from(frames, drive.frames, calibration.time_offset_ns);
         m > kExact_m)

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "redrive/model/field.h"
-#include "redrive/recording/lidar/scan_files.h"
+#include "redrive/recording/core/lidar_point.h"
 #include "redrive/render/lidar_sensor.h"
 #include "redrive/render/view_pose.h"
 

@@ -10,7 +10,6 @@
 #include "redrive/recording/core/trajectory.h"
 #include "redrive/recording/formats/aimotive/aimotive.h"
 #include "redrive/recording/lidar/las.h"
-#include "redrive/recording/lidar/scan_files.h"
 #include "redrive/render/paint_backend_testing.h"
 #include "redrive/scene/scene_testing.h"
 

@@ -9,7 +9,6 @@
 #include "redrive/perception/moving_file.h"
 #include "redrive/recording/formats/aimotive/aimotive.h"
 #include "redrive/recording/lidar/las.h"
-#include "redrive/recording/lidar/scan_files.h"
 #include "redrive/train/train_testing.h"
 
 namespace redrive {

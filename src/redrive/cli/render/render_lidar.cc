@@ -19,7 +19,9 @@
 #include "redrive/cli/render/render_options.h"
 #include "redrive/cli/train/training.h"
 #include "redrive/math/angles.h"
+#include "redrive/recording/formats/kitti/kitti_write.h"
 #include "redrive/recording/lidar/las.h"
+#include "redrive/recording/lidar/pcd.h"
 #include "redrive/render/lidar_scan.h"
 
 namespace redrive {
@@ -44,7 +46,7 @@ struct ScanFormat {
 constexpr ScanFormat kScanFormats[] = {
     {".las", [](std::span<const LidarRecord> points) { return make_las(points); }, "0"},
     {".pcd", make_pcd, "left out"},
-    {".bin", make_kitti_scan, "0"}};
+    {".bin", kitti::make_scan, "0"}};
 
 /// Returns the format of --out; null: a folder.
 const ScanFormat* scan_format(const RenderLidarOptions& options) {
@@ -145,11 +147,11 @@ class KittiFolder {
     const auto [first, last] = std::ranges::minmax(firings.t_ns);
     const std::int64_t times[] = {t_ns, first, last};
     for (int k = 0; k < 3; ++k) times_[k].emplace_back(id, times[k]);
-    write_file(folder_ / "data" / kitti_file_name(id, ".bin"), make_kitti_scan(scan.points));
+    write_file(folder_ / "data" / kitti::file_name(id, ".bin"), kitti::make_scan(scan.points));
   }
   void finish() const {
     const char* const names[] = {"timestamps.txt", "timestamps_start.txt", "timestamps_end.txt"};
-    for (int k = 0; k < 3; ++k) write_file(folder_ / names[k], kitti_timestamps(times_[k]));
+    for (int k = 0; k < 3; ++k) write_file(folder_ / names[k], kitti::make_timestamps(times_[k]));
   }
 
  private:
@@ -183,7 +185,7 @@ int run_render_lidar(const RenderLidarOptions& options) {
 
   const Run run = open_edited_run(options);
   const std::int64_t last_id = run.scene.frames.back().id;
-  if (!format && last_id >= kMaxKittiTimes)
+  if (!format && last_id >= kitti::kMaxTimes)
     throw InputError(run.recording.root, "frame id", std::to_string(last_id),
                      "KITTI has files of a line for every number; a million fit");
   const SensorMotion motion = sensor_motion(options, request, run);

@@ -5,7 +5,6 @@
 #include "redrive/image/image_io.h"
 #include "redrive/recording/core/recording_testing.h"
 #include "redrive/recording/lidar/las.h"
-#include "redrive/recording/lidar/scan_files.h"
 
 namespace redrive {
 namespace {
