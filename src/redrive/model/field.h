@@ -31,6 +31,7 @@ struct ExportFormat {
   std::function<std::string(const ExportOptions&)> encode;  ///< returns the bytes of the file
 };
 
+/// Threads with a backend each may share a const field, unless its class says otherwise.
 class Field {
  public:
   virtual ~Field() = default;

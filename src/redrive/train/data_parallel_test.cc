@@ -6,6 +6,8 @@
 #include <cmath>
 #include <filesystem>
 #include <functional>
+#include <thread>
+#include <vector>
 
 #include <gtest/gtest.h>
 
@@ -23,6 +25,33 @@ TEST(RunProcesses, AFailureEndsTheOthers) {
                                group.mean(numbers);
                              }),
                IoError);
+}
+
+TEST_F(DataParallelTest, ThreadsWithABackendEachShareAField) {
+  TrainOptions options = tiny_options(2), splats = options;
+  splats.method = "splat";
+  splats.hyperparameters.clear();
+  splats.set("initial.sky", 800);
+  std::vector<redrive::Run> runs;
+  runs.push_back(run_named("nerf", options));
+  runs.push_back(tiny_grid_run(folder_.path / "grid", folder_.path, options));
+  runs.push_back(run_named("splat", splats));
+  for (redrive::Run& run : runs) {
+    train(&run, *backend_, never_);
+    const Field& field = *run.field();
+    const RayTable rays = make_ray_table(run.scene.rig[0].camera);
+    const ShutterPoses poses = run.scene.shutter_poses(run.scene.views[0]);
+    const RenderedImage expected = field.render(*processor_backend(1), rays, poses, {});
+    std::vector<RenderedImage> images(3);
+    std::vector<std::thread> threads;
+    for (RenderedImage& image : images)
+      threads.emplace_back([&] { image = field.render(*processor_backend(1), rays, poses, {}); });
+    for (std::thread& thread : threads) thread.join();
+    for (const RenderedImage& image : images) {
+      EXPECT_TRUE(bit_equal(image.rgb, expected.rgb)) << field.method();
+      EXPECT_TRUE(bit_equal(image.depth, expected.depth)) << field.method();
+    }
+  }
 }
 
 TEST_F(DataParallelTest, TwoHalvesOfABatchEqualTheWholeBatch) {

@@ -349,6 +349,7 @@ void CpuRaster::bin() {
   });
   std::size_t most = 0;
   for (Range& range : ranges) most += std::exchange(range.place, most);
+  REDRIVE_CHECK_OP(most, <=, kMostPairs);
   TilePair* const unordered = scratch_of<TilePair>(most);
   pool_.run(static_cast<int>(kPairRanges), [&](int r) {
     Range& range = ranges[r];
@@ -359,9 +360,6 @@ void CpuRaster::bin() {
     range.next.assign(tiles, 0);
     for (std::size_t i = 0; i < range.made; ++i) ++range.next[pairs[i].tile];
   });
-  std::size_t pairs = 0;
-  for (const Range& range : ranges) pairs += range.made;
-  REDRIVE_CHECK_OP(pairs, <=, kMostPairs);
   first_.resize(tiles + 1);
   std::uint32_t before = 0;
   for (std::size_t tile = 0; tile < tiles; ++tile) {
