@@ -2,6 +2,7 @@
 #include "redrive/kernels/gaussian/cpu/cpu_raster.h"
 
 #include <cmath>
+#include <span>
 #include <stdexcept>
 #include <vector>
 
@@ -35,7 +36,8 @@ TEST(CpuRaster, MorePairsThanAreCountedAreAnError) {
   const auto backend = make_cpu_backend(*best_isa(), 2);
   const auto rasterise = [&](std::size_t n) {
     return backend->gaussians()
-        .rasterise({make_plain_camera(camera), poses, 0, kSide, {}}, {n, numbers}, {})
+        .rasterise({make_plain_camera(camera), poses, 0, kSide, {}},
+                   {n, std::span(numbers).first(gaussian_blocks(n) * kBlockSize)}, {})
         .counts()
         .pairs;
   };
