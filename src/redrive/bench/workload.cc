@@ -40,8 +40,7 @@ void add_actors(int n, SyntheticDrive* drive) {
   constexpr int kLanes = 4;
   constexpr double kSpeed_m_per_s = 5;
   for (int i = 0; i < n; ++i) {
-    MovingObject car{
-        .id = i + 1, .type = "CAR", .deforms = false, .size_m = {4, 2, 1.5}, .keys = {}};
+    MovingObject car{.id = i + 1, .type = "CAR", .size_m = {4, 2, 1.5}, .keys = {}};
     const double ahead_m = 3 * std::pow(100.0 / 3, (i / kLanes + 0.5) * kLanes / n);
     for (const Frame& frame : drive->scene.frames) {
       Rigid3d pose = Rigid3d::Identity();

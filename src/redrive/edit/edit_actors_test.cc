@@ -23,7 +23,7 @@ Scene two_cars() {
   Scene scene;
   scene.rig.resize(1);
   for (const std::int64_t id : {3, 17}) {
-    MovingObject car{.id = id, .type = "CAR", .deforms = false, .size_m = {4, 2, 1.5}, .keys = {}};
+    MovingObject car{.id = id, .type = "CAR", .size_m = {4, 2, 1.5}, .keys = {}};
     for (int i = 0; i <= 20; ++i) {
       Rigid3d pose = Rigid3d::Identity();
       pose.translation() = Vector3d(i, id == 3 ? 0 : 4, 0);

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Registry of reconstruction methods by name. To add one: its files with a function that returns
-// its Method, a line in registry.cc, its tests.
+// Registry of reconstruction methods by name. CONTRIBUTING.md says how to add one.
 #pragma once
 
 #include <memory>

@@ -142,7 +142,7 @@ TEST_F(MasksTest, MasksBlackCornersOfFisheyesOnly) {
 // 20 ms early.
 TEST_F(MasksTest, MarksPixelsOfDrawnObjects) {
   load();
-  MovingObject car{.id = 3, .type = "CAR", .deforms = false, .size_m = {2, 2, 2}, .keys = {}};
+  MovingObject car{.id = 3, .type = "CAR", .size_m = {2, 2, 2}, .keys = {}};
   const View& view = scene_.views[0];
   const RigCamera& rig = scene_.rig[view.camera];
   Rigid3d ahead = Rigid3d::Identity();

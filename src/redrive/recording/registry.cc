@@ -25,10 +25,7 @@ struct Format {
   Recording (*open)(const std::filesystem::path& root, PoseSource source);
 };
 
-// To add a format: recording/<format>.{h,cc} with looks_like and open, which fills a Recording and
-// sets Recording::reader (recording/formats/recording_reader.h), its test, a fuzz target per
-// parser, and a line here. recording/formats/aimotive/aimotive.cc is the model for drives,
-// recording/formats/photographs/transforms.cc for photographs.
+// CONTRIBUTING.md says how to add one.
 constexpr Format kFormats[] = {
     {"aimotive", "sensor/calibration, sensor/camera or sensor/gnssins", aimotive::looks_like,
      aimotive::open},

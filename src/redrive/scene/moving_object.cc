@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cstdlib>
 
+#include "redrive/recording/core/actor_kind.h"
+
 namespace redrive {
 namespace {
 
@@ -36,7 +38,7 @@ std::optional<Rigid3d> MovingObject::world_from_box(std::int64_t t_ns, Poses whi
   const Key& before = keys[at->before];
   Rigid3d pose = before.world_from_box;
   if (at->after != at->before)
-    pose = interpolate(pose, keys[at->after].world_from_box, at->part);
+    pose = kind_of(type).between(pose, keys[at->after].world_from_box, at->part);
   else
     pose.translation() +=
         1e-9 * static_cast<double>(t_ns - before.t_ns) * before.velocity_in_world_m_per_s;

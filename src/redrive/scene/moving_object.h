@@ -28,9 +28,8 @@ struct MovingObject {
     Rigid3d world_from_box;
     Eigen::Vector3d velocity_in_world_m_per_s;
   };
-  std::int64_t id = 0;  ///< Box::object_id
-  std::string type;
-  bool deforms = false;
+  std::int64_t id = 0;                               ///< Box::object_id
+  std::string type;                                  ///< recording/core/actor_kind.h
   Eigen::Vector3d size_m = Eigen::Vector3d::Zero();  ///< along each axis, the largest of its boxes
   std::vector<Key> keys;                             ///< ascending by time, at least one
   /// [keys, 6] as PoseCorrections::values, in the box's axes: what training corrected of each key,
@@ -45,8 +44,8 @@ struct MovingObject {
 
   /// Returns two keys at most 0.5 s apart, or the nearest one within 0.1 s; nothing at other times.
   std::optional<KeyTime> key_time(std::int64_t t_ns) const;
-  /// Returns the pose of the box at t_ns: between the keys of key_time interpolated as
-  /// trajectories are, or extrapolated by the velocity. Nothing at other times, and while it is
+  /// Returns the pose of the box at t_ns: between the keys of key_time as its kind moves
+  /// (recording/core/actor_kind.h), or extrapolated by the velocity. Nothing at other times, and while it is
   /// hidden.
   std::optional<Rigid3d> world_from_box(std::int64_t t_ns, Poses which = Poses::kCorrected) const;
   /// Moves the corrections into the keys.

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <map>
 
+#include "redrive/recording/core/actor_kind.h"
 #include "redrive/recording/core/trajectory.h"
 
 namespace redrive {
@@ -38,7 +39,6 @@ MovingObjects::MovingObjects(const std::vector<Box>& boxes, const std::vector<Fr
     MovingObject& object = by_id[box.object_id];
     object.id = box.object_id;
     object.type = box.type;
-    object.deforms |= box.deforms;
     object.size_m = object.size_m.cwiseMax(box.size_m);
     object.keys.push_back({box.t_ns, here * box.body_from_box,
                            here.linear() * box.velocity_in_body_m_per_s + ego_m_per_s});
@@ -48,7 +48,7 @@ MovingObjects::MovingObjects(const std::vector<Box>& boxes, const std::vector<Fr
       return key.velocity_in_world_m_per_s.norm() > kMovingSpeed_m_per_s;
     });
     std::ranges::sort(object.keys, {}, &MovingObject::Key::t_ns);
-    (object.deforms || fast ? objects_ : parked_).push_back(std::move(object));
+    (kind_of(object.type).always_moves || fast ? objects_ : parked_).push_back(std::move(object));
   }
 }
 

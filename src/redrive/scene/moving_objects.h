@@ -38,8 +38,8 @@ struct MovingBox {
 /// Covers protruding mirrors and wheels, and errors of boxes, poses and exposure times.
 constexpr double kBoxMargin_m = 0.3;
 
-/// An object counts as moving, in all frames, if it deforms (Box::deforms) or any of its boxes is
-/// faster than this. A box's velocity in the world is its relative velocity plus the ego vehicle's:
+/// An object counts as moving, in all frames, if its kind always does or any of its boxes is faster
+/// than this. A box's velocity in the world is its relative velocity plus the ego vehicle's:
 /// egomotion errors of 10 cm over 0.7 s (samples/street) give a parked car up to 0.5 m/s, and an
 /// object slower than walking pace moves by only a few of its own lengths.
 constexpr double kMovingSpeed_m_per_s = 1;

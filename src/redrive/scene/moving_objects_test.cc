@@ -79,10 +79,10 @@ TEST(MovingObjects, AParkedCarBesideATurningEgoVehicleIsParked) {
   EXPECT_TRUE(objects.at(frames[5].t_ns).empty());
 }
 
-TEST(MovingObjects, WhatDeformsMovesAtAnySpeed) {
+TEST(MovingObjects, APersonMovesAtAnySpeed) {
   const auto frames = turning_drive();
   std::vector<Box> boxes = sightings(frames, 7, {30, 8, 0.8}, Vector3d::Zero());
-  boxes[3].deforms = true;
+  for (Box& box : boxes) box.type = "PEDESTRIAN";
   const MovingObjects objects(boxes, frames, Rigid3d::Identity());
   EXPECT_EQ(objects.objects().size(), 1u);
   EXPECT_EQ(objects.parked().size(), 0u);

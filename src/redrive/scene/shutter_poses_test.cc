@@ -77,7 +77,7 @@ TEST(ShutterPoses, ShowActorsAtTheTimeOfEachRow) {
   recording.cameras[1].calibration.time_offset_ns = 7'000'000;
   Scene scene = make_scene(recording, {});
   const std::int64_t begin_ns = scene.frames.front().t_ns - 100'000'000;
-  MovingObject car{.id = 5, .type = "CAR", .deforms = false, .size_m = {4, 2, 1.5}, .keys = {}};
+  MovingObject car{.id = 5, .type = "CAR", .size_m = {4, 2, 1.5}, .keys = {}};
   for (int i = 0; i < 100; ++i) {
     Rigid3d pose = Rigid3d::Identity();
     pose.translation() = Eigen::Vector3d(2.0 * i, 3, 1);  // 20 m/s

@@ -40,7 +40,7 @@ Placement placement() {
 
 /// A box of 4 x 2 x 1.5 m that stands on the road for a second.
 MovingObject car(std::int64_t id, double x, double y, double heading_deg = 0) {
-  MovingObject car{.id = id, .type = "CAR", .deforms = false, .size_m = {4, 2, 1.5}, .keys = {}};
+  MovingObject car{.id = id, .type = "CAR", .size_m = {4, 2, 1.5}, .keys = {}};
   Rigid3d pose = Rigid3d::Identity();
   pose.linear() = Eigen::AngleAxisd(heading_deg * M_PI / 180, Vector3d::UnitZ()).matrix();
   pose.translation() = Vector3d(x, y, 0.75);

@@ -16,11 +16,8 @@ using ::testing::HasSubstr;
 std::vector<MovingObject> cubes(std::int64_t first = 7) {
   std::vector<MovingObject> cubes;
   for (const double ahead_m : {2.0, 6.0}) {
-    MovingObject cube{.id = cubes.empty() ? first : 8,
-                      .type = "CAR",
-                      .deforms = false,
-                      .size_m = {1, 1, 1},
-                      .keys = {}};
+    MovingObject cube{
+        .id = cubes.empty() ? first : 8, .type = "CAR", .size_m = {1, 1, 1}, .keys = {}};
     for (int i = 0; i <= 10; ++i) {
       Rigid3d pose = Rigid3d::Identity();
       pose.translation() = Eigen::Vector3d(2 + ahead_m + 0.1 * i, 0.1, 1.2);

@@ -13,6 +13,7 @@
 #include "redrive/base/rng.h"
 #include "redrive/methods/splat/densify_gaussians.h"
 #include "redrive/methods/splat/gaussian_points.h"
+#include "redrive/recording/core/actor_kind.h"
 #include "redrive/scene/moving_objects.h"
 #include "redrive/scene/point_cloud.h"
 
@@ -24,7 +25,6 @@ constexpr std::size_t kSightedPerRange = 256;
 constexpr std::size_t kFewReturns = 500;
 /// a point is mirrored if no return is this near to its mirror image
 constexpr float kMirrorApart_m = 0.15f;
-constexpr double kCore = 0.7;  ///< part of the box, which hides what is behind
 
 /// A training view of the object and where its camera is then.
 struct Sighting {
@@ -205,9 +205,8 @@ GaussianList actor_gaussians(const TrainingSet& data, const MovingObject& actor,
   std::vector<std::size_t> by_time(points.size());  // so that each image is read about once
   for (std::size_t i = 0; i < points.size(); ++i) by_time[i] = i;
   std::ranges::stable_sort(by_time, {}, [&](std::size_t i) { return points[i].t_ns; });
-  // The returns on a deforming object lie all over its box.
-  const MovingBox core{actor.id, Rigid3d::Identity(),
-                       (actor.deforms ? 0 : kCore) * actor.size_m / 2};
+  // The returns on what deforms lie all over its box.
+  const MovingBox core{actor.id, Rigid3d::Identity(), kind_of(actor.type).core * actor.size_m / 2};
   pool.run_ranges(points.size(), kSightedPerRange, [&](std::size_t begin, std::size_t end) {
     for (const std::size_t i : std::span(by_time).subspan(begin, end - begin)) {
       Point& point = points[i].point;
@@ -228,7 +227,7 @@ GaussianList actor_gaussians(const TrainingSet& data, const MovingObject& actor,
   append_discs(one_per_voxel(measured, cameras, voxel, pool), cameras, 0.5f, kPointOpacity, pool,
                &list);
   append_discs(random, cameras, 0.5f, kRandomOpacity, pool, &list);
-  if (!actor.deforms) {
+  if (kind_of(actor.type).core > 0) {
     Eigen::Vector3f mean = Eigen::Vector3f::Zero();
     for (const TimedPoint& p : points) mean += p.point.rgb / static_cast<float>(points.size());
     append_core(core, mean, cameras, &list);

@@ -15,7 +15,7 @@ namespace {
 /// A camera that stands still and looks along x; a car 4 m long drives away from it, 10 m ahead.
 /// Images are red in the left half, blue in the right one.
 struct Road : SplatScene {
-  MovingObject car{.id = 3, .type = "CAR", .deforms = false, .size_m = {4, 2, 1.6}, .keys = {}};
+  MovingObject car{.id = 3, .type = "CAR", .size_m = {4, 2, 1.6}, .keys = {}};
 
   Road() {
     add_camera("CAMERA", "opencv_pinhole", {100, 100, 49.5, 29.5, 0, 0, 0, 0, 0}, 100, 60);
@@ -126,7 +126,7 @@ TEST(ActorGaussians, HaveAnOpaqueCoreOfTheMeanColourUnlessTheyDeform) {
     EXPECT_NEAR(rows[kColourRow + 2], 0.5, 0.03);
   }
   EXPECT_LT(sum.norm(), 1e-4);
-  road.car.deforms = true;
+  road.car.type = "PEDESTRIAN";
   EXPECT_EQ(road.gaussians().size(), list.size() - kInCore);
 }
 

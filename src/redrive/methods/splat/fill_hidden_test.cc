@@ -49,8 +49,7 @@ struct HiddenWall : SplatScene {
 
   explicit HiddenWall(bool with_free_image = false) {
     add_camera("CAMERA", "opencv_pinhole", {80, 80, 47.5, 31.5, 0, 0, 0, 0, 0}, 96, 64);
-    MovingObject plate{
-        .id = 3, .type = "PLATE", .deforms = false, .size_m = {1.4, 1.4, 0.2}, .keys = {}};
+    MovingObject plate{.id = 3, .type = "PLATE", .size_m = {1.4, 1.4, 0.2}, .keys = {}};
     for (int i = 0; i < 5; ++i) {
       const double x = 0.2 * (i - 2);
       add_view(0, pose({x, 0, 0}, {0, 0, 0}));

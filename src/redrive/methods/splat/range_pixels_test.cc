@@ -126,7 +126,7 @@ TEST(RangePixels, LeaveOutWhatANearerReturnHides) {
 
 /// A car that drives away from the camera at 20 m/s, 10 m ahead at first.
 MovingObject leaving() {
-  MovingObject car{.id = 3, .type = "CAR", .deforms = false, .size_m = {4, 2, 2}, .keys = {}};
+  MovingObject car{.id = 3, .type = "CAR", .size_m = {4, 2, 2}, .keys = {}};
   for (int i = 0; i < 6; ++i) {
     Rigid3d pose = Rigid3d::Identity();
     pose.translation().x() = 12 + 2 * i;

@@ -18,8 +18,7 @@ constexpr std::int64_t kId = 7;
 
 /// An object that crosses the known scene, turning, in 1.2 s.
 MovingObject crossing() {
-  MovingObject object{
-      .id = kId, .type = "CAR", .deforms = false, .size_m = {1.6, 1, 1}, .keys = {}};
+  MovingObject object{.id = kId, .type = "CAR", .size_m = {1.6, 1, 1}, .keys = {}};
   for (int i = -1; i < 14; ++i)
     object.keys.push_back(
         {100'000'000ll * i, pose({-1.2 + 0.2 * i, 0.2, 3.2}, {0, 0.1 * i, 0}), {2, 0, 0}});
@@ -208,8 +207,7 @@ GaussianList plate() {
 
 /// A plate 20 m ahead in the world, and one that comes closer, from 15 m at 20 m/s.
 struct PlateScene {
-  MovingObject object{
-      .id = kId, .type = "PLATE", .deforms = false, .size_m = {0.2, 2, 2}, .keys = {}};
+  MovingObject object{.id = kId, .type = "PLATE", .size_m = {0.2, 2, 2}, .keys = {}};
   SplatModel model;
   std::vector<float> origin, direction;  ///< [3, n]
   std::vector<std::int64_t> t_ns;

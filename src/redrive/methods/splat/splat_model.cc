@@ -15,6 +15,7 @@
 #include "redrive/methods/splat/range_pixels.h"
 #include "redrive/methods/splat/surface_planes.h"
 #include "redrive/methods/splat/trace_gaussians.h"
+#include "redrive/recording/core/actor_kind.h"
 
 namespace redrive {
 namespace {
@@ -184,7 +185,7 @@ void SplatModel::initialize_from(const TrainingSet& data, std::uint64_t seed, Th
   std::size_t of_actors = 0;
   for (const MovingObject& actor : data.scene.actors) {
     lists.push_back(actor_gaussians(data, actor, options.voxel,
-                                    actor.deforms ? kShadow_m : ahead_m(),
+                                    kind_of(actor.type).headlights ? ahead_m() : kShadow_m,
                                     random_key(seed, kStreamActors), pool));
     of_actors += lists.back().size();
   }

@@ -61,7 +61,6 @@ std::map<std::int64_t, std::vector<Box>> place_boxes(const std::vector<Label>& l
     box.type = label.type;
     box.actor_name = label.type + " " + std::to_string(label.object_id);
     box.size_m = label.size_m;
-    box.deforms = label.deforms;
     box.body_from_box = body_from_sensor * label.sensor_from_box;
     box.t_ns = time_of ? time_of(label, *frame) : frame->t_ns;
     at.t_s = 1e-9 * static_cast<double>(box.t_ns - frames.front().t_ns);

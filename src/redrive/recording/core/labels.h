@@ -20,7 +20,6 @@ struct Label {
   std::string type;         ///< "Car", "Pedestrian", ...
   Rigid3d sensor_from_box;  ///< axes and origin of the box as in Box
   Eigen::Vector3d size_m = Eigen::Vector3d::Zero();
-  bool deforms = false;  ///< as in Box
 };
 
 /// Returns the time at which a label of a frame holds, on the frame's clock.

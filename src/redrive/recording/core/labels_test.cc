@@ -19,7 +19,6 @@ TEST(PlaceBoxes, VelocitiesAreDifferencesOfPositions) {
       Label label;
       label.frame_id = f, label.object_id = person;
       label.type = person ? "Pedestrian" : "Car";
-      label.deforms = person;
       label.size_m = {4, 2, 1.5};
       label.sensor_from_box = Eigen::Translation3d(person ? 30 - f : 20 - 0.2 * f, 0, 0);
       labels.push_back(label);
@@ -34,8 +33,6 @@ TEST(PlaceBoxes, VelocitiesAreDifferencesOfPositions) {
     ASSERT_EQ(of_frame.size(), 2u);
     EXPECT_EQ(of_frame[0].t_ns, frame_id * 100'000'000);
     EXPECT_EQ(of_frame[0].actor_name, "Car 0");
-    EXPECT_FALSE(of_frame[0].deforms);
-    EXPECT_TRUE(of_frame[1].deforms);
     // 1e-8: steps of doubles at 4e6 over tenths of a second.
     EXPECT_LT((of_frame[0].velocity_in_body_m_per_s - Eigen::Vector3d(-2, 0, 0)).norm(), 1e-8);
     EXPECT_LT((of_frame[1].velocity_in_body_m_per_s - Eigen::Vector3d(-10, 0, 0)).norm(), 1e-8);

@@ -28,11 +28,6 @@ constexpr const char* kTypeRule =
     "unknown; known are Car, Van, Truck, Pedestrian, Person_sitting, Person, Cyclist, Tram, Misc "
     "and DontCare";
 
-/// Pedestrians articulate even when standing still.
-bool deforms(std::string_view type) {
-  return type == "Pedestrian" || type == "Cyclist" || type.starts_with("Person");
-}
-
 /// InputError if an object has two labels in a frame.
 class SeenOnce {
  public:
@@ -61,7 +56,6 @@ std::vector<Label> parse_labels(std::string_view text, const std::filesystem::pa
     label.type = line.word(2);
     if (label.type == "DontCare") continue;
     if (!known_type(label.type)) line.fail(2, "type", kTypeRule);
-    label.deforms = deforms(label.type);
     label.object_id = line.integer(1, "track", 0, kMaxId);
     label.size_m.z() = line.number(10, "height", kMinSize_m, kMaxSize_m);
     label.size_m.y() = line.number(11, "width", kMinSize_m, kMaxSize_m);
@@ -91,7 +85,6 @@ std::vector<Label> parse_tracklets(std::string_view text, const std::filesystem:
     label.object_id = object_id++;
     label.type = tracklet.child("objectType").text();
     if (!known_type(label.type)) tracklet.child("objectType").fail(kTypeRule);
-    label.deforms = deforms(label.type);
     label.size_m = {tracklet.child("l").number(kMinSize_m, kMaxSize_m),
                     tracklet.child("w").number(kMinSize_m, kMaxSize_m),
                     tracklet.child("h").number(kMinSize_m, kMaxSize_m)};

@@ -131,7 +131,7 @@ TEST_F(Kitti, ReadsBoxes) {
   recording = opened();
   ASSERT_EQ(recording.box_files.size(), 1u);
   const Box cyclist = recording.reader->read_boxes(recording.box_files[0]).at(0);
-  EXPECT_TRUE(cyclist.deforms);
+  EXPECT_EQ(cyclist.type, "Cyclist");
   EXPECT_LT((cyclist.body_from_box.translation() - Eigen::Vector3d(20.76, -1, 0.9)).norm(), 1e-9);
 }
 

@@ -125,7 +125,6 @@ class Reader : public kitti::Reader {
       box.size_m = object.size_m;
       box.velocity_in_body_m_per_s =
           -(body_from_global.linear() * velocity_at(frames, frame->t_ns));
-      box.deforms = object.deforms;
       found.push_back(std::move(box));
     }
     return found;
@@ -327,7 +326,7 @@ std::vector<FrameFile> read_objects(const fs::path& file, const kitti::Timestamp
     if (frame == frames.end() || frame->id != object.frame_id) continue;
     labels.push_back({object.frame_id, object.id, object.type,
                       frame->global_from_body.inverse(Eigen::Isometry) * object.world_from_box,
-                      object.size_m, object.deforms});
+                      object.size_m});
   }
   if (!beyond.empty())
     findings->push_back({file.filename().string(),

@@ -51,7 +51,6 @@ constexpr std::array<std::array<std::string_view, 2>, 13> kSynonyms = {
 struct Identity {
   std::int64_t id = 0;
   std::string type;
-  bool deforms = false;
 };
 
 /// Returns nothing for a standing object that is neither a vehicle nor a person.
@@ -63,15 +62,14 @@ std::optional<Identity> identity_of(const XmlElement& object, bool moves,
     if (!what && !moves) return std::nullopt;
     const std::int64_t label = what ? what->label_id : kInstances + semantic;
     return Identity{kInstances * label + object.child("instanceId").integer(0, kInstances - 1),
-                    what ? std::string(what->name) : "class " + std::to_string(semantic),
-                    what && what->deforms};
+                    what ? std::string(what->name) : "class " + std::to_string(semantic)};
   }
   const std::string label = object.child("label").text();
   const auto what = std::ranges::find(kClasses, label, &ObjectClass::name);
   if (what == kClasses.end() && !moves) return std::nullopt;
   return Identity{moves ? kDynamicIds + object.child("dynamicSeq").integer(0, kMaxId)
                         : kStaticIds + number_in_file,
-                  label, what != kClasses.end() && what->deforms};
+                  label};
 }
 
 /// Sets world_from_box and size_m.
@@ -128,7 +126,7 @@ const ObjectClass* find_class(int semantic_id) {
   return found == kClasses.end() ? nullptr : &*found;
 }
 
-const ObjectClass& class_named(std::string_view name, bool deforms) {
+const ObjectClass& class_named(std::string_view name) {
   std::string lower(name);
   std::ranges::transform(lower, lower.begin(), [](unsigned char c) { return std::tolower(c); });
   // prefix of nuScenes' names, as in "vehicle.bus.rigid"
@@ -137,12 +135,11 @@ const ObjectClass& class_named(std::string_view name, bool deforms) {
     lower.erase(0, kVehicle.size());
     lower.resize(std::min(lower.find('.'), lower.size()));
   }
-  if (lower.starts_with("human.")) lower = "person";
+  if (lower.starts_with("human.") || lower.starts_with("animal")) lower = "person";
   for (const auto& [other, ours] : kSynonyms)
     if (lower == other) lower = ours;
   const auto found = std::ranges::find(kClasses, lower, &ObjectClass::name);
-  if (found != kClasses.end()) return *found;
-  return deforms ? class_named("person") : kClasses[0];
+  return found != kClasses.end() ? *found : kClasses[0];
 }
 
 std::vector<Object> parse_objects(std::string_view text, const std::filesystem::path& file) {
@@ -160,7 +157,6 @@ std::vector<Object> parse_objects(std::string_view text, const std::filesystem::
     if (!identity) continue;
     object.id = identity->id;
     object.type = identity->type;
-    object.deforms = identity->deforms;
     object.first_frame =
         element.has("start_frame") ? element.child("start_frame").integer(kStatic, kMaxId) : 0;
     object.last_frame =
@@ -177,12 +173,12 @@ std::string make_objects(const std::vector<Object>& objects) {
   std::string text = "<?xml version=\"1.0\"?>\n<opencv_storage>\n";
   int index = 0;
   for (const Object& object : objects) {
-    const ObjectClass& what = class_named(object.type, object.deforms);
+    const ObjectClass& what = class_named(object.type);
     const std::string element = "object" + std::to_string(++index);
     text += "<" + element + ">\n";
     add_element("index", std::to_string(index), &text);
     add_element("label", std::string(what.name), &text);
-    add_element("category", what.deforms ? "human" : "vehicle", &text);
+    add_element("category", what.is_human ? "human" : "vehicle", &text);
     add_element("dynamic", object.frame_id == kStatic ? "0" : "1", &text);
     add_element("timestamp", std::to_string(object.frame_id), &text);
     add_element("start_frame", std::to_string(object.first_frame), &text);

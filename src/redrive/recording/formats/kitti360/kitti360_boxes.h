@@ -17,13 +17,13 @@ struct ObjectClass {
   int semantic_id;        ///< as the file has it (kittiId of the data set's labels)
   int label_id;           ///< as label images have it
   std::string_view name;  ///< "car", "person", ...
-  bool deforms = false;   ///< as in Box
+  bool is_human = false;
 };
 /// Returns null for buildings, poles and everything else that stands, and for unknown numbers.
 const ObjectClass* find_class(int semantic_id);
 /// Returns the class of a name, in upper or lower case, including other data sets' names:
-/// "Pedestrian" is a person. An unknown name is an unknown vehicle, or a person if it deforms.
-const ObjectClass& class_named(std::string_view name, bool deforms = false);
+/// "Pedestrian" is a person. An unknown name is an unknown vehicle.
+const ObjectClass& class_named(std::string_view name);
 
 constexpr std::int64_t kStatic = -1;
 
@@ -31,7 +31,6 @@ constexpr std::int64_t kStatic = -1;
 struct Object {
   std::int64_t id = 0;  ///< 1000 label_id + instance, as in instance images
   std::string type;
-  bool deforms = false;
   std::int64_t frame_id = kStatic;  ///< frame at which it is there
   /// frames of the window in which it was annotated
   std::int64_t first_frame = 0, last_frame = -1;

@@ -202,8 +202,8 @@ TEST(Kitti360Classes, AreFoundByNamesOfOtherDataSets) {
   EXPECT_EQ(class_of("vehicle.bus.rigid"), "bus");
   EXPECT_EQ(class_of("vehicle.bicycle"), "bicycle");
   EXPECT_EQ(class_of("human.pedestrian.adult"), "person");
-  EXPECT_EQ(class_of("animal"), "unknown vehicle");
-  EXPECT_EQ(kitti360::class_named("animal", /*deforms=*/true).name, "person");
+  EXPECT_EQ(class_of("animal"), "person");
+  EXPECT_EQ(class_of("scooter"), "unknown vehicle");
 }
 
 TEST_F(Kitti360, ReadsObjectsThatMoveAndThatStand) {
@@ -227,8 +227,7 @@ TEST_F(Kitti360, ReadsObjectsThatMoveAndThatStand) {
   EXPECT_NEAR(moving.body_from_box.linear()(0, 0), std::cos(0.3), 1e-9);
   EXPECT_TRUE(moving.velocity_in_body_m_per_s.isApprox(Eigen::Vector3d(5, 0, 0), 1e-6))
       << "15 m/s, minus our 10";
-  EXPECT_TRUE(person.deforms);
-  EXPECT_FALSE(parked.deforms);
+  EXPECT_EQ(person.type, "person");
   EXPECT_EQ(parked.type, "car");
   EXPECT_TRUE(parked.velocity_in_body_m_per_s.isApprox(Eigen::Vector3d(-10, 0, 0), 1e-6));
   EXPECT_EQ(recording.reader->read_boxes(recording.box_files[2]).size(), 0u)

@@ -15,11 +15,6 @@ constexpr std::int64_t kRevolution_ns = 50'000'000;
 constexpr std::int64_t kMaxGap_ns = 1'100'000'000;  // a key frame where the object was hidden
 constexpr std::int64_t kBeyond_ns = 100'000'000;    // as scene/moving_objects.cc
 
-/// People and animals articulate even when standing still.
-bool deforms(const std::string& category) {
-  return category.starts_with("human.") || category.starts_with("animal");
-}
-
 /// An object's boxes: poses are global_from_box at the time when the laser saw it.
 struct Track {
   std::vector<FramePose> poses;
@@ -80,7 +75,6 @@ std::map<std::int64_t, std::vector<Box>> boxes_of_frames(
       label.frame_id = frame.id;
       label.object_id = static_cast<std::int64_t>(object);
       label.type = scene.categories[object];
-      label.deforms = deforms(label.type);
       label.size_m = track.sizes_m[*nearest];
       label.sensor_from_box =
           frame.global_from_body.inverse(Eigen::Isometry) * pose_at(track.poses, frame.t_ns);

@@ -141,12 +141,10 @@ TEST_F(NuScenes, BoxesAreInterpolatedToEveryFrame) {
     EXPECT_EQ(car.type, "vehicle.car");
     EXPECT_EQ(car.t_ns, frame.t_ns);
     EXPECT_EQ(car.size_m, Eigen::Vector3d(4.5, 2, 1.5));
-    EXPECT_FALSE(car.deforms);
     const Eigen::Vector3d car_m(20 + 8 * (t_s + 0.0025) - 10 * t_s, 0, 0.9);
     EXPECT_LT((car.body_from_box.translation() - car_m).norm(), 0.02) << t_s;
     EXPECT_LT((car.velocity_in_body_m_per_s - Eigen::Vector3d(-2, 0, 0)).norm(), 0.02) << t_s;
     EXPECT_EQ(boxes[1].actor_name, "human.pedestrian.adult 1");
-    EXPECT_TRUE(boxes[1].deforms);
     EXPECT_LT(
         (boxes[1].body_from_box.translation() - Eigen::Vector3d(20 - 10 * t_s, 4, 0.9)).norm(),
         1e-6);
