@@ -15,7 +15,7 @@
 namespace redrive {
 namespace {
 
-constexpr std::size_t kReturnsPerRange = 16384;
+constexpr std::size_t kReturnsPerPart = 16384;
 constexpr std::int64_t kMaxBeyond_ns =
     60'000'000;  // half a revolution at 10 Hz and the frame's distance from its middle
 
@@ -231,7 +231,7 @@ LidarRays rays_in_world(const Scene& scene, const LidarReturns& returns, ThreadP
   LidarRays rays;
   rays.origin.resize(3 * returns.n);
   rays.direction.resize(3 * returns.n);
-  pool.run_ranges(returns.n, kReturnsPerRange, [&](std::size_t begin, std::size_t end) {
+  pool.run_ranges(returns.n, kReturnsPerPart, [&](std::size_t begin, std::size_t end) {
     LidarPoses poses(scene, returns, which);
     for (std::size_t i = begin; i < end; ++i) {
       const Rigid3d& world_from_sensor = poses.at(i);
