@@ -45,8 +45,8 @@ struct MovingObject {
   /// Returns two keys at most 0.5 s apart, or the nearest one within 0.1 s; nothing at other times.
   std::optional<KeyTime> key_time(std::int64_t t_ns) const;
   /// Returns the pose of the box at t_ns: between the keys of key_time as its kind moves
-  /// (recording/core/actor_kind.h), or extrapolated by the velocity. Nothing at other times, and while it is
-  /// hidden.
+  /// (recording/core/actor_kind.h), or extrapolated by the velocity. Nothing at other times, and
+  /// while it is hidden.
   std::optional<Rigid3d> world_from_box(std::int64_t t_ns, Poses which = Poses::kCorrected) const;
   /// Moves the corrections into the keys.
   void apply_corrections();
