@@ -153,7 +153,7 @@ TEST_F(CoverageTest, FindsTheTrainingImagesThatSawAPoint) {
 // A car of 1 x 1 x 1 m that stands 3 m to the left of the board in the training image has moved 2 m
 // to the right: its surface, which was seen, lies where the board's shadow is now.
 TEST_F(CoverageTest, ASurfaceOfAnObjectIsSoughtWhereTheObjectWas) {
-  MovingObject car{.id = 7, .type = "CAR", .deforms = false, .size_m = {1, 1, 1}, .keys = {}};
+  MovingObject car{.id = 7, .type = "CAR", .size_m = {1, 1, 1}, .keys = {}};
   Rigid3d pose = Rigid3d::Identity();
   pose.translation() = Eigen::Vector3d(-4, 0, 10);
   car.keys = {{0, pose, Eigen::Vector3d::Zero()}};
