@@ -14,8 +14,7 @@ const std::vector<LidarRecord> kPoints = {{{1.5, -2.25, 0.125}, 4'800'000'000'00
                                           {{250, 0, 12.0001}, 4'800'100'000'000, 0}};
 
 TEST(KittiWrite, AScanIsReadBack) {
-  const auto points =
-      parse_scan(make_scan(kPoints), "0.bin", Rigid3d::Identity(), {0, 0});
+  const auto points = parse_scan(make_scan(kPoints), "0.bin", Rigid3d::Identity(), {0, 0});
   ASSERT_EQ(points.size(), 3u);
   for (std::size_t i = 0; i < 3; ++i) {
     EXPECT_EQ(points[i].in_body_m, kPoints[i].position_m.cast<float>());
