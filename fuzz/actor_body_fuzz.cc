@@ -7,7 +7,7 @@
 #include <string_view>
 
 #include "redrive/base/error.h"
-#include "redrive/base/gzip.h"
+#include "redrive/base/files/gzip.h"
 #include "redrive/edit/actor_body.h"
 #include "redrive/field/gaussian.h"
 

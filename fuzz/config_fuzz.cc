@@ -7,7 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "redrive/base/error.h"
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 #include "redrive/train/files/options.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {

@@ -6,7 +6,7 @@
 #include <string_view>
 
 #include "redrive/base/error.h"
-#include "redrive/view/messages.h"
+#include "redrive/view/server/messages.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const std::string_view text(reinterpret_cast<const char*>(data), size);

@@ -9,7 +9,7 @@
 #include <gtest/gtest.h>
 
 #include "redrive/model/method.h"
-#include "redrive/train/pose_refinement.h"
+#include "redrive/train/poses/pose_refinement.h"
 
 namespace redrive {
 namespace {

@@ -36,7 +36,7 @@ void for_sources(const Use& use) {
 TEST(ProcessSettings, AreSetInOneFileEach) {
   const std::map<std::string, std::string> files = {
       {"setNumThreads|setUseOptimized|setRNGSeed|theRNG", "base/opencv_threads.h"},
-      {"sigaction|signal|sigprocmask|pthread_sigmask", "base/interruption.cc"},
+      {"sigaction|signal|sigprocmask|pthread_sigmask", "base/processes/interruption.cc"},
       {"mallopt", "cli/main.cc"},
       {"av_log_set_level", "image/video.cc"},
       {"global_control|setNbThreads|omp_set_\\w+|setLogLevel|redirectError", ""},

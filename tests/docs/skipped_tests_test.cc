@@ -9,7 +9,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "redrive/base/temporary_folder_testing.h"
+#include "redrive/base/files/temporary_folder_testing.h"
 
 namespace redrive {
 namespace {

@@ -14,7 +14,7 @@
 #include <gtest/gtest.h>
 
 #include "redrive/base/error.h"
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 #include "tests/support/program.h"
 #include "tests/support/tiny_recording.h"
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // redrive export on small runs.
-#include "redrive/base/gzip.h"
+#include "redrive/base/files/gzip.h"
 #include "redrive/recording/lidar/ply.h"
 #include "redrive/report/html.h"
 #include "redrive/train/files/state.h"

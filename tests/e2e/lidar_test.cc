@@ -5,7 +5,7 @@
 #include <cstdio>
 #include <fstream>
 
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 #include "redrive/train/run.h"
 #include "tests/e2e/same_end.h"
 

@@ -5,7 +5,7 @@
 
 #include <gtest/gtest.h>
 
-#include "redrive/base/temporary_folder_testing.h"
+#include "redrive/base/files/temporary_folder_testing.h"
 #include "redrive/export/drive.h"
 #include "redrive/recording/core/frame_range.h"
 #include "redrive/recording/core/trajectory.h"

@@ -16,7 +16,7 @@
 #include "redrive/perception/masks.h"
 #include "redrive/recording/core/trajectory.h"
 #include "redrive/recording/formats/recording_reader.h"
-#include "redrive/scene/lidar_returns.h"
+#include "redrive/scene/lidar/lidar_returns.h"
 #include "redrive/scene/load_views.h"
 #include "redrive/train/run.h"
 

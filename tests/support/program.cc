@@ -10,7 +10,7 @@
 #include <cstdlib>
 #include <stdexcept>
 
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 
 namespace redrive::testing {
 namespace {

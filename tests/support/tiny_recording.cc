@@ -4,7 +4,7 @@
 #include <cmath>
 #include <cstdio>
 
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 #include "redrive/camera/camera.h"
 #include "redrive/image/image_io.h"
 

@@ -9,7 +9,7 @@
 #include <nlohmann/json.hpp>
 
 #include "redrive/base/error.h"
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 #include "redrive/image/image_io.h"
 #include "redrive/math/wgs84.h"
 

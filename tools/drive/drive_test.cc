@@ -4,9 +4,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
+#include "redrive/base/files/temporary_folder_testing.h"
 #include "redrive/base/rng.h"
-#include "redrive/base/temporary_folder_testing.h"
 #include "redrive/edit/view_requests.h"
 #include "redrive/image/image_io.h"
 #include "redrive/math/angles.h"

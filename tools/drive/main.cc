@@ -11,7 +11,7 @@
 
 #include "redrive/base/cpu_features.h"
 #include "redrive/base/error.h"
-#include "redrive/base/output_folder.h"
+#include "redrive/base/files/output_folder.h"
 #include "tools/drive/write_drive.h"
 
 int main(int argc, char** argv) {

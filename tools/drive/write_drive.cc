@@ -8,7 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include "redrive/base/error.h"
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 #include "redrive/base/rng.h"
 #include "redrive/camera/mount.h"
 #include "redrive/image/image_io.h"

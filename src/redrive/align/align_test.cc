@@ -4,8 +4,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "redrive/base/files.h"
-#include "redrive/base/temporary_folder_testing.h"
+#include "redrive/base/files/files.h"
+#include "redrive/base/files/temporary_folder_testing.h"
 #include "redrive/recording/formats/aimotive/aimotive.h"
 #include "redrive/recording/lidar/las.h"
 #include "redrive/scene/scene_testing.h"

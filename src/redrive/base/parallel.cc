@@ -10,8 +10,8 @@
 
 #include "redrive/base/cpu_features.h"
 #include "redrive/base/error.h"
-#include "redrive/base/interruption.h"
 #include "redrive/base/parallel_tbb.h"
+#include "redrive/base/processes/interruption.h"
 
 namespace redrive {
 namespace {

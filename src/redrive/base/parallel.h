@@ -20,8 +20,8 @@ class ThreadPool {
 
   /// Runs body(chunk) for every chunk in [0, chunks) and returns when all are done. The
   /// exception of the lowest chunk that throws is rethrown when all have ended. Chunks that begin
-  /// after Ctrl-C throw Interrupted (base/interruption.h). A chunk must not run others on its own
-  /// pool.
+  /// after Ctrl-C throw Interrupted (base/processes/interruption.h). A chunk must not run others on
+  /// its own pool.
   void run(int chunks, const std::function<void(int chunk)>& body);
 
   /// Splits [0, size) into ranges of `grain` and runs body(begin, end) on each.

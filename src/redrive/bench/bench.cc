@@ -18,7 +18,7 @@
 #include "redrive/model/method.h"
 #include "redrive/render/lidar_sensor.h"
 #include "redrive/render/renderer.h"
-#include "redrive/train/pose_refiner.h"
+#include "redrive/train/poses/pose_refiner.h"
 #include "redrive/train/run.h"
 #include "redrive/train/step.h"
 

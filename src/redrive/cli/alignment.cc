@@ -6,7 +6,7 @@
 
 #include "redrive/align/align_summary.h"
 #include "redrive/align/bundle/unobservable_extrinsics.h"
-#include "redrive/base/unfinished.h"
+#include "redrive/base/files/unfinished.h"
 #include "redrive/math/angles.h"
 #include "redrive/recording/core/wording.h"
 #include "redrive/recording/formats/pose_files.h"

@@ -18,7 +18,7 @@
 #include "redrive/recording/core/camera_choice.h"
 #include "redrive/recording/core/readout_options.h"
 #include "redrive/recording/formats/damaged_records.h"
-#include "redrive/scene/lidar_returns.h"
+#include "redrive/scene/lidar/lidar_returns.h"
 #include "redrive/train/run.h"
 
 namespace redrive {

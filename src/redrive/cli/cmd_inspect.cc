@@ -11,7 +11,7 @@
 #include "redrive/align/tracks/patch.h"
 #include "redrive/base/cpu_features.h"
 #include "redrive/base/error.h"
-#include "redrive/base/unfinished.h"
+#include "redrive/base/files/unfinished.h"
 #include "redrive/camera/camera.h"
 #include "redrive/camera/ray_share.h"
 #include "redrive/cli/command.h"
@@ -29,7 +29,7 @@
 #include "redrive/recording/formats/damaged_records.h"
 #include "redrive/recording/formats/recording_reader.h"
 #include "redrive/report/preflight_page.h"
-#include "redrive/scene/lidar_returns.h"
+#include "redrive/scene/lidar/lidar_returns.h"
 #include "redrive/scene/load_views.h"
 
 namespace redrive {

@@ -18,8 +18,8 @@
 #include <CLI/Formatter.hpp>
 
 #include "redrive/base/error.h"
-#include "redrive/base/interruption.h"
-#include "redrive/base/process_group.h"
+#include "redrive/base/processes/interruption.h"
+#include "redrive/base/processes/process_group.h"
 #include "redrive/base/progress.h"
 #include "redrive/base/wrapped_text.h"
 #include "redrive/cli/command.h"

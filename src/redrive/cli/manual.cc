@@ -14,7 +14,7 @@
 
 #include "redrive/base/did_you_mean.h"
 #include "redrive/base/error.h"
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 #include "redrive/cli/help.h"
 #include "redrive/cli/without_model.h"
 

@@ -14,9 +14,9 @@
 
 #include "redrive/base/error.h"
 #include "redrive/cli/help.h"
-#include "redrive/view/access.h"
-#include "redrive/view/messages.h"
 #include "redrive/view/page.h"
+#include "redrive/view/server/access.h"
+#include "redrive/view/server/messages.h"
 
 namespace redrive {
 namespace {

@@ -7,8 +7,8 @@
 
 #include <CLI/App.hpp>
 
-#include "redrive/view/redirect_file.h"
-#include "redrive/view/server.h"
+#include "redrive/view/server/redirect_file.h"
+#include "redrive/view/server/server.h"
 
 namespace redrive {
 

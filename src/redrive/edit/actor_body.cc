@@ -9,8 +9,8 @@
 #include <system_error>
 
 #include "redrive/base/error.h"
-#include "redrive/base/files.h"
-#include "redrive/base/gzip.h"
+#include "redrive/base/files/files.h"
+#include "redrive/base/files/gzip.h"
 #include "redrive/field/gaussian_blocks.h"
 #include "redrive/field/splat_numbers.h"
 #include "redrive/recording/lidar/ply_vertices.h"

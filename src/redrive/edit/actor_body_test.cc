@@ -6,8 +6,8 @@
 #include <filesystem>
 #include <limits>
 
-#include "redrive/base/gzip.h"
-#include "redrive/base/temporary_folder_testing.h"
+#include "redrive/base/files/gzip.h"
+#include "redrive/base/files/temporary_folder_testing.h"
 #include "redrive/field/gaussian.h"
 #include "redrive/recording/core/recording_testing.h"
 #include "redrive/recording/lidar/las_testing.h"

@@ -4,7 +4,7 @@
 #include <cmath>
 
 #include "redrive/base/error.h"
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 #include "redrive/edit/view_requests.h"
 #include "redrive/recording/formats/photographs/photographs.h"
 #include "redrive/recording/parse/json_numbers.h"

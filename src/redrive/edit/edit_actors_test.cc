@@ -7,7 +7,7 @@
 #include <gtest/gtest.h>
 
 #include "redrive/base/error.h"
-#include "redrive/base/temporary_folder_testing.h"
+#include "redrive/base/files/temporary_folder_testing.h"
 #include "redrive/edit/actor_body.h"
 #include "redrive/recording/parse/little_endian.h"
 

@@ -7,7 +7,7 @@
 #include <utility>
 
 #include "redrive/base/error.h"
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 #include "redrive/recording/parse/json_numbers.h"
 
 namespace redrive {

@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <set>
 
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 #include "redrive/base/json_field.h"
 #include "redrive/recording/formats/calibration_json.h"
 #include "redrive/recording/formats/egomotion_json.h"

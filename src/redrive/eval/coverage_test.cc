@@ -4,7 +4,7 @@
 
 #include <gtest/gtest.h>
 
-#include "redrive/base/temporary_folder_testing.h"
+#include "redrive/base/files/temporary_folder_testing.h"
 #include "redrive/methods/nerf/nerf_model.h"
 #include "redrive/perception/masks.h"
 #include "redrive/render/paint_backend_testing.h"

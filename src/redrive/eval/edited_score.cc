@@ -10,7 +10,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/evenly_spaced.h"
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 #include "redrive/base/progress.h"
 #include "redrive/edit/edit_actors.h"
 #include "redrive/eval/coverage.h"

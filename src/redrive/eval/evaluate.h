@@ -16,7 +16,7 @@
 #include "redrive/eval/novel_ground_truth.h"
 #include "redrive/eval/view_alignment.h"
 #include "redrive/render/renderer.h"
-#include "redrive/train/pose_changes.h"
+#include "redrive/train/poses/pose_changes.h"
 #include "redrive/train/run.h"
 
 namespace redrive {

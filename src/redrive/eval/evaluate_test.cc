@@ -11,8 +11,8 @@
 #include <nlohmann/json.hpp>
 
 #include "redrive/base/error.h"
-#include "redrive/base/files.h"
-#include "redrive/base/temporary_folder_testing.h"
+#include "redrive/base/files/files.h"
+#include "redrive/base/files/temporary_folder_testing.h"
 #include "redrive/eval/edited_score.h"
 #include "redrive/methods/nerf/nerf_model.h"
 #include "redrive/perception/masks.h"

@@ -6,8 +6,8 @@
 
 #include <gtest/gtest.h>
 
-#include "redrive/base/files.h"
-#include "redrive/base/temporary_folder_testing.h"
+#include "redrive/base/files/files.h"
+#include "redrive/base/files/temporary_folder_testing.h"
 #include "redrive/methods/nerf/nerf_model.h"
 #include "redrive/recording/formats/aimotive/aimotive.h"
 #include "redrive/recording/lidar/las.h"

@@ -6,7 +6,7 @@
 #include "redrive/base/error.h"
 #include "redrive/base/progress.h"
 #include "redrive/scene/load_views.h"
-#include "redrive/train/pose_refiner.h"
+#include "redrive/train/poses/pose_refiner.h"
 
 namespace redrive {
 namespace {

@@ -6,7 +6,7 @@
 #include <gtest/gtest.h>
 
 #include "redrive/base/error.h"
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 #include "redrive/recording/core/trajectory.h"
 #include "redrive/recording/formats/aimotive/aimotive_boxes.h"
 #include "redrive/scene/scene_testing.h"

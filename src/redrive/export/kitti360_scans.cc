@@ -6,13 +6,13 @@
 #include <cstdio>
 
 #include "redrive/base/error.h"
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 #include "redrive/base/progress.h"
 #include "redrive/export/write_photo_set.h"
 #include "redrive/recording/core/trajectory.h"
 #include "redrive/recording/core/wording.h"
 #include "redrive/recording/formats/kitti/kitti_write.h"
-#include "redrive/scene/lidar_returns.h"
+#include "redrive/scene/lidar/lidar_returns.h"
 
 namespace redrive {
 namespace {

@@ -7,7 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "redrive/base/error.h"
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 #include "redrive/base/progress.h"
 #include "redrive/export/drive.h"
 #include "redrive/export/write_photo_set.h"

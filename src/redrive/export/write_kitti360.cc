@@ -7,7 +7,7 @@
 #include <set>
 
 #include "redrive/base/error.h"
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 #include "redrive/camera/models.h"
 #include "redrive/export/drive.h"
 #include "redrive/export/kitti360_scans.h"

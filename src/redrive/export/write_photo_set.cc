@@ -8,7 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include "redrive/base/error.h"
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 #include "redrive/base/progress.h"
 #include "redrive/export/cloud_normals.h"
 #include "redrive/image/image_io.h"

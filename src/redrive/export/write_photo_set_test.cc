@@ -8,8 +8,8 @@
 #include <nlohmann/json.hpp>
 
 #include "redrive/base/error.h"
-#include "redrive/base/files.h"
-#include "redrive/base/output_folder.h"
+#include "redrive/base/files/files.h"
+#include "redrive/base/files/output_folder.h"
 #include "redrive/image/image_io.h"
 #include "redrive/recording/lidar/ply.h"
 #include "redrive/scene/scene_testing.h"

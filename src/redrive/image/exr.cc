@@ -10,7 +10,7 @@
 
 #include <tinyexr.h>
 
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 
 namespace redrive {
 

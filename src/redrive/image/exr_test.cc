@@ -12,7 +12,7 @@
 #include <tinyexr.h>
 #endif
 
-#include "redrive/base/temporary_folder_testing.h"
+#include "redrive/base/files/temporary_folder_testing.h"
 
 namespace redrive {
 namespace {

@@ -6,7 +6,7 @@
 #include <fstream>
 #include <string_view>
 
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 
 namespace redrive {
 namespace {

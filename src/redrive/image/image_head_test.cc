@@ -3,7 +3,7 @@
 
 #include <gtest/gtest.h>
 
-#include "redrive/base/temporary_folder_testing.h"
+#include "redrive/base/files/temporary_folder_testing.h"
 #include "redrive/image/image.h"
 #include "redrive/image/jpeg.h"
 #include "redrive/image/png.h"

@@ -2,7 +2,7 @@
 #include "redrive/image/image_io.h"
 
 #include "redrive/base/error.h"
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 #include "redrive/image/jpeg.h"
 #include "redrive/image/png.h"
 

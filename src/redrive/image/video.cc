@@ -2,7 +2,7 @@
 #include "redrive/image/video.h"
 
 #include "redrive/base/error.h"
-#include "redrive/base/unfinished.h"
+#include "redrive/base/files/unfinished.h"
 
 #ifdef REDRIVE_VIDEO
 

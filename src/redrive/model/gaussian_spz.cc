@@ -7,7 +7,7 @@
 #include <numbers>
 
 #include "redrive/base/error.h"
-#include "redrive/base/gzip.h"
+#include "redrive/base/files/gzip.h"
 #include "redrive/field/splat_numbers.h"
 
 namespace redrive {

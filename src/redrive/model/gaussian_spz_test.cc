@@ -8,7 +8,7 @@
 
 #include <gtest/gtest.h>
 
-#include "redrive/base/gzip.h"
+#include "redrive/base/files/gzip.h"
 #include "redrive/edit/actor_body.h"
 #include "redrive/field/splat_numbers.h"
 

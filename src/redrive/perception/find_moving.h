@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "redrive/base/parallel.h"
-#include "redrive/scene/lidar_returns.h"
+#include "redrive/scene/lidar/lidar_returns.h"
 #include "redrive/scene/moving_object.h"
 
 namespace redrive {

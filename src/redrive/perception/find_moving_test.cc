@@ -8,7 +8,7 @@
 
 #include <gtest/gtest.h>
 
-#include "redrive/scene/lidar_testing.h"
+#include "redrive/scene/lidar/lidar_testing.h"
 #include "redrive/scene/moving_objects.h"
 
 namespace redrive {

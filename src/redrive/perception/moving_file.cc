@@ -5,7 +5,7 @@
 #include <cmath>
 #include <set>
 
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 #include "redrive/math/angles.h"
 #include "redrive/recording/parse/json_numbers.h"
 

@@ -4,7 +4,7 @@
 #include <gtest/gtest.h>
 
 #include "redrive/perception/masks.h"
-#include "redrive/scene/lidar_returns.h"
+#include "redrive/scene/lidar/lidar_returns.h"
 #include "redrive/scene/load_views.h"
 
 namespace redrive {

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "redrive/base/parallel.h"
-#include "redrive/scene/lidar_returns.h"
+#include "redrive/scene/lidar/lidar_returns.h"
 
 namespace redrive {
 

@@ -6,7 +6,7 @@
 #include <cstdint>
 
 #include "redrive/rays/ray_table.h"
-#include "redrive/scene/lidar_returns.h"
+#include "redrive/scene/lidar/lidar_returns.h"
 
 namespace redrive {
 

@@ -35,7 +35,8 @@ struct RayBatch {
   int n = 0;
   int error_map_rays =
       0;  ///< the last rays, drawn by the error map; the others are uniform over pixels
-  std::uint64_t first_ray = 0;  ///< rays of the same step on lower ranks (train/data_parallel.h)
+  std::uint64_t first_ray =
+      0;  ///< rays of the same step on lower ranks (train/distributed/data_parallel.h)
   std::vector<float> origin, direction, target, background;
   std::vector<float> pixel_angle;  ///< [n], rad
   std::vector<Exposure> exposure;  ///< [n]; empty: no gains

@@ -9,7 +9,7 @@
 #include "redrive/base/error.h"
 #include "redrive/math/angles.h"
 #include "redrive/recording/core/trajectory.h"
-#include "redrive/scene/lidar_returns.h"
+#include "redrive/scene/lidar/lidar_returns.h"
 
 namespace redrive {
 namespace {

@@ -10,7 +10,7 @@
 #include <sstream>
 
 #include "redrive/align/bundle/unobservable_extrinsics.h"
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 #include "redrive/base/progress.h"
 #include "redrive/math/angles.h"
 #include "redrive/report/html.h"

@@ -4,7 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 #include "redrive/math/angles.h"
 #include "redrive/report/html_testing.h"
 #include "redrive/scene/scene_testing.h"

@@ -4,7 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 #include "redrive/kernels/backend.h"
 #include "redrive/report/html.h"
 #include "redrive/scene/scene_testing.h"

@@ -4,7 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 #include "redrive/image/image_io.h"
 #include "redrive/recording/formats/recording_reader.h"
 #include "redrive/report/plot.h"

@@ -13,8 +13,8 @@
 #include <unistd.h>
 
 #include "redrive/base/error.h"
-#include "redrive/base/files.h"
-#include "redrive/base/interruption.h"
+#include "redrive/base/files/files.h"
+#include "redrive/base/processes/interruption.h"
 #include "redrive/image/image_io.h"
 #include "redrive/report/html.h"
 

@@ -4,7 +4,7 @@
 
 #include <string>
 
-#include "redrive/train/pose_changes.h"
+#include "redrive/train/poses/pose_changes.h"
 #include "redrive/train/run.h"
 
 namespace redrive {

@@ -5,11 +5,11 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 #include "redrive/report/html_testing.h"
 #include "redrive/report/plot.h"
 #include "redrive/scene/scene_testing.h"
-#include "redrive/train/pose_refinement.h"
+#include "redrive/train/poses/pose_refinement.h"
 
 namespace redrive {
 namespace {

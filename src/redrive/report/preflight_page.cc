@@ -7,7 +7,7 @@
 
 #include <opencv2/imgproc.hpp>
 
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 #include "redrive/base/progress.h"
 #include "redrive/perception/masks.h"
 #include "redrive/report/html.h"

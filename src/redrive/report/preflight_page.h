@@ -6,7 +6,7 @@
 #include <filesystem>
 
 #include "redrive/align/preflight/preflight.h"
-#include "redrive/scene/lidar_returns.h"
+#include "redrive/scene/lidar/lidar_returns.h"
 
 namespace redrive {
 

@@ -10,9 +10,9 @@
 #include <nlohmann/json.hpp>
 
 #include "redrive/base/error.h"
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
+#include "redrive/base/files/unfinished.h"
 #include "redrive/base/progress.h"
-#include "redrive/base/unfinished.h"
 #include "redrive/eval/moving_scores.h"
 #include "redrive/report/headline.h"
 #include "redrive/report/html.h"

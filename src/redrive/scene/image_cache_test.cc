@@ -9,7 +9,7 @@
 #include <gtest/gtest.h>
 
 #include "redrive/base/error.h"
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 #include "redrive/base/rng.h"
 #include "redrive/scene/load_views.h"
 #include "redrive/scene/scene_testing.h"

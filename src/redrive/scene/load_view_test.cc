@@ -8,7 +8,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "redrive/base/error.h"
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 #include "redrive/image/image_testing.h"
 #include "redrive/scene/scene_testing.h"
 

@@ -4,7 +4,7 @@
 #include <gtest/gtest.h>
 
 #include "redrive/base/error.h"
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 #include "redrive/scene/load_views.h"
 #include "redrive/scene/scene_testing.h"
 

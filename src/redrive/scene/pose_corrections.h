@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Small corrections of recorded poses: the body's at each frame, each camera's extrinsics and time
-// offset. Training refines them (train/pose_refiner.h), a checkpoint holds them, and a scene
+// offset. Training refines them (train/poses/pose_refiner.h), a checkpoint holds them, and a scene
 // applies them whenever it is asked for a pose (Scene::correct).
 #pragma once
 

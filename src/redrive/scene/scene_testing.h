@@ -5,7 +5,7 @@
 #include <cmath>
 #include <string>
 
-#include "redrive/base/temporary_folder_testing.h"
+#include "redrive/base/files/temporary_folder_testing.h"
 #include "redrive/image/image_io.h"
 #include "redrive/recording/core/recording.h"
 

@@ -6,8 +6,8 @@
 #include <cmath>
 #include <limits>
 
+#include "redrive/base/files/temporary_folder_testing.h"
 #include "redrive/base/rng.h"
-#include "redrive/base/temporary_folder_testing.h"
 #include "redrive/camera/camera.h"
 #include "redrive/image/image_io.h"
 #include "redrive/recording/core/trajectory.h"

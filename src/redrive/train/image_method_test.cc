@@ -11,7 +11,7 @@
 #include <nlohmann/json.hpp>
 
 #include "redrive/base/error.h"
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 #include "redrive/base/rng.h"
 #include "redrive/train/loss_watch.h"
 #include "redrive/train/memory.h"

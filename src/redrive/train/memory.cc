@@ -10,7 +10,7 @@
 #include "redrive/perception/seen_through.h"
 #include "redrive/perception/track_points.h"
 #include "redrive/recording/formats/recording_reader.h"
-#include "redrive/scene/cloud_returns.h"
+#include "redrive/scene/lidar/cloud_returns.h"
 #include "redrive/train/step.h"
 
 namespace redrive {
@@ -18,8 +18,8 @@ namespace {
 
 // Measured with minimal runs.
 constexpr std::uint64_t kProgram = std::uint64_t{56} << 20, kThread = std::uint64_t{4} << 20;
-constexpr std::uint64_t kReturn =
-    4 * sizeof(float) + sizeof(std::int64_t) + sizeof(std::uint16_t);  // scene/lidar_returns.h
+constexpr std::uint64_t kReturn = 4 * sizeof(float) + sizeof(std::int64_t) +
+                                  sizeof(std::uint16_t);  // scene/lidar/lidar_returns.h
 constexpr std::uint64_t kSortedRay = 32;
 
 std::uint64_t pixels(const Camera& camera) { return std::uint64_t(camera.width) * camera.height; }

@@ -7,9 +7,9 @@
 #include <nlohmann/json.hpp>
 
 #include "redrive/base/error.h"
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
+#include "redrive/base/files/unfinished.h"
 #include "redrive/base/progress.h"
-#include "redrive/base/unfinished.h"
 #include "redrive/model/method.h"
 #include "redrive/perception/moving_file.h"
 #include "redrive/recording/folder_kind.h"

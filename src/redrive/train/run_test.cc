@@ -8,7 +8,7 @@
 #include <gtest/gtest.h>
 
 #include "redrive/base/error.h"
-#include "redrive/base/temporary_folder_testing.h"
+#include "redrive/base/files/temporary_folder_testing.h"
 #include "redrive/methods/grid/grid_model.h"
 #include "redrive/methods/nerf/nerf_model.h"
 

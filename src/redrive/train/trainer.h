@@ -5,7 +5,7 @@
 
 #include <atomic>
 
-#include "redrive/base/process_group.h"
+#include "redrive/base/processes/process_group.h"
 #include "redrive/kernels/backend.h"
 #include "redrive/train/run.h"
 #include "redrive/train/training_data.h"
@@ -34,8 +34,8 @@ enum class TrainEnd { kFinished, kInterrupted };
 TrainEnd train(Run* run, kernels::Backend& backend, const std::atomic<bool>& stop,
                StepObserver* observer = nullptr);
 /// Trains likewise with loaded data. `processes`: null, or those that call this for the same run at
-/// the same time (train/data_parallel.h); process 0 alone writes, and its clock counts. Throws
-/// UsageError in each of them if they begin with different parameters.
+/// the same time (train/distributed/data_parallel.h); process 0 alone writes, and its clock counts.
+/// Throws UsageError in each of them if they begin with different parameters.
 TrainEnd train(Run* run, const TrainingData& data, kernels::Backend& backend,
                const std::atomic<bool>& stop, StepObserver* observer = nullptr,
                ProcessGroup* processes = nullptr);

@@ -8,7 +8,7 @@
 #include "redrive/perception/masks.h"
 #include "redrive/rays/ray_table.h"
 #include "redrive/scene/image_cache.h"
-#include "redrive/scene/lidar_returns.h"
+#include "redrive/scene/lidar/lidar_returns.h"
 #include "redrive/train/run.h"
 
 namespace redrive {

@@ -7,7 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "redrive/render/view_pose.h"
-#include "redrive/view/outgoing.h"
+#include "redrive/view/server/outgoing.h"
 
 namespace redrive::view {
 namespace {

@@ -10,7 +10,7 @@
 
 #include "redrive/methods/splat/splat_model.h"
 #include "redrive/train/train_testing.h"
-#include "redrive/view/loopback_client_testing.h"
+#include "redrive/view/server/loopback_client_testing.h"
 
 namespace redrive::view {
 namespace {

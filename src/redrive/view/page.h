@@ -5,7 +5,7 @@
 #include <span>
 #include <string_view>
 
-#include "redrive/view/server.h"
+#include "redrive/view/server/server.h"
 
 namespace redrive::view {
 

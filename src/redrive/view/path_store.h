@@ -10,7 +10,7 @@
 
 #include "redrive/render/camera_path.h"
 #include "redrive/train/run.h"
-#include "redrive/view/messages.h"
+#include "redrive/view/server/messages.h"
 
 namespace redrive::view {
 

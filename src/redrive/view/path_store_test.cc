@@ -6,7 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "redrive/base/error.h"
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 #include "redrive/scene/scene_testing.h"
 
 namespace redrive::view {

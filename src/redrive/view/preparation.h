@@ -7,7 +7,7 @@
 #include <set>
 #include <thread>
 
-#include "redrive/view/server.h"
+#include "redrive/view/server/server.h"
 
 namespace redrive::view {
 

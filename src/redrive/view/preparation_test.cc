@@ -10,7 +10,7 @@
 #include <nlohmann/json.hpp>
 
 #include "redrive/base/progress.h"
-#include "redrive/view/loopback_client_testing.h"
+#include "redrive/view/server/loopback_client_testing.h"
 
 namespace redrive::view {
 namespace {

@@ -5,8 +5,8 @@
 #include <gtest/gtest.h>
 
 #include "redrive/base/error.h"
-#include "redrive/base/files.h"
-#include "redrive/base/temporary_folder_testing.h"
+#include "redrive/base/files/files.h"
+#include "redrive/base/files/temporary_folder_testing.h"
 
 namespace redrive::view {
 namespace {

@@ -4,7 +4,7 @@
 #include <nlohmann/json.hpp>
 
 #include "redrive/base/error.h"
-#include "redrive/base/gzip.h"
+#include "redrive/base/files/gzip.h"
 #include "redrive/field/gaussian.h"
 #include "redrive/model/gaussian_spz.h"
 #include "redrive/render/camera_path.h"

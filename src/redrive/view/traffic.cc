@@ -9,7 +9,7 @@
 #include <nlohmann/json.hpp>
 
 #include "redrive/base/error.h"
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 #include "redrive/edit/edit_actors.h"
 #include "redrive/math/angles.h"
 #include "redrive/scene/moving_objects.h"

@@ -14,7 +14,7 @@
 #include "redrive/edit/actor_body.h"
 #include "redrive/edit/traffic_edit.h"
 #include "redrive/scene/scene.h"
-#include "redrive/view/messages.h"
+#include "redrive/view/server/messages.h"
 #include "redrive/view/view_renderer.h"
 
 namespace redrive::view {

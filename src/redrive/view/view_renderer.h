@@ -18,7 +18,7 @@
 #include "redrive/render/renderer.h"
 #include "redrive/train/run.h"
 #include "redrive/train/training_data.h"
-#include "redrive/view/messages.h"
+#include "redrive/view/server/messages.h"
 
 namespace redrive::view {
 

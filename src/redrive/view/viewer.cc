@@ -11,7 +11,7 @@
 #include "redrive/base/error.h"
 #include "redrive/image/jpeg.h"
 #include "redrive/train/divided_run.h"
-#include "redrive/view/outgoing.h"
+#include "redrive/view/server/outgoing.h"
 #include "redrive/view/viewer_client.h"
 
 namespace redrive::view {

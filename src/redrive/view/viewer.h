@@ -19,12 +19,12 @@
 #include <nlohmann/json_fwd.hpp>
 
 #include "redrive/view/drive_map.h"
-#include "redrive/view/messages.h"
 #include "redrive/view/overlay.h"
 #include "redrive/view/pace.h"
 #include "redrive/view/path_store.h"
 #include "redrive/view/run_watch.h"
-#include "redrive/view/server.h"
+#include "redrive/view/server/messages.h"
+#include "redrive/view/server/server.h"
 #include "redrive/view/traffic.h"
 #include "redrive/view/view_renderer.h"
 

@@ -18,7 +18,7 @@
 #include "redrive/image/jpeg.h"
 #include "redrive/render/paint_backend_testing.h"
 #include "redrive/scene/scene_testing.h"
-#include "redrive/view/loopback_client_testing.h"
+#include "redrive/view/server/loopback_client_testing.h"
 #include "redrive/view/viewer.h"
 
 namespace redrive::view {

@@ -12,7 +12,7 @@
 #include "redrive/align/rig/rig_model.h"
 #include "redrive/base/parallel.h"
 #include "redrive/recording/core/recording.h"
-#include "redrive/scene/lidar_returns.h"
+#include "redrive/scene/lidar/lidar_returns.h"
 #include "redrive/scene/moving_objects.h"
 #include "redrive/scene/scene.h"
 

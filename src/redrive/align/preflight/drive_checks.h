@@ -7,7 +7,7 @@
 
 #include "redrive/align/preflight/preflight.h"
 #include "redrive/image/image.h"
-#include "redrive/scene/lidar_returns.h"
+#include "redrive/scene/lidar/lidar_returns.h"
 
 namespace redrive {
 

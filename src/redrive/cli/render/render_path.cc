@@ -7,8 +7,8 @@
 #include <memory>
 
 #include "redrive/base/error.h"
-#include "redrive/base/files.h"
-#include "redrive/base/output_folder.h"
+#include "redrive/base/files/files.h"
+#include "redrive/base/files/output_folder.h"
 #include "redrive/base/progress.h"
 #include "redrive/cli/backend_options.h"
 #include "redrive/cli/command.h"

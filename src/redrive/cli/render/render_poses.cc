@@ -5,7 +5,7 @@
 #include <memory>
 
 #include "redrive/base/error.h"
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 #include "redrive/cli/backend_options.h"
 #include "redrive/cli/command.h"
 #include "redrive/cli/frames_option.h"

@@ -11,8 +11,8 @@
 #include "redrive/cli/train/line_prefix.h"
 #include "redrive/cli/train/train_together.h"
 #include "redrive/cli/train/training.h"
+#include "redrive/train/distributed/job_queue.h"
 #include "redrive/train/files/run_lock.h"
-#include "redrive/train/job_queue.h"
 
 namespace redrive {
 namespace {

@@ -6,7 +6,7 @@
 #include <functional>
 #include <memory>
 
-#include "redrive/base/process_group.h"
+#include "redrive/base/processes/process_group.h"
 #include "redrive/kernels/backend.h"
 #include "redrive/train/divided_run.h"
 #include "redrive/train/training_data.h"

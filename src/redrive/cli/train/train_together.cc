@@ -10,7 +10,7 @@
 #include "redrive/cli/train/line_prefix.h"
 #include "redrive/cli/train/train_blocks.h"
 #include "redrive/cli/train/training.h"
-#include "redrive/train/job_queue.h"
+#include "redrive/train/distributed/job_queue.h"
 
 namespace redrive {
 

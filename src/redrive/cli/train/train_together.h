@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // --data-parallel of train and resume: the processes that a launcher started compute the steps of
-// one run together (train/data_parallel.h).
+// one run together (train/distributed/data_parallel.h).
 #pragma once
 
 #include <filesystem>
 
-#include "redrive/base/process_group.h"
+#include "redrive/base/processes/process_group.h"
 #include "redrive/cli/command.h"
 #include "redrive/kernels/backend.h"
 #include "redrive/train/run.h"

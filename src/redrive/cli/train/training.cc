@@ -10,7 +10,7 @@
 #include "redrive/cli/help.h"
 #include "redrive/perception/find_moving.h"
 #include "redrive/train/memory.h"
-#include "redrive/train/pose_changes.h"
+#include "redrive/train/poses/pose_changes.h"
 #include "redrive/view/live_view.h"
 
 namespace redrive {

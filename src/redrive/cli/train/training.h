@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-#include "redrive/base/interruption.h"
+#include "redrive/base/processes/interruption.h"
 #include "redrive/cli/view_server.h"
 #include "redrive/kernels/backend.h"
 #include "redrive/train/trainer.h"

@@ -14,7 +14,7 @@
 #include "redrive/methods/splat/gaussian_points.h"
 #include "redrive/methods/splat/visual_hull.h"
 #include "redrive/perception/track_points.h"
-#include "redrive/scene/lidar_points.h"
+#include "redrive/scene/lidar/lidar_points.h"
 
 namespace redrive {
 namespace {

@@ -9,7 +9,7 @@
 #include "redrive/base/progress.h"
 #include "redrive/base/rng.h"
 #include "redrive/camera/plain_camera.h"
-#include "redrive/methods/splat/actor_gaussians.h"
+#include "redrive/methods/splat/actors/actor_gaussians.h"
 #include "redrive/methods/splat/gaussian_points.h"
 #include "redrive/methods/splat/image_windows.h"
 #include "redrive/methods/splat/range_pixels.h"

@@ -14,7 +14,7 @@
 
 #include "redrive/edit/actor_body.h"
 #include "redrive/kernels/gaussian/gaussian_stages.h"
-#include "redrive/methods/splat/actor_motion.h"
+#include "redrive/methods/splat/actors/actor_motion.h"
 #include "redrive/methods/splat/densify_gaussians.h"
 #include "redrive/methods/splat/image_gains.h"
 #include "redrive/methods/splat/initial_gaussians.h"

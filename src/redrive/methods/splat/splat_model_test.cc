@@ -10,7 +10,7 @@
 
 #include "redrive/methods/splat/image_windows.h"
 #include "redrive/methods/splat/known_splats_testing.h"
-#include "redrive/scene/lidar_testing.h"
+#include "redrive/scene/lidar/lidar_testing.h"
 
 namespace redrive::known_splats {
 namespace {

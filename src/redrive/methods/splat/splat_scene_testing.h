@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "redrive/model/trainee.h"
-#include "redrive/scene/lidar_testing.h"
+#include "redrive/scene/lidar/lidar_testing.h"
 
 namespace redrive {
 

@@ -10,7 +10,7 @@
 
 #include "redrive/base/parallel.h"
 #include "redrive/methods/splat/gaussian_points.h"
-#include "redrive/scene/lidar_returns.h"
+#include "redrive/scene/lidar/lidar_returns.h"
 #include "redrive/scene/scene.h"
 
 namespace redrive {

@@ -9,7 +9,7 @@
 #include <nlohmann/json.hpp>
 
 #include "redrive/base/error.h"
-#include "redrive/base/temporary_folder_testing.h"
+#include "redrive/base/files/temporary_folder_testing.h"
 
 namespace redrive::testing {
 

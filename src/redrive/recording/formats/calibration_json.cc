@@ -6,7 +6,7 @@
 #include <cstdio>
 
 #include "redrive/base/error.h"
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 #include "redrive/camera/models.h"
 #include "redrive/recording/formats/calibration_fields.h"
 #include "redrive/recording/parse/rigid_json.h"

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/recording/formats/damaged_records.h"
 
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 #include "redrive/image/image_io.h"
 #include "redrive/recording/core/recording_testing.h"
 #include "redrive/recording/lidar/las.h"

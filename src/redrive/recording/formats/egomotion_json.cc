@@ -7,7 +7,7 @@
 #include <cstdio>
 
 #include "redrive/base/error.h"
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 #include "redrive/recording/core/trajectory.h"
 #include "redrive/recording/parse/rigid_json.h"
 

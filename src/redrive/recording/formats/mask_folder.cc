@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cctype>
 
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 #include "redrive/recording/core/wording.h"
 #include "redrive/recording/formats/frame_files.h"
 

@@ -5,7 +5,7 @@
 #include <cstdlib>
 
 #include "redrive/base/error.h"
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 #include "redrive/recording/core/frame_range.h"
 #include "redrive/recording/core/wording.h"
 #include "redrive/recording/formats/damaged_records.h"

@@ -4,8 +4,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "redrive/base/files.h"
-#include "redrive/base/temporary_folder_testing.h"
+#include "redrive/base/files/files.h"
+#include "redrive/base/files/temporary_folder_testing.h"
 #include "redrive/image/image_io.h"
 
 namespace redrive {

@@ -11,7 +11,7 @@
 #include <Eigen/Geometry>
 
 #include "redrive/base/error.h"
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 #include "redrive/recording/lidar/laz_decoder.h"
 #include "redrive/recording/lidar/unusable_returns.h"
 #include "redrive/recording/parse/little_endian.h"

@@ -5,7 +5,7 @@
 
 #include <gtest/gtest.h>
 
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 #include "redrive/math/angles.h"
 #include "redrive/recording/core/recording.h"
 #include "redrive/recording/formats/aimotive/aimotive_boxes.h"

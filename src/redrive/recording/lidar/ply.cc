@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 #include "redrive/recording/lidar/ply_vertices.h"
 
 namespace redrive {

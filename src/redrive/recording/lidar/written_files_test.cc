@@ -6,7 +6,7 @@
 
 #include <gmock/gmock.h>
 
-#include "redrive/base/temporary_folder_testing.h"
+#include "redrive/base/files/temporary_folder_testing.h"
 #include "redrive/recording/lidar/las.h"
 #include "redrive/recording/parse/little_endian.h"
 

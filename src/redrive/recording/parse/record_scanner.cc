@@ -2,7 +2,7 @@
 #include "redrive/recording/parse/record_scanner.h"
 
 #include "redrive/base/error.h"
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 
 namespace redrive {
 namespace {

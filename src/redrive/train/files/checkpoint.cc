@@ -5,7 +5,7 @@
 #include <cmath>
 
 #include "redrive/base/error.h"
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 #include "redrive/model/method.h"
 #include "redrive/train/files/safetensors.h"
 #include "redrive/train/files/state.h"

@@ -11,7 +11,7 @@
 #include <tuple>
 
 #include "redrive/base/error.h"
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 #include "redrive/base/json_field.h"
 #include "redrive/train/run.h"
 

@@ -19,7 +19,7 @@
 #include "redrive/model/method.h"
 #include "redrive/recording/formats/pose_files.h"
 #include "redrive/scene/scene.h"
-#include "redrive/train/pose_refinement.h"
+#include "redrive/train/poses/pose_refinement.h"
 
 namespace redrive {
 

@@ -7,7 +7,7 @@
 #include <gtest/gtest.h>
 
 #include "redrive/base/error.h"
-#include "redrive/base/temporary_folder_testing.h"
+#include "redrive/base/files/temporary_folder_testing.h"
 #include "redrive/methods/grid/tiny_grid_model_testing.h"
 
 namespace redrive {

@@ -57,7 +57,7 @@ struct AdamMoments {
   explicit AdamMoments(std::size_t n) : first(n), second(n) {}
 };
 
-/// Corrections of the recording's poses (train/pose_refiner.h).
+/// Corrections of the recording's poses (train/poses/pose_refiner.h).
 struct PoseState {
   PoseCorrections corrections;  ///< values empty: poses are not refined
   AdamMoments moments;
@@ -91,7 +91,7 @@ struct TrainState {
 /// Writes safetensors, which Python reads: the model's tensors by name, "adam.first_moment",
 /// "adam.second_moment" and, if any, "adam.packed", "adam.errors", "cell_errors" and "poses" with
 /// "poses.first_moment" and "poses.second_moment"; method, step, seconds, seed and the model's
-/// numbers in __metadata__ (strings). Written atomically (base/files.h).
+/// numbers in __metadata__ (strings). Written atomically (base/files/files.h).
 void save_checkpoint(const std::filesystem::path& file, const TrainState& state);
 /// Throws InputError naming file and field: truncated, wrong header, shape that disagrees with the
 /// hyperparameters, non-finite values.

@@ -6,7 +6,7 @@
 #include <utility>
 
 #include "redrive/base/error.h"
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 #include "redrive/recording/formats/aimotive/aimotive_boxes.h"
 #include "redrive/recording/formats/calibration_json.h"
 #include "redrive/recording/formats/egomotion_json.h"

@@ -6,7 +6,7 @@
 #include <set>
 
 #include "redrive/base/error.h"
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 #include "redrive/base/json_field.h"
 #include "redrive/recording/parse/rigid_json.h"
 

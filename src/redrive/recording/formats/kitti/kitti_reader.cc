@@ -6,7 +6,7 @@
 #include <cstdlib>
 
 #include "redrive/base/error.h"
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 #include "redrive/recording/core/wording.h"
 #include "redrive/recording/formats/kitti/kitti_poses.h"
 

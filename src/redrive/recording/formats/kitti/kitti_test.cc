@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/recording/formats/kitti/kitti.h"
 
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 #include "redrive/recording/formats/kitti/kitti_testing.h"
 #include "redrive/recording/formats/pose_files.h"
 

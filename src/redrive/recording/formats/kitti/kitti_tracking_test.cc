@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 #include "redrive/recording/formats/kitti/kitti.h"
 #include "redrive/recording/formats/kitti/kitti_testing.h"
 #include "redrive/recording/formats/recording_reader.h"

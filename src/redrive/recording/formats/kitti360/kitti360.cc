@@ -8,7 +8,7 @@
 #include <set>
 
 #include "redrive/base/error.h"
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 #include "redrive/recording/core/labels.h"
 #include "redrive/recording/core/trajectory.h"
 #include "redrive/recording/core/wording.h"

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/recording/formats/kitti360/kitti360.h"
 
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 #include "redrive/camera/camera.h"
 #include "redrive/recording/formats/kitti360/kitti360_boxes.h"
 #include "redrive/recording/formats/kitti360/kitti360_testing.h"

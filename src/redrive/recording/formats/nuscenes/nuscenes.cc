@@ -7,7 +7,7 @@
 #include <optional>
 
 #include "redrive/base/error.h"
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 #include "redrive/recording/core/trajectory.h"
 #include "redrive/recording/core/wording.h"
 #include "redrive/recording/formats/frame_files.h"

@@ -4,7 +4,7 @@
 #include <optional>
 
 #include "redrive/base/error.h"
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 
 namespace redrive {
 namespace {

@@ -2,7 +2,7 @@
 // The cameras of a real car; skipped where its recording is missing.
 #include <gtest/gtest.h>
 
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 #include "redrive/camera/camera.h"
 #include "redrive/recording/formats/calibration_json.h"
 

@@ -7,7 +7,7 @@
 #include <set>
 
 #include "redrive/base/error.h"
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 #include "redrive/recording/core/wording.h"
 #include "redrive/recording/formats/frame_files.h"
 #include "redrive/recording/formats/mask_folder.h"

@@ -8,7 +8,7 @@
 #include <span>
 
 #include "redrive/base/error.h"
-#include "redrive/base/files.h"
+#include "redrive/base/files/files.h"
 #include "redrive/camera/models.h"
 #include "redrive/math/angles.h"
 #include "redrive/recording/formats/calibration_fields.h"

@@ -1,0 +1,324 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/scene/lidar/lidar_returns.h"
+
+#include <algorithm>
+#include <cstdio>
+#include <tuple>
+
+#include "redrive/base/error.h"
+#include "redrive/base/progress.h"
+#include "redrive/recording/core/wording.h"
+#include "redrive/recording/formats/damaged_records.h"
+#include "redrive/recording/formats/recording_reader.h"
+#include "redrive/scene/lidar/cloud_returns.h"
+
+namespace redrive {
+namespace {
+
+constexpr std::size_t kReturnsPerPart = 16384;
+constexpr std::int64_t kMaxBeyond_ns =
+    60'000'000;  // half a revolution at 10 Hz and the frame's distance from its middle
+
+// Bounding box of the ego vehicle in body axes (origin on the ground under the rear axle).
+const Eigen::AlignedBox3d kEgo_m(Eigen::Vector3d(-1.5, -1.15, 0.2),
+                                 Eigen::Vector3d(4.2, 1.15, 2.2));
+
+auto identity(const LidarPoint& p) {
+  return std::tuple(p.t_ns, p.in_body_m.x(), p.in_body_m.y(), p.in_body_m.z());
+}
+
+/// A return, as LidarReturns has it.
+struct Return {
+  Eigen::Vector3f direction;
+  float range_m;
+  std::int64_t t_ns;
+  std::uint16_t intensity;
+};
+
+/// Whether one of the boxes, of the time t_ns, has a return; counts it if so.
+bool is_on_moving(const std::vector<MovingBox>& boxes, const Eigen::Vector3d& in_world,
+                  std::int64_t t_ns, LidarReturns* out) {
+  const auto box =
+      std::ranges::find_if(boxes, [&](const MovingBox& other) { return other.contains(in_world); });
+  if (box == boxes.end()) return false;
+  ++out->on_moving;
+  const Eigen::Vector3d in_box = box->box_from_world * in_world;
+  if (is_on_object(*box, in_box)) out->on_objects.push_back({box->id, t_ns, in_box.cast<float>()});
+  return true;
+}
+
+/// Makes returns of one revolution; adds those on moving objects to `out` and counts dropped ones.
+std::vector<Return> returns_of(const std::vector<LidarPoint>& points,
+                               const std::vector<LidarPoint>& before, const Recording& recording,
+                               const Scene& scene, const MovingObjects& moving, LidarReturns* out) {
+  const std::vector<std::uint8_t> repeated = mark_repeated(points, before);
+  const std::int64_t first_ns = recording.frames.front().t_ns - kMaxBeyond_ns,
+                     last_ns = recording.frames.back().t_ns + kMaxBeyond_ns;
+  const Rigid3d sensor_from_body = recording.body_from_lidar->inverse(Eigen::Isometry);
+  std::vector<Return> returns;
+  returns.reserve(points.size());
+  Rigid3d world_from_body = Rigid3d::Identity();
+  std::vector<MovingBox> boxes;
+  std::int64_t placed_ns =
+      points.empty() ? 0 : points[0].t_ns - 1;  // a packet's points share their time
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const LidarPoint& point = points[i];
+    const Eigen::Vector3d in_body = point.in_body_m.cast<double>();
+    if (repeated[i]) {
+      ++out->repeated;
+      continue;
+    }
+    if (point.t_ns < first_ns || point.t_ns > last_ns) {
+      ++out->beyond_trajectory;
+      continue;
+    }
+    if (kEgo_m.contains(in_body)) {
+      ++out->on_ego;
+      continue;
+    }
+    if (placed_ns != point.t_ns) {
+      placed_ns = point.t_ns;
+      boxes = moving.at(placed_ns);
+      if (!boxes.empty()) world_from_body = scene.world_from_body(placed_ns, Poses::kRecorded);
+    }
+    if (!boxes.empty() && is_on_moving(boxes, world_from_body * in_body, point.t_ns, out)) continue;
+    const Eigen::Vector3d in_sensor = sensor_from_body * in_body;
+    const double range_m = in_sensor.norm();
+    if (!(range_m > 0)) {
+      ++out->unusable;
+      continue;
+    }
+    returns.push_back({(in_sensor / range_m).cast<float>(), static_cast<float>(range_m), point.t_ns,
+                       point.intensity});
+  }
+  return returns;
+}
+
+/// Returns the points of the recording's cloud, each with the first of its frames that the scene
+/// has; not points that only other frames see.
+std::vector<CloudPoint> read_cloud(const Recording& recording, const Scene& scene) {
+  const Rigid3d world_from_global = scene.global_from_world.inverse();
+  std::vector<CloudPoint> cloud;
+  for (const StaticPoint& point : recording.reader->read_points(recording)) {
+    CloudPoint out{world_from_global * point.in_global};
+    for (const std::int64_t id : point.frames)
+      if (out.seen_from < 0) out.seen_from = scene.frame_index(id);
+    if (out.seen_from >= 0 || !point.has_track) cloud.push_back(out);
+  }
+  return cloud;
+}
+
+}  // namespace
+
+bool is_on_object(const MovingBox& box, const Eigen::Vector3d& in_box) {
+  constexpr double kBeside_m = 0.1, kAboveGround_m = 0.12;
+  const Eigen::Vector3d half = box.half_size_m - Eigen::Vector3d::Constant(kBoxMargin_m);
+  return (in_box.cwiseAbs().array() <= half.array() + kBeside_m).all() &&
+         in_box.z() >= kAboveGround_m - half.z();
+}
+
+std::vector<std::uint8_t> mark_repeated(const std::vector<LidarPoint>& points,
+                                        const std::vector<LidarPoint>& before) {
+  std::vector<decltype(identity(points[0]))> known;
+  known.reserve(before.size());
+  for (const LidarPoint& point : before) known.push_back(identity(point));
+  std::sort(known.begin(), known.end());
+  std::vector<std::uint8_t> repeated;
+  repeated.reserve(points.size());
+  for (const LidarPoint& point : points)
+    repeated.push_back(std::binary_search(known.begin(), known.end(), identity(point)));
+  return repeated;
+}
+
+LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene,
+                                const MovingObjects& moving, ThreadPool& pool,
+                                const LidarSelection& selection) {
+  if (recording.lidar_files.empty() && !recording.points_file.empty()) {
+    constexpr float kLeastRange_m = 0.5f;  // nearer points are on the car
+    const Rigid3d& body_from_sensor = scene.rig[0].body_from_sensor;
+    std::vector<CloudOrigin> origins;
+    for (const PosedFrame& frame : scene.posed_frames())
+      origins.push_back({frame.world_from_body * body_from_sensor, frame.t_ns});
+    LidarReturns returns = cloud_returns(read_cloud(recording, scene), origins,
+                                         recording.metric ? kLeastRange_m : 0, pool);
+    returns.body_from_sensor = body_from_sensor;
+    return returns;
+  }
+  LidarReturns returns;
+  if (!recording.body_from_lidar) return returns;
+  returns.body_from_sensor = *recording.body_from_lidar;
+  std::vector<const FrameFile*> files;
+  for (const FrameFile& file : recording.lidar_files)
+    if (file.frame_id >= scene.frames.front().id && file.frame_id <= scene.frames.back().id)
+      files.push_back(&file);
+  const int count = static_cast<int>(files.size());
+  const auto selected = [&](int f) {
+    return !selection.frame || selection.frame(files[f]->frame_id);
+  };
+  // A file that is not selected is still read, to find which points the next one repeats.
+  Progress progress("reading LiDAR", 2 * count);
+  std::vector<std::vector<LidarPoint>> points(files.size());
+  std::vector<LidarReturns> counts(files.size());
+  std::vector<std::string> damaged(files.size());
+  pool.run(count, [&](int f) {
+    progress.count();
+    if (!selected(f) && (selection.repeated || f + 1 == count || !selected(f + 1))) return;
+    try {
+      std::size_t unusable = 0;
+      points[f] = recording.reader->read_lidar(*files[f], &unusable);
+      if (selected(f)) counts[f].unusable = unusable;
+    } catch (const InputError& error) {
+      damaged[f] = error.what();
+    }
+  });
+  std::vector<DamagedRecord> left_out;
+  for (int f = 0; f < count; ++f)
+    if (!damaged[f].empty()) left_out.push_back({"lidar", files[f]->frame_id, damaged[f]});
+  returns.damaged = judge_damaged(recording, left_out, files.size());
+
+  std::vector<std::vector<Return>> of_files(files.size());
+  const std::vector<LidarPoint> none;
+  pool.run(count, [&](int f) {
+    progress.count();
+    if (!selected(f)) return;
+    of_files[f] = returns_of(points[f], f > 0 && !selection.repeated ? points[f - 1] : none,
+                             recording, scene, moving, &counts[f]);
+  });
+
+  for (int f = 0; f < count; ++f) {
+    returns.files += selected(f) && damaged[f].empty();
+    returns.n += of_files[f].size();
+    returns.unusable += counts[f].unusable;
+    returns.repeated += counts[f].repeated;
+    returns.beyond_trajectory += counts[f].beyond_trajectory;
+    returns.on_ego += counts[f].on_ego;
+    returns.on_moving += counts[f].on_moving;
+    returns.on_objects.insert(returns.on_objects.end(), counts[f].on_objects.begin(),
+                              counts[f].on_objects.end());
+  }
+  returns.direction.resize(3 * returns.n);
+  returns.range_m.reserve(returns.n);
+  returns.t_ns.reserve(returns.n);
+  returns.intensity.reserve(returns.n);
+  for (const std::vector<Return>& of_file : of_files)
+    for (const Return& one : of_file) {
+      const std::size_t i = returns.range_m.size();
+      for (int d = 0; d < 3; ++d)
+        returns.direction[std::size_t(d) * returns.n + i] = one.direction[d];
+      returns.range_m.push_back(one.range_m);
+      returns.t_ns.push_back(one.t_ns);
+      returns.intensity.push_back(one.intensity);
+    }
+  return returns;
+}
+
+bool LidarReturns::same_ray(std::size_t i) const {
+  constexpr double kApart_rad = 5e-4;  // rays of one time are 0.2 degrees apart
+  return t_ns[i] == t_ns[i - 1] &&
+         (direction_in_sensor(i) - direction_in_sensor(i - 1)).norm() < kApart_rad;
+}
+
+const Rigid3d& LidarPoses::at(std::size_t i) {
+  if (t_ns_ != returns_.t_ns[i]) {
+    t_ns_ = returns_.t_ns[i];
+    world_from_sensor_ = scene_.world_from_body(*t_ns_, which_) * returns_.body_from_sensor;
+  }
+  return world_from_sensor_;
+}
+
+LidarRays rays_in_world(const Scene& scene, const LidarReturns& returns, ThreadPool& pool,
+                        Poses which) {
+  LidarRays rays;
+  rays.origin.resize(3 * returns.n);
+  rays.direction.resize(3 * returns.n);
+  pool.run_ranges(returns.n, kReturnsPerPart, [&](std::size_t begin, std::size_t end) {
+    LidarPoses poses(scene, returns, which);
+    for (std::size_t i = begin; i < end; ++i) {
+      const Rigid3d& world_from_sensor = poses.at(i);
+      const Eigen::Vector3d direction = world_from_sensor.linear() * returns.direction_in_sensor(i);
+      for (int d = 0; d < 3; ++d) {
+        rays.origin[std::size_t(d) * returns.n + i] =
+            static_cast<float>(world_from_sensor.translation()[d]);
+        rays.direction[std::size_t(d) * returns.n + i] = static_cast<float>(direction[d]);
+      }
+    }
+  });
+  return rays;
+}
+
+std::optional<Finding> lost_returns(const LidarReturns& returns) {
+  constexpr float kLeastMedian_m = 0.5f, kMostMedian_m = 300;
+  const std::size_t lost = returns.beyond_trajectory + returns.on_ego,
+                    all = returns.n + lost + returns.on_moving;
+  char what[320];
+  if (2 * lost > all) {
+    std::snprintf(
+        what, sizeof what,
+        "%zu of %zu returns are not used: %zu are more than 60 ms before the first pose or "
+        "after the last (do their times count on the clock of the frames?), %zu within the "
+        "vehicle (are their lengths metres?)",
+        lost, all, returns.beyond_trajectory, returns.on_ego);
+    return Finding{"lidar", what};
+  }
+  if (returns.n == 0) return std::nullopt;
+  std::vector<float> ranges_m = returns.range_m;
+  const auto middle = ranges_m.begin() + static_cast<std::ptrdiff_t>(ranges_m.size() / 2);
+  std::ranges::nth_element(ranges_m, middle);
+  if (*middle >= kLeastMedian_m && *middle <= kMostMedian_m) return std::nullopt;
+  std::snprintf(what, sizeof what,
+                "half of the returns are %s than %g m: are their lengths metres?",
+                *middle < kLeastMedian_m ? "nearer" : "further", double(*middle));
+  return Finding{"lidar", what};
+}
+
+std::optional<Finding> unusable_returns(const LidarReturns& returns) {
+  if (returns.unusable == 0) return std::nullopt;
+  return Finding{"lidar", counted(returns.unusable, "return") + " of " +
+                              counted(returns.files, "scan") +
+                              " left out: no numbers, at the sensor, or values that cannot be"};
+}
+
+LidarReturns sample_returns(const Recording& recording, ThreadPool& pool) {
+  constexpr std::size_t kSample = 4;
+  const std::vector<FrameFile>& files = recording.lidar_files;
+  if (!recording.body_from_lidar || files.empty()) return {};
+  std::set<std::int64_t> sample;
+  for (std::size_t i = 0; i < kSample; ++i)
+    sample.insert(files[(2 * i + 1) * files.size() / (2 * kSample)].frame_id);
+  const LidarSelection selection{.frame = [&](std::int64_t id) { return sample.contains(id); },
+                                 .repeated = true};
+  return load_lidar_returns(recording, make_scene(recording, {}), MovingObjects(), pool, selection);
+}
+
+void take_out(const Scene& scene, const MovingObjects& moving, LidarReturns* returns) {
+  if (moving.objects().empty()) return;
+  LidarReturns& r = *returns;
+  std::vector<MovingBox> boxes;
+  std::vector<std::size_t> kept;
+  LidarPoses poses(scene, r, Poses::kRecorded);
+  for (std::size_t i = 0; i < r.n; ++i) {
+    if (i == 0 || r.t_ns[i] != r.t_ns[i - 1]) boxes = moving.at(r.t_ns[i]);
+    if (boxes.empty() || !is_on_moving(boxes, poses.in_world(i), r.t_ns[i], returns))
+      kept.push_back(i);
+  }
+  const auto keep = [&](auto& of, std::size_t rows) {
+    for (std::size_t row = 0; row < rows; ++row)  // in place: each number moves to the front
+      for (std::size_t k = 0; k < kept.size(); ++k)
+        of[row * kept.size() + k] = of[row * r.n + kept[k]];
+    of.resize(rows * kept.size());
+  };
+  keep(r.direction, 3);
+  keep(r.range_m, 1);
+  keep(r.t_ns, 1);
+  keep(r.intensity, 1);
+  r.n = kept.size();
+}
+
+std::set<std::int64_t> held_out_frames(const Scene& scene) {
+  std::set<std::int64_t> frames;
+  for (const View& view : scene.views)
+    if (view.held_out) frames.insert(scene.frames[view.frame].id);
+  return frames;
+}
+
+}  // namespace redrive
