@@ -138,8 +138,6 @@ void print_edited(const std::map<std::string, EditedScore>& scores) {
 }
 
 int run_eval(EvalCommandOptions options) {
-  if (!options.cameras.empty()) refuse_divided(options.run, "eval --cameras");
-  if (!options.edited.empty()) refuse_divided(options.run, "eval --edited");
   const Run run = open_to_render(options.run, options.max_damaged);
   const auto backend = kernels::make_backend(options.backend);
   if (!options.json) std::printf("%s\n", kernels::describe(*backend).c_str());
@@ -151,8 +149,6 @@ int run_eval(EvalCommandOptions options) {
       print_edited(scores);
     return kExitOk;
   }
-  if (!run.blocks.empty())
-    options.eval.part_of = [&run](std::int64_t id) { return block_of_frame(run.blocks, id).name; };
   if (!options.cameras.empty()) {
     const auto scores = score_other_cameras(run, *backend, options.cameras, options.eval);
     if (options.json)

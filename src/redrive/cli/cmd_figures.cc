@@ -33,12 +33,10 @@ bool same_recording(const std::filesystem::path& a, const std::filesystem::path&
 }
 
 int run_figures(FiguresCommandOptions options) {
-  refuse_divided(options.run, "figures");
-  refuse_divided(options.compare, "figures --compare");
-  const Run run = open_run(options.run, /*to_resume=*/false, options.max_damaged);
+  const Run run = open_to_render(options.run, options.max_damaged);
   std::optional<Run> compared;
   if (!options.compare.empty()) {
-    compared = open_run(options.compare, /*to_resume=*/false, options.max_damaged);
+    compared = open_to_render(options.compare, options.max_damaged);
     if (!same_recording(compared->recording.root, run.recording.root))
       throw UsageError("--compare", options.compare,
                        "is of another recording: " + compared->recording.root.string() + ", not " +

@@ -81,13 +81,14 @@ Coverage::Coverage(const Run& run, kernels::Backend& backend, bool at_once)
   const Scene& scene = run.scene;
   for (const MovingObject& actor : scene.actors)
     half_size_m_[actor.id] = actor.size_m / 2 + Eigen::Vector3d::Constant(kBoxMargin_m);
+  const std::size_t most_views = kMaxViews * std::max<std::size_t>(1, run.blocks.size());
   const Progress progress("rendering what training images saw");
   for (int c = 0; c < static_cast<int>(scene.rig.size()); ++c) {
     std::vector<const View*> training;
     for (const View& view : scene.views)
       if (view.camera == c && !view.held_out) training.push_back(&view);
     for (const std::size_t i :
-         evenly_spaced(training.size(), std::max<std::size_t>(1, kMaxViews / scene.rig.size())))
+         evenly_spaced(training.size(), std::max<std::size_t>(1, most_views / scene.rig.size())))
       to_render_.push_back(training[i]);
   }
   std::ranges::reverse(to_render_);

@@ -32,9 +32,9 @@ struct TrainingDepth {
 /// Finds what the training images saw.
 class Coverage {
  public:
-  /// Renders the depth of at most kMaxViews training views, evenly spaced over each camera; one in
-  /// each step() where not `at_once`: run and backend must outlive these. Throws InputError as
-  /// read_exclusions.
+  /// Renders the depth of at most kMaxViews training views, for a drive in blocks as many for
+  /// each block, evenly spaced over each camera; one in each step() where not `at_once`: run and
+  /// backend must outlive these. Throws InputError as read_exclusions.
   Coverage(const Run& run, kernels::Backend& backend, bool at_once = true);
 
   /// Renders the next view. Returns whether there are more.

@@ -163,6 +163,9 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
     std::map<std::string, ScoreMean> novel;
   };
   std::map<std::string, Part> parts;
+  const auto block = [&](std::int64_t frame_id) -> Part& {
+    return parts[block_of_frame(run.blocks, frame_id).name];
+  };
   ScoreMean overall;
   MovingScores moving(run, backend);
   for (std::size_t c = 0; c < by_camera.size(); ++c) {
@@ -180,7 +183,7 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
       mean.add(score);
       overall.add(score);
       if (options.scored) options.scored(view, score);
-      if (options.part_of) parts[options.part_of(scene.frames[view.frame].id)].overall.add(score);
+      if (!run.blocks.empty()) block(scene.frames[view.frame].id).overall.add(score);
       progress.count();
     }
     evaluation.cameras[run.scene.rig[c].name] = mean.mean();
@@ -196,9 +199,8 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
           backend, render_image(backend, *run.field(), view.camera, view.poses, view.exposure),
           view.image, view.depth_m);
       mean.add(score);
-      if (options.part_of)
-        parts[options.part_of(ground_truth.request(i).frame_id)].novel[ground_truth.name()].add(
-            score);
+      if (!run.blocks.empty())
+        block(ground_truth.request(i).frame_id).novel[ground_truth.name()].add(score);
       progress.count();
     }
     evaluation.novel[ground_truth.name()] = mean.mean();

@@ -34,9 +34,6 @@ struct EvalOptions {
   int max_images = 0;  ///< per camera and per novel set, evenly spaced, and of LiDAR revolutions;
                        ///< 0: all held-out ones, or kTrainingImagesPerCamera
   bool all = false;    ///< scores every image, including training frames
-  /// Names the part of the drive, such as a block, with which images of a frame are also scored;
-  /// empty: there are no parts.
-  std::function<std::string(std::int64_t frame_id)> part_of;
   /// Called with each scored image of a camera, the view at the pose that it was rendered from; may
   /// be empty.
   std::function<void(const View& view, const Score& score)> scored;
@@ -71,7 +68,7 @@ struct MovingEvaluation {
   std::map<std::int64_t, Object> objects;  ///< key: MovingObject::id
 };
 
-/// Scores of a part of the drive (EvalOptions::part_of).
+/// Scores of a block of the drive (Run::blocks).
 struct PartEvaluation {
   Score overall;
   std::map<std::string, Score> novel;  ///< as in Evaluation

@@ -89,8 +89,10 @@ Run open_to_render(const fs::path& root, std::optional<double> max_damaged) {
     throw InputError(blocks_file(root), "", "",
                      "its blocks end before the drive of " + run.recording.root.string());
 
+  std::unique_ptr<Trainee> like = make_run_model(run.options, run.scene);
+  record_hyperparameters(*like, &run.options);
   auto field = std::make_unique<DividedField>(
-      make_run_model(run.options, run.scene),
+      std::move(like),
       DividedDrive{std::move(cameras), std::move(t_ns), BlockWay(positions, last_core),
                    read_seam_exposure(root, whole.blocks.size())},
       [root, blocks = whole.blocks, global_from_world = run.scene.global_from_world](int b) {
@@ -101,20 +103,15 @@ Run open_to_render(const fs::path& root, std::optional<double> max_damaged) {
   run.blocks = std::move(whole.blocks);
   run.field_of_blocks = std::move(field);
   try {
-    run.state.step = read_block_metrics(root).steps;
+    const BlockMetrics metrics = read_block_metrics(root);
+    run.state.step = metrics.steps;
+    run.state.seconds = metrics.seconds;
     // rows are for people to read: damaged ones do not prevent rendering
   } catch (const InputError&) {
   }
   load_actors(&run);
   correct_tracks(divided, &run.scene.actors);
   return run;
-}
-
-void refuse_divided(const fs::path& root, const std::string& what) {
-  if (is_divided_run(root))
-    throw UsageError(what, root.string(),
-                     "does not take a drive that was trained in blocks; take one of " +
-                         (root / "blocks").string());
 }
 
 }  // namespace redrive

@@ -15,7 +15,4 @@ namespace redrive {
 /// block that is missing or damaged is an InputError when it is needed.
 Run open_to_render(const std::filesystem::path& root, std::optional<double> max_damaged = {});
 
-/// Throws UsageError if the folder is a divided run, which `what` cannot handle.
-void refuse_divided(const std::filesystem::path& root, const std::string& what);
-
 }  // namespace redrive

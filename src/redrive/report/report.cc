@@ -19,6 +19,7 @@
 #include "redrive/report/plot.h"
 #include "redrive/report/poses_section.h"
 #include "redrive/report/report_images.h"
+#include "redrive/train/divided_run.h"
 
 namespace redrive {
 namespace {
@@ -28,7 +29,8 @@ constexpr std::size_t kCamerasShown = 8;
 
 std::string training(const Run& run, const std::filesystem::path& folder) {
   std::string out = "<h2>Training</h2>\n";
-  const std::vector<MetricsRow> rows = read_metrics(run.paths);
+  const std::vector<MetricsRow> rows =
+      run.blocks.empty() ? read_metrics(run.paths) : read_block_metrics(run.paths.root).rows;
   if (rows.empty())
     return out + "<p>No curves yet: training writes a row of numbers every 25 steps.</p>\n";
   return out + html_row(plot_figure(folder, "loss", loss_script(rows), "training loss") +
@@ -159,6 +161,11 @@ std::string scores(const Evaluation& evaluation, const Evaluation* other,
   for (const auto& [name, score] : evaluation.cameras) {
     rows.push_back(score_row(name, score));
     if (other) add_compared_scores(other->cameras, name, &rows.back());
+  }
+  for (const auto& [name, part] : evaluation.parts) {
+    if (part.overall.images == 0) continue;
+    rows.push_back(score_row("block " + name, part.overall));
+    if (other) add_compared_scores({}, name, &rows.back());
   }
   rows.push_back(score_row("all", evaluation.overall));
   if (other) add_compared_scores({{"all", other->overall}}, "all", &rows.back());

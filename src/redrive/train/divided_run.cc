@@ -203,7 +203,10 @@ BlockMetrics read_block_metrics(const std::filesystem::path& root) {
   std::map<std::int64_t, std::pair<MetricsRow, int>> sums;  // key: step
   for (const Block& block : read_blocks(root)) {
     const std::vector<MetricsRow> rows = read_metrics({block_folder(root, block)});
-    if (!rows.empty()) all.steps += rows.back().step;
+    if (!rows.empty()) {
+      all.steps += rows.back().step;
+      all.seconds += rows.back().seconds;
+    }
     for (const MetricsRow& row : rows) {
       auto& [sum, n] = sums[row.step];
       ++n;

@@ -63,8 +63,10 @@ Run open_block(const DividedRun& whole, const Block& block);
 /// The blocks' rows of metrics.jsonl.
 struct BlockMetrics {
   std::vector<MetricsRow>
-      rows;                ///< step, PSNR and loss: means of the blocks with a row of the step
-  std::int64_t steps = 0;  ///< steps of all blocks together, from their last rows
+      rows;  ///< step, PSNR and loss: means of the blocks with a row of the step
+  // Sums over all blocks, from their last rows.
+  std::int64_t steps = 0;
+  double seconds = 0;
 };
 /// Errors as read_metrics and read_blocks.
 BlockMetrics read_block_metrics(const std::filesystem::path& root);

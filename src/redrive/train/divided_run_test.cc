@@ -128,7 +128,8 @@ TEST_F(DividedRunTest, RowsAreMeansOfTheBlocksThatGotSoFar) {
   const auto append = [&](const char* block, std::int64_t step, double psnr_db, double loss) {
     const RunPaths paths{folder_.path / "blocks" / block};
     std::filesystem::create_directories(paths.root);
-    append_metrics(paths, {.step = step, .loss = loss, .psnr_db = psnr_db});
+    append_metrics(paths,
+                   {.step = step, .seconds = 2.0 * double(step), .loss = loss, .psnr_db = psnr_db});
   };
   append("000", 25, 20, 0.5);
   append("000", 50, 24, 0.25);
@@ -141,6 +142,7 @@ TEST_F(DividedRunTest, RowsAreMeansOfTheBlocksThatGotSoFar) {
   EXPECT_EQ(all.rows[1].step, 50);
   EXPECT_EQ(all.rows[1].psnr_db, 24);
   EXPECT_EQ(all.steps, 50 + 25);
+  EXPECT_EQ(all.seconds, 100 + 50);
 }
 
 }  // namespace

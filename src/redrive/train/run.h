@@ -53,9 +53,9 @@ struct Run {
   TrainOptions options;
   Recording recording;
   Scene scene;
-  TrainState state;                              ///< a drive in blocks has only its steps
-  MovingObjects moving;                          ///< annotated ones and found ones (load_actors)
-  std::vector<Block> blocks;                     ///< blocks of the drive; empty: one run
+  TrainState state;           ///< a drive in blocks has only its steps and seconds
+  MovingObjects moving;       ///< annotated ones and found ones (load_actors)
+  std::vector<Block> blocks;  ///< blocks of the drive; empty: one run
   std::unique_ptr<const Field> field_of_blocks;  ///< their field (render/open_to_render.h)
 
   /// Returns what renders; null: there is only the recording.

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cctype>
+#include <cmath>
 #include <string_view>
 #include <vector>
 
@@ -90,6 +91,11 @@ std::string train_command(const Run& run, const TrainOptions& options,
   }
   std::string command = "redrive train " + shell_word(options.recording);
   for (std::size_t i = 1; i < given.size(); ++i) command += words_of(given[i], wanted.at(given[i]));
+  double longest_m = 0;
+  for (const Block& block : run.blocks)
+    longest_m = std::max(longest_m, block.end_m - block.start_m);
+  // Rounded up: shorter blocks would be more of them.
+  if (longest_m > 0) command += " --blocks " + word_of(std::ceil(100 * longest_m) / 100);
   return command + " --out " + shell_word(out.string());
 }
 

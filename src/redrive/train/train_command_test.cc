@@ -22,12 +22,22 @@ class TrainCommand : public ::testing::Test {
     resolve_bounds(&options, given, run.recording);
     run.scene = make_scene(run.recording, scene_options(options));
     record_hyperparameters(*make_run_model(options, run.scene), &options);
+    run.blocks = blocks_;
     return train_command(run, options, "/runs/a");
   }
 
   const TemporaryFolder folder_;
   Recording recording_;
+  std::vector<Block> blocks_;
 };
+
+TEST_F(TrainCommand, DividesADriveInBlocksAsItIs) {
+  blocks_.resize(2);
+  blocks_[0].end_m = blocks_[1].start_m = 12.345;
+  blocks_[1].end_m = 24.69;
+  EXPECT_EQ(command({}, {}),
+            "redrive train '/data/drive 7' --method splat --blocks 12.35 --out /runs/a");
+}
 
 TEST_F(TrainCommand, HasWhatDiffersFromTheDefaultsOfTheMethod) {
   for (const char* method : {"splat", "grid", "nerf"}) {
