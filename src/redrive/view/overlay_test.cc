@@ -25,7 +25,8 @@ class AxisReader : public RecordingReader {
   std::vector<LidarPoint> read_lidar(const FrameFile& file, std::size_t* = nullptr) const override {
     if (file.path == "damaged") throw InputError(file.path, "", "", "is damaged");
     const std::int64_t t_ns = 1000000000 + (file.frame_id - 10) * 66666667ll;
-    return std::vector<LidarPoint>(kPointsOfFile, {{2 + ahead_m, 0.1f, 1.2f}, 0, t_ns});
+    return std::vector<LidarPoint>(
+        kPointsOfFile, LidarPoint{.in_body_m = {2 + ahead_m, 0.1f, 1.2f}, .t_ns = t_ns});
   }
   float ahead_m = 1.5;
 };
