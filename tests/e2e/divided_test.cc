@@ -86,7 +86,8 @@ class Divided : public EndToEnd {
     EXPECT_TRUE(fs::exists(run_ / "figures/loss.png"));
     EXPECT_TRUE(fs::exists(run_ / "figures" / (std::string(kDividedCamera) + "_reproduced.png")));
     const std::string page = read_file(run_ / "report.html");
-    for (const char* part : {"120 steps", "block 000", "block 001", "--blocks 12.", "held-out"})
+    for (const char* part :
+         {"120 steps", "block 000", "block 001", "<span>--blocks</span> <span>12.", "held-out"})
       EXPECT_THAT(page, HasSubstr(part));
     EXPECT_THAT(page, Not(HasSubstr("No curves yet")));
   }

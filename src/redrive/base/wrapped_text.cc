@@ -9,22 +9,24 @@ std::string wrapped(const std::string& text, std::size_t begin, std::size_t inde
                     std::size_t width) {
   std::string out;
   std::size_t column = begin;
+  bool is_empty = true;  // the line
+  const auto break_line = [&] {
+    out += "\n" + std::string(indent, ' ');
+    column = indent;
+    is_empty = true;
+  };
   for (std::size_t at = 0; at < text.size();) {
     const std::size_t end = std::min(text.find_first_of(" \n", at), text.size());
-    const bool first = column == begin && out.empty();
-    if (!first && column + 1 + (end - at) > width && column > indent) {
-      out += "\n" + std::string(indent, ' ');
-      column = indent;
-    } else if (!first && column > indent) {
+    if (!is_empty && column + 1 + (end - at) > width) {
+      break_line();
+    } else if (!is_empty) {
       out += ' ';
       ++column;
     }
     out.append(text, at, end - at);
     column += end - at;
-    if (end < text.size() && text[end] == '\n') {
-      out += "\n" + std::string(indent, ' ');
-      column = indent;
-    }
+    is_empty = false;
+    if (end < text.size() && text[end] == '\n') break_line();
     at = end + 1;
   }
   return out;

@@ -14,7 +14,7 @@ TEST(WrappedText, BreaksBetweenWords) {
 TEST(WrappedText, BreaksLongLinesAlone) {
   EXPECT_EQ(with_short_lines("a short one\na line of four words\n", 11),
             "a short one\na line of\n  four\n  words\n");
-  EXPECT_EQ(with_short_lines("  name   12   34", 10), "  name  \n    12   34");
+  EXPECT_EQ(with_short_lines("  name   12   34", 10), "  name  \n    12  \n    34");
   EXPECT_EQ(with_short_lines("no end", 80), "no end");
   EXPECT_EQ(with_short_lines("\u00fc\u00fc \u00fc", 4), "\u00fc\u00fc \u00fc")
       << "letters, not bytes";
