@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// An annotated object that moves: its boxes in the world over time.
+// An object that moves, annotated or found: its boxes in the world over time.
 #pragma once
 
 #include <array>
@@ -36,11 +36,12 @@ struct MovingObject {
   /// linear in time between them. Empty: nothing.
   std::vector<float> corrections;
   // Changes (edit/edit_actors.h):
-  std::optional<std::int64_t> body;  ///< id of the object whose Gaussians it shows; its own
+  std::optional<std::int64_t> body;  ///< id of the object whose Gaussians it shows; none: its own
   /// Gaussians from another run that it shows instead (edit/actor_body.h); null: none.
   std::shared_ptr<const ActorBody> imported = nullptr;
-  std::array<float, 3> gain{1, 1, 1};                            ///< factors of r, g, b
-  std::vector<std::pair<std::int64_t, std::int64_t>> hidden_ns;  ///< times at which it is not drawn
+  std::array<float, 3> gain{1, 1, 1};  ///< factors of r, g, b
+  std::vector<std::pair<std::int64_t, std::int64_t>>
+      hidden_ns;  ///< inclusive times at which it is not drawn
 
   /// Returns two keys at most 0.5 s apart, or the nearest one within 0.1 s; nothing at other times.
   std::optional<KeyTime> key_time(std::int64_t t_ns) const;
@@ -48,7 +49,7 @@ struct MovingObject {
   /// (recording/core/actor_kind.h), or extrapolated by the velocity. Nothing at other times, and
   /// while it is hidden.
   std::optional<Rigid3d> world_from_box(std::int64_t t_ns, Poses which = Poses::kCorrected) const;
-  /// Moves the corrections into the keys.
+  /// Moves the corrections into the keys, which then count as recorded.
   void apply_corrections();
 };
 

@@ -20,7 +20,7 @@
 namespace redrive::kernels {
 
 /// Gaussians in blocks of 16 (field/gaussian.h): numbers [gaussian_blocks(n), kGaussianRows, 16].
-/// Lanes of the last block beyond n are never drawn.
+/// The caller clears lanes of the last block beyond n (clear_unused): they may be drawn.
 struct Gaussians {
   std::size_t n = 0;
   std::span<const float> numbers;
@@ -59,10 +59,11 @@ struct GaussianCamera {
   bool by_column = false;
 };
 
-/// Planes of an image: pixel (x, y) of plane k is planes[(k * rows + y) * stride + x]. Width and
-/// height are padded to multiples of 16; the padding has any finite values.
+/// Planes of an image: pixel (x, y) of plane k is planes[(k * rows + y) * stride + x]. The padding
+/// has any finite values.
 struct RasterSize {
-  int width = 0, height = 0, stride = 0, rows = 0;
+  int width = 0, height = 0;  ///< pixels
+  int stride = 0, rows = 0;   ///< width and height, padded to multiples of 16
 
   std::size_t plane() const { return static_cast<std::size_t>(stride) * rows; }
 };
@@ -94,8 +95,9 @@ struct RasterImage {
   RasterSize size;
   Buffer<float> rgb;            ///< 3 planes, over the background
   Buffer<float> transmittance;  ///< visible share of the background, 0..1
-  Buffer<float> depth;          ///< metres along the ray, median; where requested
-  Buffer<float> range_error;    ///< sum of w min(|log(t / range)|, kMaxRangeError)
+  Buffer<float> depth;          ///< metres along the ray, median, 0: nothing hit; where requested
+  /// sum of w min(|log(t / range)|, kMaxRangeError) + transmittance * kMaxRangeError
+  Buffer<float> range_error;
 };
 
 struct RasterOptions {
@@ -161,8 +163,8 @@ struct ImageLossOutput {
   std::vector<PatchBrightness> patches;  ///< patches of kPatchSide squared pixels, row by row
 };
 
-/// A step of Adam on the drawn Gaussians, whose opacity has a derivative, unless one of their
-/// derivatives is not finite; the others keep their moments.
+/// A step of Adam. Updates each Gaussian whose opacity derivative is not 0 and whose derivatives
+/// are all finite; others keep values and moments.
 struct GaussianUpdate {
   AdamStep step;  ///< learning_rate is not used
   /// Learning rates by row of a Gaussian; the rate of kPositionRow is multiplied by the Gaussian's
@@ -230,8 +232,8 @@ class Raster {
 
   const RasterImage& image() const { return pass_->image; }
   const RasterCounts& counts() const { return pass_->counts; }
-  /// d_poses: derivatives by the camera's pose, in the world by the Gaussians before the parts,
-  /// then in each part by its own; empty: not wanted.
+  /// d_poses [1 + parts], overwritten, per metre and rad: derivatives by the camera's pose, in the
+  /// world by the Gaussians before the parts, then in each part by its own; empty: not wanted.
   void backward(const RasterGradient& gradient, const GaussianDerivatives& to,
                 std::span<GaussianPoseGradient<NumberMath<double>>> d_poses) {
     pass_->backward(gradient, to, d_poses);
@@ -254,7 +256,7 @@ class GaussianStages {
   /// Both are 0 in the padding of the planes.
   virtual ImageLossOutput image_loss(const ImageLossInput& input, std::span<float> d_rgb,
                                      std::span<float> error) = 0;
-  /// Applies gradients that were kept, as means over ranks are (GaussianDerivatives).
+  /// Applies gradients that were kept, such as gradients averaged over ranks.
   virtual void update_gaussians(const GaussianUpdate& update, std::size_t n,
                                 std::span<const float> gradients,
                                 std::span<const float> errors) = 0;

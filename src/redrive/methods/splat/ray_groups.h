@@ -14,11 +14,13 @@ namespace redrive {
 
 /// Rays whose origin is near origin_m + by_azimuth_m azimuth.
 struct RayGroup {
-  Eigen::Matrix3d world_from_axes;  ///< columns: x right, y down, z to the group's middle
-  Eigen::Vector3d origin_m, by_azimuth_m;
-  std::vector<int> rays;  ///< indices
-  /// One per ray, radians: its angles in these axes (camera/spherical.h). At most 45 degrees to the
-  /// sides, 56 degrees up and down.
+  /// Columns: x, y, z, with z to the group's middle; of a group to the sides y points down.
+  Eigen::Matrix3d world_from_axes;
+  Eigen::Vector3d origin_m;      ///< in the world, at azimuth 0
+  Eigen::Vector3d by_azimuth_m;  ///< metres per rad
+  std::vector<int> rays;         ///< indices
+  /// One per ray, radians: its angles in these axes (camera/spherical.h), elevation towards y. At
+  /// most 45 degrees to the sides, 56 degrees up and down.
   std::vector<float> azimuth, elevation;
 
   Eigen::Vector3d origin_at(double azimuth_rad) const {
@@ -26,7 +28,7 @@ struct RayGroup {
   }
 };
 
-/// Farthest that the origin of a ray may be from its group's, metres.
+/// Farthest that the origin of a ray may be from its group's along each axis, metres.
 constexpr double kOffTrack_m = 0.02;
 
 /// Groups rays of unit directions. Each ray is in one group.

@@ -248,6 +248,10 @@ std::optional<ScanStructure> estimate_structure(std::span<const std::vector<Lida
   }
   fit_steps(all, &out);
   std::erase_if(out.beams, [](const LidarBeam& beam) { return beam.returns < kLeastOfBeam; });
+  if (out.beams.empty()) {
+    *why = "no ring of its scans has " + std::to_string(kLeastOfBeam) + " returns";
+    return std::nullopt;
+  }
   std::ranges::sort(out.beams, {}, &LidarBeam::elevation_rad);
   const auto [least, most] = std::ranges::minmax(ranges_m);
   out.min_range_m = least;

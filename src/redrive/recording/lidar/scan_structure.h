@@ -21,9 +21,9 @@ struct LidarBeam {
 
 struct ScanStructure {
   std::vector<LidarBeam> beams;   ///< from the lowest to the highest
-  int azimuth_steps = 0;          ///< firings of a beam in a revolution
+  int azimuth_steps = 0;          ///< firings of a beam in a revolution; 0: unknown
   std::optional<double> rate_hz;  ///< revolutions a second; nothing where a scan has one time
-  bool clockwise = true;          ///< seen from above
+  bool clockwise = true;          ///< seen from above; true where rate_hz is unknown
   double residual_rad = 0;        ///< RMS elevation about the beams, the largest twentieth left out
   double min_range_m = 0, max_range_m = 0;  ///< ranges of the returns
   double second_returns = 0;                ///< share of the rays with a second return
@@ -31,7 +31,8 @@ struct ScanStructure {
 
 /// Estimates the structure. Beams are the rings of the points or, where these have none, clusters
 /// of elevations that 0.02 degrees separate. Rate, heading and steps follow from azimuths over
-/// time. Nothing, and the reason in `why`, where there are too few points or no beams.
+/// time; without a rate, azimuths of beams are 0. Nothing, and the reason in `why`, where there are
+/// fewer than 1000 returns, or no beam has 20.
 std::optional<ScanStructure> estimate_structure(std::span<const std::vector<LidarPoint>> scans,
                                                 const Rigid3d& body_from_lidar, std::string* why);
 

@@ -101,6 +101,17 @@ TEST(ScanStructure, AScanOfOneTimeHasNoRate) {
   EXPECT_EQ(found->azimuth_steps, 900);
 }
 
+TEST(ScanStructure, RingsOfFewReturnsSayNothing) {
+  std::vector<LidarPoint> points;
+  for (int i = 0; i < 2000; ++i)
+    points.push_back({.in_body_m = {10, 0.01f * static_cast<float>(i % 100), 0.001f * i},
+                      .ring = static_cast<std::uint8_t>(i % 200)});
+  const std::vector<std::vector<LidarPoint>> scans = {points};
+  std::string why;
+  EXPECT_FALSE(estimate_structure(scans, Rigid3d::Identity(), &why));
+  EXPECT_EQ(why, "no ring of its scans has 20 returns");
+}
+
 TEST(ScanStructure, FewReturnsSayNothing) {
   std::string why;
   EXPECT_FALSE(Spinning{.lost = 0.99}.estimate(&why));

@@ -24,11 +24,11 @@ struct LidarReturns {
   /// camera.
   Rigid3d body_from_sensor = Rigid3d::Identity();
   std::vector<float> direction;          ///< [3, n] unit, in the sensor's axes
-  std::vector<float> range_m;            ///< [n] > 0: the return is at range_m direction
+  std::vector<float> range_m;            ///< [n] > 0: the return is at range_m * direction
   std::vector<std::int64_t> t_ns;        ///< [n] host clock
   std::vector<std::uint16_t> intensity;  ///< [n] in the sensor's own scale; 0 for point clouds
 
-  /// Returns on annotated objects that move, in the axes of their boxes.
+  /// Returns on moving objects that are known, in the axes of their boxes.
   struct OnObject {
     std::int64_t id = 0, t_ns = 0;  ///< MovingObject::id; host clock
     Eigen::Vector3f in_box;         ///< metres
@@ -99,7 +99,7 @@ LidarRays rays_in_world(const Scene& scene, const LidarReturns& returns, ThreadP
 /// `box`: grown by kBoxMargin_m.
 bool is_on_object(const MovingBox& box, const Eigen::Vector3d& in_box);
 
-/// Marks the points that are bit for bit in `before`, too: [n] 1 or 0.
+/// Marks the points that are in `before`, too, with the same time and position: [n] 1 or 0.
 std::vector<std::uint8_t> mark_repeated(const std::vector<LidarPoint>& points,
                                         const std::vector<LidarPoint>& before);
 
@@ -112,13 +112,13 @@ struct LidarSelection {
 /// Reads the scans whose frame ids lie within the ids of scene.frames, or, for a recording with a
 /// points_file instead, its cloud_returns. Empty where there is neither or the LiDAR's extrinsics
 /// are unknown (Recording::body_from_lidar). Returns are on moving objects by the recorded poses.
-/// InputError where a cloud is malformed, or more scans than the recording allows.
+/// InputError where a cloud is malformed, or more scans are damaged than allowed.
 LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene,
                                 const MovingObjects& moving, ThreadPool& pool,
                                 const LidarSelection& selection = {});
 
-/// Returns a finding if most returns of the scans are dropped or cannot be metres, whatever the
-/// cause; repeated ones do not count. Nothing without returns.
+/// Returns a finding if most returns lie beyond the trajectory or on the vehicle, or their median
+/// range is outside 0.5 m to 300 m. Nothing without returns.
 std::optional<Finding> lost_returns(const LidarReturns& returns);
 /// Returns a finding that counts returns that are not finite or out of range; nothing without any.
 std::optional<Finding> unusable_returns(const LidarReturns& returns);
