@@ -158,7 +158,7 @@ Camera bench_camera(std::string_view model, double f, std::span<const double> pa
   return make_camera(camera);
 }
 
-/// The beams of a revolution of a LiDAR that drives along the street at 10 m/s, in its middle.
+/// Rays of one LiDAR revolution, from a car at 10 m/s in the middle of the street.
 struct Revolution {
   std::vector<float> origin, direction;  ///< [3, n]
 

@@ -35,6 +35,7 @@ REDRIVE_INLINE void pose_at(const ShutterKeys& shutter, Vf v, Pose* pose) {
   for (int k = 0; k < 9; ++k) pose->rotation[k] = r[k / 3][k % 3];
 }
 
+/// Hides lanes whose means lie outside ProjectionJob::means, where the job bounds them.
 REDRIVE_INLINE void bound_means(const ProjectionJob& job, Projected* at) {
   if (!job.bounds_means) return;
   const Bounds& in = job.means;
@@ -42,8 +43,8 @@ REDRIVE_INLINE void bound_means(const ProjectionJob& job, Projected* at) {
                  (at->mean[1] > splat(in.top)) & (at->mean[1] < splat(in.bottom));
 }
 
-/// Projects the means. A Gaussian's row depends on the pose, which depends on the row: two
-/// iterations from the middle of the image. By columns alike.
+/// Projects the means. A Gaussian's row, or column, depends on the pose, which depends on the row:
+/// three projections, the first from the pose at ShutterKeys::first.
 template <class C>
 REDRIVE_INLINE void project_means(const ProjectionJob& job, const C& camera, const Vf* rows,
                                   Pose* pose, Projected* out) {
