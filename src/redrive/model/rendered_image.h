@@ -38,10 +38,13 @@ struct RenderedImage {
   }
 };
 
-/// Depth and opacity along single rays.
+/// What single rays meet, as a LiDAR measures it.
 struct RenderedRays {
   std::vector<float> depth;    ///< [n], metres from the origin along the ray, median
   std::vector<float> opacity;  ///< [n]
+  // Empty where a method does not model them:
+  std::vector<float> intensity;  ///< [n] of a return, 0..1 in the recording's scale
+  std::vector<float> lost;       ///< [n] probability that nothing comes back
 };
 
 }  // namespace redrive
