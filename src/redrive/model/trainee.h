@@ -89,6 +89,7 @@ struct StepOutput {
       views;  ///< derivative of the loss with respect to the pose of each view
   /// variance of the targets about their mean, averaged over the channels
   double colour_variance = 0;
+  int left_out_tracks = 0;  ///< actors' tracks without a gradient, because it is not finite
 };
 
 /// A part of the loss.
@@ -192,8 +193,9 @@ class Trainee : public Configurable, public Field {
   /// without. No checkpoint holds it.
   virtual void prepare(const TrainingSet&, ThreadPool&, StepBuffers* /*buffers*/) const {}
   /// Writes losses to buffers->workspace.sums() and adds their derivatives to gradients
-  /// [gradients_size()]; with an update, a loss that is not finite changes nothing. Must be
-  /// deterministic in the request.
+  /// [gradients_size()]; with an update, a loss that is not finite changes nothing. The gradient
+  /// of an actor's track is known only when the update is done: where it is not finite, it is
+  /// left out and counted, and the rest of the step stands. Must be deterministic in the request.
   virtual StepOutput step(kernels::Backend& backend, const TrainingSet& data,
                           const StepRequest& request, std::span<float> gradients,
                           StepBuffers* buffers) const = 0;

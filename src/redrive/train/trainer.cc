@@ -22,6 +22,7 @@
 #include "redrive/base/progress.h"
 #include "redrive/base/rng.h"
 #include "redrive/rays/lidar_sampler.h"
+#include "redrive/recording/core/wording.h"
 #include "redrive/train/distributed/data_parallel.h"
 #include "redrive/train/loss_watch.h"
 #include "redrive/train/poses/pose_refiner.h"
@@ -218,6 +219,10 @@ class Trainer {
     if (!begin_conditions(conditions(result.stage), number)) return roll_back(high_loss());
     if (const auto reason = watch_start(result, number, &state_.watch)) return restart(*reason);
     if (!result.finite) return skip();
+    if (result.left_out_tracks > 0)
+      std::fprintf(stderr, "redrive: step %lld: gradients of %s are not finite; left out\n",
+                   static_cast<long long>(state_.step),
+                   counted(static_cast<std::size_t>(result.left_out_tracks), "track").c_str());
     state_.bad_steps = 0;
     LossWindow& window = state_.window;
     ++window.steps;

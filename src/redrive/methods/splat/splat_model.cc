@@ -416,7 +416,8 @@ void SplatModel::step_window(kernels::Backend& backend, const TrainingSet& data,
                      returns > 0 ? std::span<const float>(own.d_range) : std::span<const float>()},
                     to, d_poses);
   if (motion_rate > 0 && request.progress > double(kMotionsFrom))
-    add_motion_gradients(data.scene, data.scene.exposed_ns(view), poses, d_poses, others);
+    out->left_out_tracks +=
+        add_motion_gradients(data.scene, data.scene.exposed_ns(view), poses, d_poses, others);
 
   sums->opacity += weight * (1 - transmittance);
   sums->rgb_mse += weight * loss.mse;

@@ -199,9 +199,10 @@ struct SplatModel final : Trainee, FieldGaussians {
   /// Corrects where the camera sees the actors at t_ns; tracks of the scene that are corrected
   /// already stay.
   ShutterPoses shutter_poses(const Scene& scene, const View& view) const;
-  void add_motion_gradients(const Scene& scene, std::int64_t t_ns, const ShutterPoses& poses,
-                            std::span<const GaussianPoseGradient<NumberMath<double>>> d_poses,
-                            std::span<float> gradients) const;
+  /// Returns the number of tracks whose gradient is not finite: it is left out.
+  int add_motion_gradients(const Scene& scene, std::int64_t t_ns, const ShutterPoses& poses,
+                           std::span<const GaussianPoseGradient<NumberMath<double>>> d_poses,
+                           std::span<float> gradients) const;
 };
 
 Method splat_method();

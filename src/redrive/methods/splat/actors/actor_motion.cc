@@ -18,7 +18,7 @@ float share_of_later(const MovingObject::KeyTime& at) {
 
 }  // namespace
 
-void add_motion_gradient(const GaussianPoseGradient<NumberMath<double>>& d_pose,
+bool add_motion_gradient(const GaussianPoseGradient<NumberMath<double>>& d_pose,
                          const Eigen::Vector3d& camera, std::span<const float> motions,
                          const MovingObject::KeyTime& at, std::span<float> d_motions) {
   // The camera moves relative to the object: by -exp(-w) u and -w x camera, and turns by -w.
@@ -28,12 +28,14 @@ void add_motion_gradient(const GaussianPoseGradient<NumberMath<double>>& d_pose,
   const Eigen::Matrix3d turned = rigid_from_vector(motion.data()).linear();
   const Eigen::Vector3d d_u = -turned * d_translation,
                         d_w = -camera.cross(d_translation) - d_rotation;
+  if (!d_u.cast<float>().allFinite() || !d_w.cast<float>().allFinite()) return false;
   const float later = share_of_later(at);
   for (int k = 0; k < 3; ++k)
     for (const auto& [key, part] : {std::pair(at.before, 1 - later), std::pair(at.after, later)}) {
       d_motions[kMotionSize * key + k] += part * static_cast<float>(d_u[k]);
       d_motions[kMotionSize * key + 3 + k] += part * static_cast<float>(d_w[k]);
     }
+  return true;
 }
 
 void update_motions(AdamStep step, float rate, std::span<const float> gradients,

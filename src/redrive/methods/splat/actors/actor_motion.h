@@ -24,8 +24,8 @@ constexpr float kMaxMotion_m = 0.5f, kMaxMotion_rad = 0.1f;
 /// full rate whatever the share of its gradient, so the box of a held-out image, some milliseconds
 /// off a training image, would not stay between its neighbours. d_pose: derivative with respect to
 /// a camera's pose in the corrected object's axes (GaussianPoseGradient); camera: its position
-/// there.
-void add_motion_gradient(const GaussianPoseGradient<NumberMath<double>>& d_pose,
+/// there. Returns false, and adds nothing, where the derivative is not finite.
+bool add_motion_gradient(const GaussianPoseGradient<NumberMath<double>>& d_pose,
                          const Eigen::Vector3d& camera, std::span<const float> motions,
                          const MovingObject::KeyTime& at, std::span<float> d_motions);
 

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/methods/splat/actors/actor_motion.h"
 
+#include <limits>
+
 #include <gtest/gtest.h>
 
 #include "redrive/math/so3.h"
@@ -64,6 +66,17 @@ TEST(ActorMotion, GradientAgreesWithDifferences) {
       EXPECT_NEAR(of_near[kMotionSize * key + k], 4 * gradient[2 * kMotionSize + k], 1e-5);
     }
   }
+}
+
+TEST(ActorMotion, LeavesOutAGradientThatIsNotFinite) {
+  const std::vector<float> motions(2 * kMotionSize);
+  std::vector<float> gradient(2 * kMotionSize, 0.5f);
+  for (const double bad : {1e300, std::numeric_limits<double>::quiet_NaN()}) {  // 1e300: no float
+    GaussianPoseGradient<NumberMath<double>> d_pose{};
+    d_pose.rotation[1] = bad;
+    EXPECT_FALSE(add_motion_gradient(d_pose, {1, 2, 3}, motions, {0, 1, 0.5}, gradient));
+  }
+  EXPECT_EQ(gradient, std::vector<float>(2 * kMotionSize, 0.5f));
 }
 
 TEST(ActorMotion, UpdatesKeysWithAGradientWithinBoundsAndSmoothly) {

@@ -182,10 +182,11 @@ ShutterPoses SplatModel::shutter_poses(const Scene& scene, const View& view) con
   return scene.shutter_poses(view, actors);
 }
 
-void SplatModel::add_motion_gradients(
+int SplatModel::add_motion_gradients(
     const Scene& scene, std::int64_t t_ns, const ShutterPoses& poses,
     std::span<const GaussianPoseGradient<NumberMath<double>>> d_poses,
     std::span<float> gradients) const {
+  int left_out = 0;
   for (const ShutterPoses::Actor& seen : poses.actors()) {
     const auto a = actor_index(seen.body);
     const auto object = std::ranges::find(scene.actors, seen.body, &MovingObject::id);
@@ -194,9 +195,10 @@ void SplatModel::add_motion_gradients(
     const auto at = object->key_time(t_ns);
     if (!at) continue;
     const PlainPose& middle = seen.actor_from_camera[seen.actor_from_camera.size() / 2];
-    add_motion_gradient(d_poses[1 + *a], rigid(middle).translation(), motion_parameters(*a), *at,
-                        gradients.subspan(first, n));
+    left_out += !add_motion_gradient(d_poses[1 + *a], rigid(middle).translation(),
+                                     motion_parameters(*a), *at, gradients.subspan(first, n));
   }
+  return left_out;
 }
 
 void SplatModel::finish_training(kernels::Backend& backend, const TrainingSet& data,

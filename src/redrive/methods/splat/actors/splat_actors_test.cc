@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <cstring>
+#include <limits>
 #include <memory>
 
 #include <gtest/gtest.h>
@@ -123,6 +124,29 @@ TEST(SplatActors, CorrectsATrack) {
     traffic.scene.actors = given;
   }
   EXPECT_GT(psnr_db[1], psnr_db[0] + 0.5);
+}
+
+// An object infinitely far away: nothing of it is seen, and its track alone has no gradient.
+TEST(SplatActors, ATrackWithoutAFiniteGradientCostsNothingElse) {
+  const TrafficScene traffic;
+  const auto backend = fast_backend();
+  Training training;
+  begin(&training, traffic, 0.02f);
+  SplatModel& model = training.model;
+  const std::size_t motions = traffic.scene.actors[0].keys.size() * kMotionSize;
+  for (std::size_t i = model.size() - motions; i < model.size(); i += kMotionSize)
+    model.parameters[i] = std::numeric_limits<float>::infinity();  // along x
+  training.step = training.steps - 1;
+  StepRequest request = training.request();
+  const StepUpdate update{1e-3, training.step + 1, model.parameters, &training.adam};
+  request.update = &update;
+  const float before = model.parameters[0];
+  const StepOutput out = training.gradients(*backend, traffic.data(), request);
+  ASSERT_TRUE(std::isfinite(training.loss()));
+  EXPECT_NE(model.parameters[0], before);
+  EXPECT_EQ(out.left_out_tracks, 1);
+  EXPECT_TRUE(std::ranges::all_of(model.sentinels(training.buffers.gradients),
+                                  [](float x) { return std::isfinite(x); }));
 }
 
 TEST(SplatActors, RefusesOtherObjectsThanInTraining) {
