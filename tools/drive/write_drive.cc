@@ -95,8 +95,7 @@ std::vector<LidarRecord> revolution(const World& world, const Motion& motion,
           std::cos(2 * std::numbers::pi * random_unit(key, drawn + 1));
       points.push_back(
           {in_body.translation() + (found.distance_m + options.lidar_noise_m * noise) * ray,
-           time_ns(frame) + later_ns,
-           static_cast<std::uint16_t>(std::lround(255 * found.reflectance))});
+           time_ns(frame) + later_ns, static_cast<float>(found.reflectance)});
     }
   }
   return points;

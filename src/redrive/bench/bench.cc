@@ -16,7 +16,7 @@
 #include "redrive/bench/workload.h"
 #include "redrive/field/gaussian.h"
 #include "redrive/model/method.h"
-#include "redrive/render/lidar_sensor.h"
+#include "redrive/recording/core/lidar_sensor.h"
 #include "redrive/render/renderer.h"
 #include "redrive/train/poses/pose_refiner.h"
 #include "redrive/train/run.h"
@@ -166,8 +166,7 @@ struct Revolution {
 };
 Revolution make_revolution(int beams, int azimuth_steps) {
   constexpr double kAhead_m = 30, kHeight_m = 0.5, kSpeed_m_per_s = 10;
-  SpinningLidar lidar;
-  lidar.elevation_deg = *parse_beams(std::to_string(beams));
+  LidarSensor lidar = *parse_lidar_sensor(std::to_string(beams));
   lidar.azimuth_steps = azimuth_steps;
   const LidarFirings firings = lidar.revolution(0);
   Revolution out;

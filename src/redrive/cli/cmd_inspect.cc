@@ -20,7 +20,6 @@
 #include "redrive/cli/json_output.h"
 #include "redrive/edit/edit_actors.h"
 #include "redrive/image/image_io.h"
-#include "redrive/math/angles.h"
 #include "redrive/perception/find_moving.h"
 #include "redrive/perception/masks.h"
 #include "redrive/perception/moving_file.h"
@@ -28,6 +27,7 @@
 #include "redrive/recording/core/wording.h"
 #include "redrive/recording/formats/damaged_records.h"
 #include "redrive/recording/formats/recording_reader.h"
+#include "redrive/render/recorded_lidar.h"
 #include "redrive/report/preflight_page.h"
 #include "redrive/scene/lidar/lidar_returns.h"
 #include "redrive/scene/load_views.h"
@@ -53,12 +53,6 @@ double horizontal_fov_deg(const Camera& camera) {
   // Principal point outside the image: both edges are on the same side of the axis.
   const bool same_side = camera.cx < -0.5 || camera.cx > camera.width - 0.5;
   return (same_side ? std::abs(left - right) : left + right) * 180 / std::numbers::pi;
-}
-
-std::string degrees_text(double angle_rad) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.3f", kDegreesPerRadian * angle_rad);
-  return text;
 }
 
 /// Decodes the first and the last image with their masks. Training reads all.
@@ -116,34 +110,17 @@ void check_lidar(ThreadPool& pool, Inspection* result) {
     result->findings.push_back({"lidar of frame " + std::to_string(middle), check.why});
 }
 
-/// Estimates the beams of the LiDAR from the middle scan and the one after it.
+/// Estimates the beams of the LiDAR and judges them.
 void find_beams(Inspection* result) {
   const Recording& recording = result->recording;
   if (!recording.body_from_lidar || recording.lidar_files.empty()) return;
-  std::vector<std::vector<LidarPoint>> scans;
-  const std::size_t middle = recording.lidar_files.size() / 2;
-  for (std::size_t i = middle; i < std::min(middle + 2, recording.lidar_files.size()); ++i) try {
-      scans.push_back(recording.reader->read_lidar(recording.lidar_files[i]));
-    } catch (const InputError&) {  // named where all scans are read
-    }
   std::string why;
-  result->lidar = estimate_structure(scans, *recording.body_from_lidar, &why);
+  result->lidar = recorded_structure(recording, &why);
   if (!result->lidar) {
     result->findings.push_back({"lidar", why});
     return;
   }
-  constexpr double kMostResidual = 0.5;  // share of the median distance between beams
-  std::vector<double> apart;
-  for (std::size_t b = 1; b < result->lidar->beams.size(); ++b)
-    apart.push_back(result->lidar->beams[b].elevation_rad -
-                    result->lidar->beams[b - 1].elevation_rad);
-  std::ranges::sort(apart);
-  if (!apart.empty() && result->lidar->residual_rad > kMostResidual * apart[apart.size() / 2])
-    result->findings.push_back(
-        {"lidar", "its returns lie " + degrees_text(result->lidar->residual_rad) +
-                      " degrees off the elevations of its beams, which are " +
-                      degrees_text(apart[apart.size() / 2]) +
-                      " apart: the extrinsics, or scans that are motion compensated?"});
+  if (const auto why_not = misfit(*result->lidar)) result->findings.push_back({"lidar", *why_not});
 }
 
 struct InspectOptions {

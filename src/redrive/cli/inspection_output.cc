@@ -13,19 +13,21 @@
 namespace redrive {
 namespace {
 
-nlohmann::ordered_json structure_to_json(const ScanStructure& lidar) {
+nlohmann::ordered_json structure_to_json(const ScanStructure& structure) {
+  const LidarSensor& lidar = structure.sensor;
   nlohmann::ordered_json elevations = nlohmann::ordered_json::array(), azimuths = elevations, rate;
   for (const LidarBeam& beam : lidar.beams) {
     elevations.push_back(kDegreesPerRadian * beam.elevation_rad);
     azimuths.push_back(kDegreesPerRadian * beam.azimuth_rad);
   }
-  if (lidar.rate_hz) rate = *lidar.rate_hz;
+  if (lidar.rate_hz > 0) rate = lidar.rate_hz;
   return {{"azimuth_steps", lidar.azimuth_steps},
           {"rate_hz", rate},
           {"clockwise", lidar.clockwise},
-          {"residual_deg", kDegreesPerRadian * lidar.residual_rad},
+          {"residual_deg", kDegreesPerRadian * structure.residual_rad},
           {"range_m", {lidar.min_range_m, lidar.max_range_m}},
-          {"second_returns", lidar.second_returns},
+          {"second_returns", structure.second_returns},
+          {"intensity_scale", structure.intensity_scale},
           {"elevation_deg", elevations},
           {"azimuth_deg", azimuths}};
 }
@@ -193,17 +195,18 @@ void print_findings(const char* title, const std::vector<Finding>& findings) {
     std::printf("  %s: %s\n", finding.subject.c_str(), finding.what.c_str());
 }
 
-void print_structure(const ScanStructure& lidar) {
+void print_structure(const ScanStructure& structure) {
+  const LidarSensor& lidar = structure.sensor;
   std::printf("               %zu beams from %.2f to %.2f degrees, %d steps a turn",
               lidar.beams.size(), kDegreesPerRadian * lidar.beams.front().elevation_rad,
               kDegreesPerRadian * lidar.beams.back().elevation_rad, lidar.azimuth_steps);
-  if (lidar.rate_hz)
-    std::printf(", %.2f Hz %s", *lidar.rate_hz, lidar.clockwise ? "clockwise" : "anticlockwise");
+  if (lidar.rate_hz > 0)
+    std::printf(", %.2f Hz %s", lidar.rate_hz, lidar.clockwise ? "clockwise" : "anticlockwise");
   std::printf("\n               residual of elevations %.3f degrees, ranges %.1f to %.1f m",
-              kDegreesPerRadian * lidar.residual_rad, lidar.min_range_m, lidar.max_range_m);
-  if (lidar.second_returns > 0.005)
-    std::printf(", two returns for %.0f %% of the rays", 100 * lidar.second_returns);
-  std::printf("\n");
+              kDegreesPerRadian * structure.residual_rad, lidar.min_range_m, lidar.max_range_m);
+  if (structure.second_returns > 0.005)
+    std::printf(", two returns for %.0f %% of the rays", 100 * structure.second_returns);
+  std::printf("\n               intensities 0 to %d\n", structure.intensity_scale);
 }
 
 void print_preflight(const Preflight& preflight) {

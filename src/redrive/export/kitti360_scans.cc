@@ -19,7 +19,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr float kMostIntensity = 255;
 constexpr std::int64_t kOtherTime_ns = 1'000'000;    // a difference above this is reported
 constexpr std::int64_t kSameFrame_ns = 200'000'000;  // as readers have it
 constexpr double kMostCoordinate_m = 1000;           // as readers have it
@@ -28,10 +27,11 @@ struct Scan {
   FrameFile file;
   const FrameFile* before = nullptr;  ///< scan whose points may be repeated
   std::int64_t id = 0, middle_ns = 0;
+  std::uint16_t most_intensity = 0;
 };
 
 struct Counts {
-  std::size_t repeated = 0, far = 0, bright = 0, unseen = 0;
+  std::size_t repeated = 0, far = 0, unseen = 0;
   std::int64_t most_ns = 0;  ///< largest change of a point's time
 };
 
@@ -66,7 +66,7 @@ std::size_t keep_nearest(const OffNs& off_ns, std::vector<Scan>* scans) {
 std::string make_scan(const std::vector<LidarPoint>& points, const kitti::ScanTime& time,
                       const std::vector<FramePose>& drive_frames,
                       const std::vector<FramePose>& frames, const Rigid3d& body_from_velodyne,
-                      Counts* counts) {
+                      float full_scale, Counts* counts) {
   constexpr int kIterations = 6;  // the car moves far less than the points are away
   const std::int64_t column_ns = 1 + (time.end_ns - time.start_ns) / kitti::kScanColumns;
   std::string bytes;
@@ -93,11 +93,9 @@ std::string make_scan(const std::vector<LidarPoint>& points, const kitti::ScanTi
       continue;
     }
     counts->most_ns = std::max(counts->most_ns, std::abs(t_ns - point.t_ns));
-    counts->bright += point.intensity > kMostIntensity;
-    const Eigen::Vector4f record(static_cast<float>(in_velodyne.x()),
-                                 static_cast<float>(in_velodyne.y()),
-                                 static_cast<float>(in_velodyne.z()),
-                                 std::min<float>(point.intensity, kMostIntensity) / kMostIntensity);
+    const Eigen::Vector4f record(
+        static_cast<float>(in_velodyne.x()), static_cast<float>(in_velodyne.y()),
+        static_cast<float>(in_velodyne.z()), static_cast<float>(point.intensity) / full_scale);
     bytes.append(reinterpret_cast<const char*>(record.data()), kitti::kScanRecordBytes);
   }
   return bytes;
@@ -135,7 +133,10 @@ void write_kitti360_scans(const kitti360::Layout& layout, const Recording& drive
     Scan& scan = scans[static_cast<std::size_t>(s)];
     Counts ignored;
     const auto frame = std::ranges::lower_bound(frames, scan.id, {}, &FramePose::id);
-    scan.middle_ns = middle_ns(new_points(drive, scan, &ignored)).value_or(frame->t_ns);
+    const std::vector<LidarPoint> points = new_points(drive, scan, &ignored);
+    scan.middle_ns = middle_ns(points).value_or(frame->t_ns);
+    for (const LidarPoint& point : points)
+      scan.most_intensity = std::max(scan.most_intensity, point.intensity);
     progress.count();
   });
   const auto off_ns = [&](const Scan& scan) {
@@ -150,6 +151,8 @@ void write_kitti360_scans(const kitti360::Layout& layout, const Recording& drive
     notes->left_out.push_back(counted(others, "LiDAR revolution") +
                               " of a frame to which another one is nearer");
   if (scans.empty()) return;
+  const auto scale = static_cast<float>(
+      intensity_scale(std::ranges::max(scans, {}, &Scan::most_intensity).most_intensity));
   std::vector<std::pair<std::int64_t, std::int64_t>> times;
   for (const Scan& scan : scans) times.emplace_back(scan.id, scan.middle_ns);
   make_folders(layout.velodyne() / "data");
@@ -165,7 +168,7 @@ void write_kitti360_scans(const kitti360::Layout& layout, const Recording& drive
     write_file(
         layout.velodyne() / "data" / kitti::file_name(scan.id, ".bin"),
         make_scan(new_points(drive, scan, &own), kitti360::scan_at(scan.middle_ns, revolution_ns),
-                  drive.frames, frames, body_from_velodyne, &own));
+                  drive.frames, frames, body_from_velodyne, scale, &own));
     progress.count();
   });
   const Rigid3d velodyne_from_camera =
@@ -181,7 +184,7 @@ void write_kitti360_scans(const kitti360::Layout& layout, const Recording& drive
 
   Counts sum;
   for (const Counts& own : counts) {
-    sum.repeated += own.repeated, sum.far += own.far, sum.bright += own.bright;
+    sum.repeated += own.repeated, sum.far += own.far;
     sum.unseen += own.unseen;
     sum.most_ns = std::max(sum.most_ns, own.most_ns);
   }
@@ -189,9 +192,6 @@ void write_kitti360_scans(const kitti360::Layout& layout, const Recording& drive
     notes->changed.push_back("LiDAR points have the time of their azimuth, up to " +
                              std::to_string(sum.most_ns / 1'000'000) +
                              " ms off their own; each stays where it is in the world");
-  if (sum.bright > 0)
-    notes->changed.push_back("intensities of " + counted(sum.bright, "LiDAR point") +
-                             " above 255 become 255");
   if (sum.repeated > 0)
     notes->left_out.push_back(counted(sum.repeated, "LiDAR point") +
                               " that a revolution repeats of the one before");

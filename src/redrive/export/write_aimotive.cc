@@ -86,7 +86,8 @@ std::string revolution_las(const std::vector<LidarPoint>& points) {
   std::vector<LidarRecord> scan;
   double farthest_m = 0;
   for (const LidarPoint& point : points) {
-    scan.push_back({point.in_body_m.cast<double>(), point.t_ns, point.intensity});
+    scan.push_back(
+        {point.in_body_m.cast<double>(), point.t_ns, static_cast<float>(point.intensity) / 65535});
     farthest_m = std::max(farthest_m, scan.back().position_m.lpNorm<Eigen::Infinity>());
   }
   return make_las(scan, farthest_m < max_las_position_m(kFine_m) ? kFine_m : kCoarse_m);

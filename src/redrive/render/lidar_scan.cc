@@ -1,6 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/render/lidar_scan.h"
 
+#include <algorithm>
+#include <cmath>
+
+#include "redrive/base/rng.h"
+#include "redrive/scene/moving_objects.h"
+
 namespace redrive {
 
 Rigid3d SensorMotion::world_from_body(std::int64_t t_ns) const {
@@ -12,43 +18,123 @@ Rigid3d SensorMotion::world_from_sensor(std::int64_t t_ns) const {
                         shift_m);
 }
 
-LidarScan render_scan(kernels::Backend& backend, const Field& model, const LidarFirings& firings,
-                      const SensorMotion& motion, const ScanOptions& options) {
+namespace {
+
+/// Finds the moving objects that rays meet, by the boxes at their times.
+class ActorsOfRays {
+ public:
+  explicit ActorsOfRays(const std::vector<MovingObject>& actors) : objects_(actors) {}
+
+  /// Call in the order of time, for speed.
+  std::int32_t at(const Eigen::Vector3d& in_world, std::int64_t t_ns) {
+    if (t_ns_ != t_ns) boxes_ = objects_.at(t_ns);
+    t_ns_ = t_ns;
+    const auto box = std::ranges::find_if(
+        boxes_, [&](const MovingBox& other) { return other.contains(in_world); });
+    return box == boxes_.end() ? kNoActor : static_cast<std::int32_t>(box->id);
+  }
+
+ private:
+  MovingObjects objects_;
+  std::optional<std::int64_t> t_ns_;
+  std::vector<MovingBox> boxes_;
+};
+
+/// Rays in the world, and what the field renders along them.
+struct TracedRays {
+  std::vector<float> origin, direction;  ///< [3, n]
+  RenderedRays rendered;
+  std::vector<float> static_depth;  ///< [n] without moving objects; empty without these
+
+  Eigen::Vector3d at(std::size_t i) const {
+    const std::size_t n = rendered.depth.size();
+    Eigen::Vector3d out;
+    for (std::size_t k = 0; k < 3; ++k)
+      out[static_cast<Eigen::Index>(k)] =
+          origin[k * n + i] + double(rendered.depth[i]) * direction[k * n + i];
+    return out;
+  }
+};
+
+TracedRays trace(kernels::Backend& backend, const Field& model, const LidarFirings& firings,
+                 const SensorMotion& motion) {
   const std::size_t n = firings.size();
-  std::vector<float> origin(3 * n), direction(3 * n);
+  TracedRays out;
+  out.origin.resize(3 * n);
+  out.direction.resize(3 * n);
   Rigid3d pose;
   for (std::size_t i = 0; i < n; ++i) {
     if (i == 0 || firings.t_ns[i] != firings.t_ns[i - 1])
       pose = motion.world_from_sensor(firings.t_ns[i]);
     const Eigen::Vector3d in_world = pose.linear() * firings.direction[i];
     for (int k = 0; k < 3; ++k) {
-      origin[k * n + i] = static_cast<float>(pose.translation()[k]);
-      direction[k * n + i] = static_cast<float>(in_world[k]);
+      out.origin[k * n + i] = static_cast<float>(pose.translation()[k]);
+      out.direction[k * n + i] = static_cast<float>(in_world[k]);
     }
   }
-  const kernels::Rays all{static_cast<int>(n), origin, direction};
-  RenderedRays rays = model.trace(backend, all);
-  model.trace_actors(backend, all, firings.t_ns, motion.scene.actors, &rays);
+  const kernels::Rays all{static_cast<int>(n), out.origin, out.direction};
+  out.rendered = model.trace(backend, all);
+  if (!motion.scene.actors.empty()) out.static_depth = out.rendered.depth;
+  model.trace_actors(backend, all, firings.t_ns, motion.scene.actors, &out.rendered);
+  return out;
+}
 
+/// Probability of a return.
+float return_probability(const RenderedRays& rays, std::size_t i) {
+  return rays.lost.empty() ? rays.opacity[i] : std::min(rays.opacity[i], 1 - rays.lost[i]);
+}
+
+}  // namespace
+
+LidarScan render_scan(kernels::Backend& backend, const Field& model, const LidarFirings& firings,
+                      const SensorMotion& motion, const ScanOptions& options) {
+  const TracedRays traced = trace(backend, model, firings, motion);
+  const RenderedRays& rays = traced.rendered;
+  ActorsOfRays actors(motion.scene.actors);
   LidarScan scan;
+  scan.has_intensity = !rays.intensity.empty();
   Rigid3d axes_from_sensor = Rigid3d::Identity();
-  for (std::size_t i = 0; i < n; ++i) {
-    if (i == 0 || firings.t_ns[i] != firings.t_ns[i - 1]) {
-      const std::int64_t t_ns = firings.t_ns[i];
+  for (std::size_t i = 0; i < firings.size(); ++i) {
+    const std::int64_t t_ns = firings.t_ns[i];
+    if (i == 0 || t_ns != firings.t_ns[i - 1]) {
       if (options.axes == PointAxes::kWorld) axes_from_sensor = motion.world_from_sensor(t_ns);
       if (options.axes == PointAxes::kBody)
         axes_from_sensor =
             motion.world_from_body(t_ns).inverse(Eigen::Isometry) * motion.world_from_sensor(t_ns);
     }
     const double range_m = rays.depth[i];
-    if (!(rays.opacity[i] >= kMinReturnOpacity && range_m > 0))
-      ++scan.transparent;
-    else if (!(range_m >= options.min_range_m && range_m <= options.max_range_m))
+    const float probability = return_probability(rays, i);
+    const float least = options.seed
+                            ? random_unit(random_key(*options.seed, kStreamReturns,
+                                                     static_cast<std::uint64_t>(firings.t_ns[0])),
+                                          i)
+                            : kMinReturnOpacity;
+    if (!(probability >= least && probability > 0 && range_m > 0)) {
+      ++scan.lost;
+      continue;
+    }
+    if (!(range_m >= options.min_range_m && range_m <= options.max_range_m)) {
       ++scan.out_of_range;
-    else
-      scan.points.push_back({axes_from_sensor * (range_m * firings.direction[i]), firings.t_ns[i]});
+      continue;
+    }
+    const Eigen::Vector3d& direction = firings.direction[i];
+    LidarRecord point{axes_from_sensor * (range_m * direction), t_ns};
+    point.intensity = scan.has_intensity ? rays.intensity[i] : 0;
+    point.ring = firings.ring[i];
+    point.azimuth_rad = static_cast<float>(std::atan2(direction.y(), direction.x()));
+    point.range_m = static_cast<float>(range_m);
+    if (!traced.static_depth.empty() && traced.static_depth[i] != rays.depth[i])
+      point.actor = actors.at(traced.at(i), t_ns);
+    point.loss = 1 - probability;
+    scan.points.push_back(point);
   }
   return scan;
+}
+
+Rigid3d camera_from_lidar_axes() {
+  Rigid3d axes = Rigid3d::Identity();
+  axes.linear() << 0, -1, 0, 0, 0, -1, 1, 0, 0;
+  return axes;
 }
 
 }  // namespace redrive

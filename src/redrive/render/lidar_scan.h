@@ -2,17 +2,18 @@
 // LiDAR scans of a model, as a sensor on the moving car records them.
 #pragma once
 
-#include <span>
+#include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "redrive/model/field.h"
 #include "redrive/recording/core/lidar_point.h"
-#include "redrive/render/lidar_sensor.h"
+#include "redrive/recording/core/lidar_sensor.h"
 #include "redrive/render/view_pose.h"
 
 namespace redrive {
 
-/// A beam of a lower opacity has no return.
+/// A ray of a lower opacity, or probability of a return, has none.
 constexpr float kMinReturnOpacity = 0.5f;
 
 /// Default limits of a return's range, metres.
@@ -38,16 +39,23 @@ enum class PointAxes { kSensor, kBody, kWorld };
 struct ScanOptions {
   double min_range_m = kMinReturn_m, max_range_m = kMaxReturn_m;
   PointAxes axes = PointAxes::kSensor;
+  /// draws rays with a return by their probability; nothing: those of kMinReturnOpacity
+  std::optional<std::uint64_t> seed;
 };
 
 struct LidarScan {
-  std::vector<LidarRecord> points;                ///< sorted by time; intensity 0
-  std::size_t transparent = 0, out_of_range = 0;  ///< firings without a return, by reason
+  std::vector<LidarRecord> points;         ///< as the firings; intensity 0 where the field has none
+  std::size_t lost = 0, out_of_range = 0;  ///< firings without a return, by reason
+  bool has_intensity = false;              ///< whether the field models it
 };
 
 /// Fires along the motion: each ray starts where the sensor is at its time, and meets the moving
-/// objects of motion.scene where they are then.
+/// objects of motion.scene where they are then. A ray is lost where the field is transparent, or
+/// with the probability that the field gives, if that is higher.
 LidarScan render_scan(kernels::Backend& backend, const Field& model, const LidarFirings& firings,
                       const SensorMotion& motion, const ScanOptions& options);
+
+/// Returns the axes of a LiDAR (x forward, y left, z up) in the axes of a camera that looks ahead.
+Rigid3d camera_from_lidar_axes();
 
 }  // namespace redrive

@@ -11,6 +11,7 @@
 #include "redrive/recording/formats/aimotive/aimotive.h"
 #include "redrive/recording/lidar/las.h"
 #include "redrive/render/paint_backend_testing.h"
+#include "redrive/render/recorded_lidar.h"
 #include "redrive/scene/scene_testing.h"
 
 namespace redrive {
@@ -38,8 +39,7 @@ class LidarScanTest : public ::testing::Test {
     return render_scan(wall_, model_, firings, motion_, options);
   }
   LidarFirings spin() const {
-    SpinningLidar lidar;
-    lidar.elevation_deg = {-5, 0, 5};
+    LidarSensor lidar = *parse_lidar_sensor("-5,0,5");
     lidar.azimuth_steps = 36;
     return lidar.revolution(recording_.frames[2].t_ns);
   }
@@ -63,8 +63,8 @@ TEST_F(LidarScanTest, RaysStartWhereTheSensorIsAtTheirTime) {
     options.axes = axes;
     const LidarScan scanned = scan(firings, options);
     EXPECT_GT(scanned.points.size(), 30u);
-    EXPECT_GT(scanned.transparent, 30u);
-    EXPECT_EQ(scanned.points.size() + scanned.transparent + scanned.out_of_range, firings.size());
+    EXPECT_GT(scanned.lost, 30u);
+    EXPECT_EQ(scanned.points.size() + scanned.lost + scanned.out_of_range, firings.size());
     for (const LidarRecord& point : scanned.points) {
       const Rigid3d body = motion_.world_from_body(point.t_ns);
       const Vector3d in_world =
@@ -126,6 +126,97 @@ TEST_F(LidarScanTest, RecordedFiringsReturnTheRecordedPoints) {
     EXPECT_LT((scanned.points[i].position_m - points[i].position_m).norm(), 0.0004) << i;
     EXPECT_EQ(scanned.points[i].t_ns, points[i].t_ns);
   }
+}
+
+/// Every ray meets something 10 m away; the first one an object at 5 m.
+class MadeField : public Field {
+ public:
+  const char* method() const override { return "made"; }
+  std::string describe() const override { return "made"; }
+  void render_to(kernels::Backend&, const RayTable&, const ShutterPoses&, const Exposure&,
+                 RenderedImage*) const override {}
+  RenderedRays trace(kernels::Backend&, const kernels::Rays& rays) const override {
+    const auto n = static_cast<std::size_t>(rays.n);
+    RenderedRays out{std::vector<float>(n, 10), std::vector<float>(n, 1)};
+    if (lost.empty()) return out;
+    out.lost.assign(n, lost[0]);
+    out.intensity.assign(n, 0.25f);
+    return out;
+  }
+  void trace_actors(kernels::Backend&, const kernels::Rays&, std::span<const std::int64_t>,
+                    const std::vector<MovingObject>& actors,
+                    RenderedRays* rendered) const override {
+    if (!actors.empty()) rendered->depth[0] = 5;
+  }
+  std::vector<float> lost;  ///< of every ray; empty: not modelled
+};
+
+TEST_F(LidarScanTest, PointsHaveWhatTheFieldAndTheSensorKnow) {
+  const LidarFirings firings = spin();
+  MadeField field;
+  LidarScan scanned = render_scan(wall_, field, firings, motion_, {});
+  EXPECT_FALSE(scanned.has_intensity);
+  ASSERT_EQ(scanned.points.size(), firings.size());
+  EXPECT_EQ(scanned.points[4].ring, 1);
+  EXPECT_EQ(scanned.points[4].actor, kNoActor);
+  EXPECT_EQ(scanned.points[4].loss, 0);
+  EXPECT_EQ(scanned.points[4].range_m, 10);
+  EXPECT_NEAR(scanned.points[4].azimuth_rad,
+              std::atan2(firings.direction[4].y(), firings.direction[4].x()), 1e-6);
+
+  field.lost = {0.25f};
+  scanned = render_scan(wall_, field, firings, motion_, {});
+  EXPECT_TRUE(scanned.has_intensity);
+  ASSERT_EQ(scanned.points.size(), firings.size());
+  EXPECT_EQ(scanned.points[4].intensity, 0.25f);
+  EXPECT_EQ(scanned.points[4].loss, 0.25f);
+  field.lost = {0.75f};
+  EXPECT_EQ(render_scan(wall_, field, firings, motion_, {}).lost, firings.size());
+}
+
+TEST_F(LidarScanTest, LostRaysAreDrawnBySeed) {
+  LidarSensor lidar = *parse_lidar_sensor("16");
+  const LidarFirings firings = lidar.revolution(recording_.frames[2].t_ns);
+  MadeField field;
+  field.lost = {0.25f};
+  const auto lost = [&](std::uint64_t seed) {
+    ScanOptions options;
+    options.seed = seed;
+    return render_scan(wall_, field, firings, motion_, options).lost;
+  };
+  EXPECT_NEAR(static_cast<double>(lost(1)), 0.25 * firings.size(), 0.01 * firings.size());
+  EXPECT_EQ(lost(1), lost(1));
+  EXPECT_NE(lost(1), lost(2));
+}
+
+TEST_F(LidarScanTest, PointsOnMovingObjectsHaveTheirIds) {
+  const LidarFirings firings = spin();
+  Scene scene = scene_;
+  SensorMotion motion{scene, *recording_.body_from_lidar};
+  const Rigid3d sensor = motion.world_from_sensor(firings.t_ns[0]);
+  MovingObject object;
+  object.id = 0;
+  object.size_m = {1, 1, 1};
+  for (const std::int64_t off_ns : {-1'000'000, 1'000'000})
+    object.keys.push_back({firings.t_ns[0] + off_ns,
+                           Rigid3d(Eigen::Translation3d(sensor * (5 * firings.direction[0]))),
+                           Vector3d::Zero()});
+  scene.actors = {object};
+  const LidarScan scanned = render_scan(wall_, MadeField(), firings, motion, {});
+  EXPECT_EQ(scanned.points[0].range_m, 5);
+  EXPECT_EQ(scanned.points[0].actor, 0);
+  EXPECT_EQ(scanned.points[1].actor, kNoActor) << "behind it";
+}
+
+TEST(LidarAxes, AreThoseOfACameraThatLooksAhead) {
+  EXPECT_TRUE(
+      (Mount{}.body_from_sensor() * camera_from_lidar_axes()).isApprox(Rigid3d::Identity(), 1e-15));
+  const Mount mount{{1, 2, 3}, /*yaw_deg=*/90, /*pitch_deg=*/0, /*roll_deg=*/0};
+  EXPECT_LT(((mount.body_from_sensor() * camera_from_lidar_axes()) * Eigen::Vector3d(5, 0, 0) -
+             Eigen::Vector3d(1, 7, 3))
+                .norm(),
+            1e-12)
+      << "yaw to the left";
 }
 
 }  // namespace

@@ -16,6 +16,7 @@
 #include "redrive/eval/moving_scores.h"
 #include "redrive/report/headline.h"
 #include "redrive/report/html.h"
+#include "redrive/report/lidar_images.h"
 #include "redrive/report/plot.h"
 #include "redrive/report/poses_section.h"
 #include "redrive/report/report_images.h"
@@ -233,6 +234,16 @@ std::string novel_views(const Run& run, kernels::Backend& backend, const Run* co
   return out;
 }
 
+/// Returns the section of a held-out scan; empty if there is none.
+std::string lidar_scan_section(const Run& run, kernels::Backend& backend,
+                               const std::filesystem::path& folder) {
+  std::string out;
+  for (const ImageRow& row : lidar_image_rows(run, backend))
+    out +=
+        "<h3>" + html_escape(row.title) + "</h3>\n" + figures_of(folder, row, FigureSize::kLarge);
+  return out.empty() ? "" : "<h2>LiDAR</h2>\n" + out;
+}
+
 std::string option_text(const nlohmann::json& value) {
   if (value.is_string()) return value.get<std::string>();
   if (!value.is_array()) return value.dump();
@@ -258,7 +269,8 @@ std::string figures_and_page(const Run& run, kernels::Backend& backend,
                              Evaluation* evaluation) {
   const std::string curves = training(run, folder);  // first: fails at once without gnuplot
   const std::string images = training_views(run, backend, options.compared, folder) +
-                             novel_views(run, backend, options.compared, folder);
+                             novel_views(run, backend, options.compared, folder) +
+                             lidar_scan_section(run, backend, folder);
   const ScoredRun own = score_run(run, backend, options.eval);
   std::optional<ScoredRun> other;
   if (options.compared) other = score_run(*options.compared, backend, options.eval);

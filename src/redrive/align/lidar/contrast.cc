@@ -213,7 +213,7 @@ LidarImage rasterize(const std::vector<Hit>& hits, const std::vector<LidarSample
   cv::Mat_<float> sum(size, 0.0f), count(size, 0.0f);
   for (const Hit& hit : hits) {
     const int x = hit.x / kCell_px, y = hit.y / kCell_px;
-    sum(y, x) += std::log1p(static_cast<float>(samples[hit.sample].intensity));
+    sum(y, x) += std::log1p(samples[hit.sample].intensity);
     count(y, x) += 1;
     if (out.sample(y, x) < 0) out.sample(y, x) = hit.sample;
   }

@@ -84,8 +84,7 @@ TEST_F(ContrastOfLidar, IsUnobservableWithoutCorrelation) {
   for (LidarSample& sample : grey) sample.intensity = 100;
   EXPECT_FALSE(fit(drive(), 0, grey).observable) << "equal intensities";
   testing::SyntheticNoise noise(12);
-  for (LidarSample& sample : grey)
-    sample.intensity = static_cast<std::uint16_t>(noise.uniform(0, 250));
+  for (LidarSample& sample : grey) sample.intensity = static_cast<float>(noise.uniform(0, 250));
   const ContrastFit random = fit(drive(), 0, grey);
   EXPECT_FALSE(random.observable);
   EXPECT_EQ(random.offset_s, 0);

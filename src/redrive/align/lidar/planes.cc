@@ -135,11 +135,13 @@ void subsample_patches(std::vector<PlanarPatch>* patches, int max_samples) {
 std::vector<LidarSample> lidar_samples(const Recording& recording, const LidarReturns& returns) {
   std::vector<LidarSample> samples;
   samples.reserve(returns.n);
+  if (returns.n == 0) return samples;
+  const float unit = 255.0f / intensity_scale(std::ranges::max(returns.intensity));
   for (std::size_t i = 0; i < returns.n; ++i) {
     const std::int64_t t_ns = returns.t_ns[i];
     if (t_ns < recording.frames.front().t_ns || t_ns > recording.frames.back().t_ns) continue;
     samples.push_back(
-        {returns.body_from_sensor * returns.in_sensor(i), t_ns, returns.intensity[i]});
+        {returns.body_from_sensor * returns.in_sensor(i), t_ns, unit * returns.intensity[i]});
   }
   return samples;
 }

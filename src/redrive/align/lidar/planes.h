@@ -22,7 +22,7 @@ namespace redrive {
 struct LidarSample {
   Eigen::Vector3d in_body;
   std::int64_t t_ns = 0;
-  std::uint16_t intensity = 0;  ///< in the sensor's own scale
+  float intensity = 0;  ///< 0..255, whatever the full scale of the recording
 };
 
 /// The `returns` between the times of the recording's first and last frame.

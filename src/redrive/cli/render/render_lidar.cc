@@ -2,6 +2,7 @@
 // redrive render lidar: renders a LiDAR scan into a point file, or the scans of all frames into a
 // folder.
 #include <algorithm>
+#include <cctype>
 #include <charconv>
 #include <cstdio>
 #include <filesystem>
@@ -20,9 +21,11 @@
 #include "redrive/cli/train/training.h"
 #include "redrive/math/angles.h"
 #include "redrive/recording/formats/kitti/kitti_write.h"
+#include "redrive/recording/formats/nuscenes/nuscenes_scan.h"
 #include "redrive/recording/lidar/las.h"
-#include "redrive/recording/lidar/pcd.h"
+#include "redrive/recording/lidar/scan_files.h"
 #include "redrive/render/lidar_scan.h"
+#include "redrive/render/recorded_lidar.h"
 
 namespace redrive {
 namespace {
@@ -30,32 +33,37 @@ namespace {
 namespace fs = std::filesystem;
 
 struct RenderLidarOptions : MovedSensorOptions {
-  std::string sensor = "recorded", mount, range = "0.5:200", points_in = "sensor";
-  std::optional<int> azimuth_steps;  ///< firings in a turn of a SpinningLidar; nothing: its own
-  std::optional<double> rate_hz;     ///< likewise
+  std::string sensor = "recorded", mount, range, points_in = "sensor";
+  std::optional<int> azimuth_steps;   ///< firings in a turn; nothing: the sensor's own
+  std::optional<double> rate_hz;      ///< likewise
+  std::optional<std::uint64_t> seed;  ///< nothing: returns are not drawn
 };
 
 constexpr double kMaxLidarRange_m = 1e4;
 
-/// A point file format, by extension.
+/// A point file format, by the end of its name.
 struct ScanFormat {
-  const char* extension;
+  const char* ending;
   std::string (*make)(std::span<const LidarRecord> points);
-  const char* intensity;
 };
 constexpr ScanFormat kScanFormats[] = {
-    {".las", [](std::span<const LidarRecord> points) { return make_las(points); }, "0"},
-    {".pcd", make_pcd, "left out"},
-    {".bin", kitti::make_scan, "0"}};
+    {".las", [](auto points) { return make_las(points, 1e-4, LasFields::kAll); }},
+    {".pcd", make_pcd},
+    {".ply", make_scan_ply},
+    {".pcd.bin", nuscenes::make_scan},
+    {".bin", kitti::make_scan}};
 
 /// Returns the format of --out; null: a folder.
 const ScanFormat* scan_format(const RenderLidarOptions& options) {
   const fs::path out = options.out;
+  std::string name = out.filename().string();
+  std::ranges::transform(name, name.begin(), [](unsigned char c) { return std::tolower(c); });
   for (const ScanFormat& format : kScanFormats)
-    if (has_extension(out, {format.extension})) return &format;
+    if (name.ends_with(format.ending)) return &format;
   if (!out.extension().empty() && !fs::is_directory(out))
-    throw UsageError("--out", options.out,
-                     "must end in .las, .pcd or .bin, or be a folder for all frames");
+    throw UsageError(
+        "--out", options.out,
+        "must end in .las, .pcd, .ply, .bin or .pcd.bin, or be a folder for all frames");
   return nullptr;
 }
 
@@ -74,30 +82,54 @@ void parse_range(const std::string& text, ScanOptions* scan) {
 
 /// The request of --sensor.
 struct LidarRequest {
-  std::optional<SpinningLidar> spinning;  ///< nothing: the recorded revolutions
+  bool recorded = false;              ///< the recorded revolutions
+  std::optional<LidarSensor> sensor;  ///< nothing: the recording's, to be estimated
   std::optional<Mount> mount;
   ScanOptions scan;
+
+  bool is_of_recording() const { return recorded || !sensor; }
 };
 
 /// Checks the options before the run is opened.
 LidarRequest lidar_request(const RenderLidarOptions& options) {
   LidarRequest request;
-  if (options.sensor != "recorded") {
-    const auto beams = parse_beams(options.sensor);
-    if (!beams) throw UsageError("--sensor", options.sensor, kBeamsRule);
-    request.spinning = SpinningLidar{*beams};
-    if (options.azimuth_steps) request.spinning->azimuth_steps = *options.azimuth_steps;
-    if (options.rate_hz) request.spinning->rate_hz = *options.rate_hz;
-  } else if (options.azimuth_steps || options.rate_hz) {
+  request.recorded = options.sensor == "recorded";
+  if (!request.recorded && options.sensor != "estimated") {
+    request.sensor = parse_lidar_sensor(options.sensor);
+    if (!request.sensor) throw UsageError("--sensor", options.sensor, lidar_sensor_rule());
+  }
+  const bool turns = !request.recorded && !(request.sensor && request.sensor->beams.empty());
+  if (!turns && (options.azimuth_steps || options.rate_hz))
     throw UsageError("--sensor", options.sensor,
                      "has its own --azimuth-steps and --rate: leave them out");
-  }
   if (!options.mount.empty()) request.mount = parsed_mount(options.mount);
-  parse_range(options.range, &request.scan);
+  if (!options.range.empty()) parse_range(options.range, &request.scan);
+  request.scan.seed = options.seed;
   request.scan.axes = options.points_in == "sensor" ? PointAxes::kSensor
                       : options.points_in == "body" ? PointAxes::kBody
                                                     : PointAxes::kWorld;
   return request;
+}
+
+/// Estimates the recording's LiDAR where it is requested, and applies the options of a sensor.
+void complete_sensor(const RenderLidarOptions& options, const Run& run, LidarRequest* request) {
+  if (request->recorded) return;
+  if (!request->sensor) {
+    std::string why;
+    const auto found = recorded_structure(run.recording, &why);
+    if (found) why = misfit(*found).value_or("");
+    if (!why.empty()) throw UsageError("--sensor", options.sensor, "cannot be estimated: " + why);
+    request->sensor = found->sensor;
+    std::printf("estimated: %zu beams, %d steps a turn, %.2f Hz\n", found->sensor.beams.size(),
+                found->sensor.azimuth_steps, found->sensor.rate_hz);
+  }
+  LidarSensor& sensor = *request->sensor;
+  sensor.azimuth_steps = options.azimuth_steps.value_or(sensor.azimuth_steps);
+  sensor.rate_hz = options.rate_hz.value_or(sensor.rate_hz);
+  if (options.range.empty()) {
+    request->scan.min_range_m = sensor.min_range_m;
+    request->scan.max_range_m = sensor.max_range_m;
+  }
 }
 
 SensorMotion sensor_motion(const RenderLidarOptions& options, const LidarRequest& request,
@@ -105,10 +137,10 @@ SensorMotion sensor_motion(const RenderLidarOptions& options, const LidarRequest
   if (!run.recording.metric)
     throw UsageError("RUN", options.run,
                      "must be of a drive: photographs have neither metres nor times");
-  if (!run.recording.body_from_lidar && !(request.mount && request.spinning))
+  if (!run.recording.body_from_lidar && (!request.mount || request.is_of_recording()))
     throw UsageError("--sensor", options.sensor,
-                     request.spinning ? "needs --mount: the recording has no LiDAR"
-                                      : "the recording has no LiDAR");
+                     request.is_of_recording() ? "the recording has no LiDAR"
+                                               : "needs --mount: the recording has no LiDAR");
   SensorMotion motion{run.scene};
   motion.axes = shift_axes(options, run);
   motion.shift_m = parse_translation(options.translate);
@@ -124,13 +156,15 @@ SensorMotion sensor_motion(const RenderLidarOptions& options, const LidarRequest
 
 /// Counts of all scans.
 struct ScanCounts {
-  std::size_t rays = 0, points = 0, transparent = 0, out_of_range = 0;
+  std::size_t rays = 0, points = 0, lost = 0, out_of_range = 0;
+  bool has_intensity = false;
 
   void add(const LidarScan& scan, std::size_t firings) {
     rays += firings;
     points += scan.points.size();
-    transparent += scan.transparent;
+    lost += scan.lost;
     out_of_range += scan.out_of_range;
+    has_intensity = scan.has_intensity;
   }
 };
 
@@ -164,7 +198,7 @@ void require_points(const ScanCounts& counts, const RenderLidarOptions& options)
   if (counts.points == 0)
     throw UsageError("--sensor", options.sensor,
                      "has no return: of " + std::to_string(counts.rays) + " rays " +
-                         std::to_string(counts.transparent) + " have a low opacity and " +
+                         std::to_string(counts.lost) + " are lost and " +
                          std::to_string(counts.out_of_range) + " end out of --range");
 }
 
@@ -180,7 +214,7 @@ int run_render_lidar(const RenderLidarOptions& options) {
     check_output_file("--out", out, options.force);
   else
     check_output_folder("--out", out, options.force);
-  const LidarRequest request = lidar_request(options);
+  LidarRequest request = lidar_request(options);
   const std::int64_t wanted = format ? parse_frame("--frame", options.frame) : -1;
 
   const Run run = open_edited_run(options);
@@ -189,13 +223,14 @@ int run_render_lidar(const RenderLidarOptions& options) {
     throw InputError(run.recording.root, "frame id", std::to_string(last_id),
                      "KITTI has files of a line for every number; a million fit");
   const SensorMotion motion = sensor_motion(options, request, run);
+  complete_sensor(options, run, &request);
   const auto backend = kernels::make_backend(options.backend);
   std::printf("%s\n", kernels::describe(*backend).c_str());
   ScanCounts counts;
   /// Nothing where the recording has no revolution for a frame.
   const auto firings_of = [&](std::int64_t id, std::int64_t t_ns) {
-    return request.spinning ? std::optional(request.spinning->revolution(t_ns))
-                            : recorded_firings(run.recording, run.scene, id, backend->pool());
+    return request.sensor ? std::optional(request.sensor->revolution(t_ns))
+                          : recorded_firings(run.recording, run.scene, id, backend->pool());
   };
   const auto scan_of = [&](const LidarFirings& firings) {
     LidarScan scan = render_scan(*backend, *run.field(), firings, motion, request.scan);
@@ -232,11 +267,9 @@ int run_render_lidar(const RenderLidarOptions& options) {
     });
     std::printf("%d revolutions\n", scans);
   }
-  std::printf("%s: %zu points of %zu rays; dropped: %zu of low opacity, %zu out of range\n",
-              options.out.c_str(), counts.points, counts.rays, counts.transparent,
-              counts.out_of_range);
-  std::printf("intensity: %s, since training does not model it\n",
-              format ? format->intensity : "0");
+  std::printf("%s: %zu points of %zu rays; %zu lost, %zu out of range\n", options.out.c_str(),
+              counts.points, counts.rays, counts.lost, counts.out_of_range);
+  if (!counts.has_intensity) std::printf("intensity: 0, since the run's method has none\n");
   return kExitOk;
 }
 
@@ -247,20 +280,27 @@ Action configure_render_lidar(CLI::App& command) {
   add_run_option(command, &options->run);
   command
       .add_option("--sensor", options->sensor,
-                  "recorded (the rays of the recording's own revolution), N beams as usual sensors "
-                  "have them, N:MIN:MAX (from MIN to MAX degrees of elevation) or elevations "
-                  "E1,E2,..")
+                  "recorded (the rays of the recording's own revolution that returned), estimated "
+                  "(the recording's beams, all rays), " +
+                      known_lidar_names() +
+                      ", N beams as usual sensors have them, N:MIN:MAX (from MIN to MAX degrees of "
+                      "elevation) or elevations E1,E2,..")
       ->capture_default_str();
   add_mount_option(command, &options->mount, "the LiDAR")->default_str("the recording's");
   command
       .add_option("--azimuth-steps", options->azimuth_steps, "firings of a beam in a revolution")
       ->check(within("--azimuth-steps", 1, 36000))
-      ->default_str(std::to_string(SpinningLidar().azimuth_steps));
+      ->default_str("the sensor's, or " + std::to_string(LidarSensor().azimuth_steps));
   command.add_option("--rate", options->rate_hz, "revolutions a second")
       ->check(within("--rate", 0.1, 1000.0))
-      ->default_str(number_text(SpinningLidar().rate_hz));
-  command.add_option("--range", options->range, "metres: returns outside are dropped")
-      ->capture_default_str();
+      ->default_str("the sensor's, or " + number_text(LidarSensor().rate_hz));
+  command.add_option("--range", options->range, "MIN:MAX metres: returns outside are dropped")
+      ->default_str("the sensor's, or 0.5:200");
+  command
+      .add_option(
+          "--seed", options->seed,
+          "draw which rays return by their probabilities; otherwise those of 0.5 or more do")
+      ->default_str("not drawn");
   command
       .add_option("--points-in", options->points_in,
                   "axes of the points: sensor or body (those at the time of each point), or world "
@@ -268,9 +308,10 @@ Action configure_render_lidar(CLI::App& command) {
       ->check(one_of("--points-in", {"sensor", "body", "world"}))
       ->capture_default_str();
   add_motion_options(command, options.get());
-  add_render_options(command, options.get(), "OUT",
-                     "points of --frame, .las, .pcd or .bin (KITTI), or a folder as KITTI's "
-                     "velodyne_points for all frames");
+  add_render_options(
+      command, options.get(), "OUT",
+      "points of --frame, .las, .pcd, .ply, .bin (KITTI) or .pcd.bin (nuScenes), or a "
+      "folder as KITTI's velodyne_points for all frames");
   return [options] { return run_render_lidar(*options); };
 }
 

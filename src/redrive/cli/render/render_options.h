@@ -9,7 +9,6 @@
 #include <CLI/App.hpp>
 
 #include "redrive/kernels/backend.h"
-#include "redrive/render/lidar_sensor.h"
 #include "redrive/render/view_pose.h"
 #include "redrive/train/run.h"
 

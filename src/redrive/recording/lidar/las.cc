@@ -266,7 +266,58 @@ std::vector<LidarPoint> read_las(const std::filesystem::path& file, std::int64_t
   return parse_las(read_file(file, kMaxDataBytes), file, frame_time_ns, left_out);
 }
 
-std::string make_las(std::span<const LidarRecord> points, double step_m) {
+namespace {
+
+/// An extra value of each point: LAS 1.4, table 24.
+struct ExtraBytes {
+  const char *name, *description;
+  std::uint8_t type;
+  std::uint16_t bytes;
+};
+constexpr std::uint8_t kUint8 = 1, kInt32 = 6, kFloat32 = 9;
+constexpr ExtraBytes kExtraBytes[] = {{"ring", "beam, from the lowest", kUint8, 1},
+                                      {"azimuth", "radians, to the left", kFloat32, 4},
+                                      {"range", "metres from the sensor", kFloat32, 4},
+                                      {"actor", "id of a moving object", kInt32, 4},
+                                      {"loss", "probability of no return", kFloat32, 4}};
+
+void add_extra_bytes(const LidarRecord& point, std::string* bytes) {
+  add_bytes(point.ring, bytes);
+  add_bytes(point.azimuth_rad, bytes);
+  add_bytes(point.range_m, bytes);
+  add_bytes(point.actor, bytes);
+  add_bytes(point.loss, bytes);
+}
+
+/// Returns the variable length record that describes the extra bytes.
+std::string extra_bytes_record() {
+  constexpr std::uint16_t kDescriptorBytes = 192, kRecordId = 4;
+  const auto text = [](const char* words, std::size_t size) {
+    std::string field = words;
+    field.resize(size);
+    return field;
+  };
+  std::string bytes(2, '\0');  // reserved
+  bytes += text("LASF_Spec", 16);
+  add_bytes(kRecordId, &bytes);
+  add_bytes(static_cast<std::uint16_t>(kDescriptorBytes * std::size(kExtraBytes)), &bytes);
+  bytes += text("extra bytes", 32);
+  for (const ExtraBytes& extra : kExtraBytes) {
+    const bool has_no_data = extra.type == kInt32;
+    bytes += std::string(2, '\0');
+    add_bytes(extra.type, &bytes);
+    add_bytes(std::uint8_t{has_no_data}, &bytes);
+    bytes += text(extra.name, 32) + text("", 4);
+    add_bytes(std::int64_t{has_no_data ? kNoActor : 0}, &bytes);
+    bytes += text("", 16 + 4 * 24);  // the rest of no data; least, most, scale and offset
+    bytes += text(extra.description, 32);
+  }
+  return bytes;
+}
+
+}  // namespace
+
+std::string make_las(std::span<const LidarRecord> points, double step_m, LasFields fields) {
   constexpr double kNone = std::numeric_limits<double>::infinity();
   Eigen::Vector3d least = Eigen::Vector3d::Constant(kNone), most = -least;
   for (const LidarRecord& point : points) {
@@ -277,6 +328,10 @@ std::string make_las(std::span<const LidarRecord> points, double step_m) {
   const double farthest_m = max_las_position_m(step_m);
   REDRIVE_CHECK(least.minCoeff() >= -farthest_m && most.maxCoeff() <= farthest_m);
   REDRIVE_CHECK_OP(points.size(), <=, std::numeric_limits<std::uint32_t>::max());
+  const std::string extra = fields == LasFields::kAll ? extra_bytes_record() : "";
+  std::uint16_t record_bytes = kPointFormats[1].bytes;
+  if (fields == LasFields::kAll)
+    for (const ExtraBytes& one : kExtraBytes) record_bytes += one.bytes;
   std::string bytes(kHeaderBytes, '\0');
   const auto put = [&](std::size_t offset, auto value) {
     std::memcpy(bytes.data() + offset, &value, sizeof value);
@@ -287,9 +342,10 @@ std::string make_las(std::span<const LidarRecord> points, double step_m) {
   bytes.replace(26, 7, "redrive");
   bytes.replace(58, 7, "redrive");
   put(94, static_cast<std::uint16_t>(kHeaderBytes));
-  put(96, static_cast<std::uint32_t>(kHeaderBytes));  // offset of the points
-  bytes[104] = 1;                                     // point format
-  put(105, kPointFormats[1].bytes);
+  put(96, static_cast<std::uint32_t>(kHeaderBytes + extra.size()));  // offset of the points
+  put(100, static_cast<std::uint32_t>(!extra.empty()));              // variable length records
+  bytes[104] = 1;                                                    // point format
+  put(105, record_bytes);
   put(kPointCountOffset, n);
   put(111, n);  // first returns
   for (std::size_t axis = 0; axis < 3; ++axis) {
@@ -298,15 +354,17 @@ std::string make_las(std::span<const LidarRecord> points, double step_m) {
     put(179 + 16 * axis, most[k]);
     put(187 + 16 * axis, least[k]);
   }
-  bytes.reserve(bytes.size() + kPointFormats[1].bytes * points.size());
+  bytes.reserve(bytes.size() + extra.size() + record_bytes * points.size());
+  bytes += extra;
   for (const LidarRecord& point : points) {
     for (const double coordinate : point.position_m)
       add_bytes(static_cast<std::int32_t>(std::lround(coordinate / step_m)), &bytes);
-    add_bytes(point.intensity, &bytes);
+    add_bytes(intensity_in_16_bits(point.intensity), &bytes);
     add_bytes(std::uint8_t{0b001001}, &bytes);  // the first return of one
     add_bytes(std::uint8_t{0}, &bytes);         // classification: never classified
     add_bytes(std::uint32_t{0}, &bytes);        // scan angle, user data, source
     add_bytes(static_cast<double>(point.t_ns), &bytes);
+    if (fields == LasFields::kAll) add_extra_bytes(point, &bytes);
   }
   return bytes;
 }

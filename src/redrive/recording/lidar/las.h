@@ -29,10 +29,17 @@ std::vector<LidarPoint> read_las(const std::filesystem::path& file, std::int64_t
 /// Returns the largest coordinate of a LAS file, which stores 32-bit integers of step_m.
 constexpr double max_las_position_m(double step_m) { return 2e9 * step_m; }
 
-/// Returns a plain LAS 1.2 file of point format 1: coordinates to step_m, gps_time in nanoseconds,
-/// a single return for each pulse. |position_m| <= max_las_position_m and at most 2^32 - 1 points.
-/// Debian 12 has no LAS library.
-std::string make_las(std::span<const LidarRecord> points, double step_m = 1e-4);
+/// What a LAS file has of a LidarRecord.
+enum class LasFields {
+  kReturn,  ///< position, intensity, time
+  kAll,     ///< also ring, azimuth, range, actor and loss, as extra bytes
+};
+
+/// Returns a plain LAS 1.2 file of point format 1: coordinates to step_m, intensity in all of its
+/// 16 bits, gps_time in nanoseconds, a single return for each pulse. |position_m| <=
+/// max_las_position_m and at most 2^32 - 1 points. Debian 12 has no LAS library.
+std::string make_las(std::span<const LidarRecord> points, double step_m = 1e-4,
+                     LasFields fields = LasFields::kReturn);
 
 /// Returns the number of points in the header, or 0 if that is damaged or the file is cut.
 std::uint64_t las_point_count(const std::filesystem::path& file);

@@ -25,32 +25,30 @@ struct Fired {
   std::int64_t t_ns;
 };
 
-double beam_turn(const ScanStructure& structure, double azimuth_rad) {
-  return structure.clockwise ? -azimuth_rad : azimuth_rad;
+double beam_turn(const LidarSensor& sensor, double azimuth_rad) {
+  return sensor.clockwise ? -azimuth_rad : azimuth_rad;
 }
 
 std::vector<Fired> returns_of(std::span<const LidarPoint> points, const Rigid3d& body_from_lidar,
-                              const ScanStructure& structure) {
-  const Eigen::Isometry3f lidar_from_body =
-      body_from_lidar.inverse(Eigen::Isometry).cast<float>();
+                              const LidarSensor& sensor) {
+  const Eigen::Isometry3f lidar_from_body = body_from_lidar.inverse(Eigen::Isometry).cast<float>();
   std::vector<Fired> returns;
   returns.reserve(points.size());
   for (const LidarPoint& point : points) {
     const Eigen::Vector3f p = lidar_from_body * point.in_body_m;
     const float range_m = p.norm();
     if (!(range_m > 0) || !std::isfinite(range_m)) continue;
-    returns.push_back(
-        {static_cast<float>(beam_turn(structure, std::atan2(p.y(), p.x()))), p.z() / range_m,
-         point.ring, point.t_ns});
+    returns.push_back({static_cast<float>(beam_turn(sensor, std::atan2(p.y(), p.x()))),
+                       p.z() / range_m, point.ring, point.t_ns});
   }
   return returns;
 }
 
 /// Sets the beam of each return: the one whose elevation is nearest to the median of its ring,
 /// since formats may number the rings of each scan anew, or, without a ring, to its own.
-void find_beams_of(const ScanStructure& structure, std::vector<Fired>* returns) {
+void find_beams_of(const LidarSensor& sensor, std::vector<Fired>* returns) {
   std::vector<float> sines;
-  for (const LidarBeam& beam : structure.beams)
+  for (const LidarBeam& beam : sensor.beams)
     sines.push_back(static_cast<float>(std::sin(beam.elevation_rad)));
   const auto nearest = [&](float sine) {
     const auto above = std::ranges::lower_bound(sines, sine);
@@ -192,21 +190,6 @@ double step_of(const std::vector<std::vector<float>>& of_beam, double usual_rad)
   return gaps > 0 ? sum / static_cast<double>(gaps) : usual_rad;
 }
 
-/// Returns why the structure does not fit; empty where it does.
-std::string misfit(const ScanStructure& structure) {
-  constexpr double kMostResidual = 0.5;  // share of the median distance between beams
-  if (structure.azimuth_steps < 2) return "the azimuth steps of its beams are unknown";
-  std::vector<double> apart;
-  for (std::size_t b = 1; b < structure.beams.size(); ++b)
-    apart.push_back(structure.beams[b].elevation_rad - structure.beams[b - 1].elevation_rad);
-  if (apart.empty()) return "";
-  const auto middle = apart.begin() + std::ssize(apart) / 2;
-  std::ranges::nth_element(apart, middle);
-  if (structure.residual_rad > kMostResidual * *middle)
-    return "its returns lie too far off the elevations of its beams";
-  return "";
-}
-
 struct Lost {
   std::int64_t t_ns;
   double turned_rad;
@@ -236,30 +219,31 @@ LostRays lost_rays(std::span<const LidarPoint> points, const Rigid3d& body_from_
   std::string reason;
   if (!why) why = &reason;
   LostRays out;
-  *why = misfit(structure);
+  const LidarSensor& sensor = structure.sensor;
+  *why = sensor.azimuth_steps < 2 ? "the azimuth steps of its beams are unknown"
+                                  : misfit(structure).value_or("");
   if (!why->empty()) return out;
-  std::vector<Fired> returns = returns_of(points, body_from_lidar, structure);
+  std::vector<Fired> returns = returns_of(points, body_from_lidar, sensor);
   if (returns.empty()) {
     *why = "no ray has a return";
     return out;
   }
-  find_beams_of(structure, &returns);
+  find_beams_of(sensor, &returns);
   for (Fired& one : returns)
-    one.turned_rad -=
-        static_cast<float>(beam_turn(structure, structure.beams[one.ring].azimuth_rad));
-  const auto phase_rad =
-      structure.rate_hz ? unwrap_by_time(*structure.rate_hz, &returns)
-                        : std::optional(unwrap_by_gap(structure.azimuth_steps, &returns));
+    one.turned_rad -= static_cast<float>(beam_turn(sensor, sensor.beams[one.ring].azimuth_rad));
+  const auto phase_rad = sensor.rate_hz > 0
+                             ? unwrap_by_time(sensor.rate_hz, &returns)
+                             : std::optional(unwrap_by_gap(sensor.azimuth_steps, &returns));
   if (!phase_rad) {
     *why = "times of its returns do not fit its rate of rotation";
     return out;
   }
-  const double usual_rad = kTurn_rad / structure.azimuth_steps;
-  std::vector<std::vector<float>> of_beam(structure.beams.size());
+  const double usual_rad = kTurn_rad / sensor.azimuth_steps;
+  std::vector<std::vector<float>> of_beam(sensor.beams.size());
   for (const Fired& one : returns) of_beam[one.ring].push_back(one.turned_rad);
   for (std::vector<float>& beam : of_beam) std::ranges::sort(beam);
   const double step_rad = step_of(of_beam, usual_rad);
-  const Columns columns(returns, step_rad, structure.beams.size());
+  const Columns columns(returns, step_rad, sensor.beams.size());
   std::vector<Lost> lost;
   for (std::size_t b = 0; b < of_beam.size(); ++b) {
     find_gaps(of_beam[b], step_rad, columns, static_cast<std::uint8_t>(b), &lost);
@@ -268,13 +252,10 @@ LostRays lost_rays(std::span<const LidarPoint> points, const Rigid3d& body_from_
   }
   std::ranges::sort(lost, {}, [](const Lost& one) { return std::pair(one.t_ns, one.beam); });
   for (const Lost& one : lost) {
-    const LidarBeam& beam = structure.beams[one.beam];
-    const double azimuth_rad =
-        beam.azimuth_rad + beam_turn(structure, one.turned_rad + *phase_rad);
-    out.direction.emplace_back(Eigen::Vector3d(std::cos(beam.elevation_rad) * std::cos(azimuth_rad),
-                                               std::cos(beam.elevation_rad) * std::sin(azimuth_rad),
-                                               std::sin(beam.elevation_rad))
-                                   .cast<float>());
+    const LidarBeam& beam = sensor.beams[one.beam];
+    const double turned_rad = beam_turn(sensor, one.turned_rad + *phase_rad);
+    out.direction.push_back(
+        beam_direction(beam.elevation_rad, beam.azimuth_rad + turned_rad).cast<float>());
     out.t_ns.push_back(one.t_ns);
     out.beam.push_back(one.beam);
   }

@@ -15,7 +15,7 @@ namespace redrive {
 struct LostRays {
   std::vector<Eigen::Vector3f> direction;  ///< unit, in the sensor's axes
   std::vector<std::int64_t> t_ns;          ///< host clock
-  std::vector<std::uint8_t> beam;          ///< index in ScanStructure::beams
+  std::vector<std::uint8_t> beam;          ///< index in LidarSensor::beams
   std::size_t returned = 0;                ///< rays of the revolution that did have a return
 
   std::size_t size() const { return t_ns.size(); }

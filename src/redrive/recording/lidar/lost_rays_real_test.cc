@@ -37,8 +37,8 @@ std::vector<Rays> rays_of(const std::filesystem::path& root) {
 // An HDL-64E: a cycle of 64 lasers takes 48 us, a turn 103.5 ms.
 TEST(LostRaysReal, OfKitti) {
   for (const char* const drive : {"0002", "0013"}) {
-    const std::filesystem::path root = REDRIVE_SHARED "/data/kitti/2011_09_26/2011_09_26_drive_" +
-                                       std::string(drive) + "_sync";
+    const std::filesystem::path root =
+        REDRIVE_SHARED "/data/kitti/2011_09_26/2011_09_26_drive_" + std::string(drive) + "_sync";
     if (!std::filesystem::exists(root)) GTEST_SKIP() << root << " is not here";
     for (const auto& [fired, lost_share] : rays_of(root)) {
       EXPECT_NEAR(fired, 64 * 2155, 64 * 20) << drive;

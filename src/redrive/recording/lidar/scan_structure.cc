@@ -3,8 +3,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <map>
 #include <numbers>
+#include <utility>
 
 #include "redrive/math/angles.h"
 #include "redrive/recording/core/wording.h"
@@ -82,16 +84,17 @@ int cluster_elevations(std::vector<Scan>* scans, std::size_t returns) {
   return beams;
 }
 
-/// Sets elevations and numbers of returns; beams with few returns are left out.
-void fit_elevations(const std::vector<Scan>& scans, std::vector<LidarBeam>* beams,
-                    double* residual_rad) {
+/// Sets elevations. Returns the numbers of returns.
+std::vector<std::size_t> fit_elevations(const std::vector<Scan>& scans,
+                                        std::vector<LidarBeam>* beams, double* residual_rad) {
   std::vector<std::vector<double>> of_beam(beams->size());
   for (const Scan& scan : scans)
     for (const Return& one : scan)
       if (one.beam >= 0) of_beam[static_cast<std::size_t>(one.beam)].push_back(one.elevation_rad);
   std::vector<double> squares;
+  std::vector<std::size_t> returns;
   for (std::size_t b = 0; b < of_beam.size(); ++b) {
-    (*beams)[b].returns = of_beam[b].size();
+    returns.push_back(of_beam[b].size());
     if (of_beam[b].empty()) continue;
     const double elevation_rad = (*beams)[b].elevation_rad = median(&of_beam[b]);
     for (const double one : of_beam[b]) squares.push_back(std::pow(one - elevation_rad, 2));
@@ -101,6 +104,7 @@ void fit_elevations(const std::vector<Scan>& scans, std::vector<LidarBeam>* beam
   double sum = 0;
   for (const double square : squares) sum += square;
   *residual_rad = std::sqrt(sum / static_cast<double>(squares.size()));
+  return returns;
 }
 
 /// Returns, for each beam of a scan, its returns in the order of time.
@@ -152,7 +156,7 @@ std::optional<double> fit_rotation(const std::vector<Scan>& scans, std::size_t b
 
 /// Sets each beam's azimuth relative to the mean of all.
 void fit_azimuths(const std::vector<Scan>& scans, double rate_rad_per_s,
-                  std::vector<LidarBeam>* beams) {
+                  const std::vector<std::size_t>& returns, std::vector<LidarBeam>* beams) {
   std::vector<CircularMean> of_beam(beams->size());
   for (const Scan& scan : scans) {
     CircularMean heading;
@@ -166,7 +170,7 @@ void fit_azimuths(const std::vector<Scan>& scans, double rate_rad_per_s,
   double mean = 0;
   std::size_t used = 0;
   for (std::size_t b = 0; b < beams->size(); ++b)
-    if ((*beams)[b].returns > 0) {
+    if (returns[b] > 0) {
       mean += (*beams)[b].azimuth_rad = of_beam[b].value();
       ++used;
     }
@@ -180,7 +184,7 @@ void fit_steps(const std::vector<Scan>& scans, ScanStructure* out) {
   std::vector<double> gaps;
   std::vector<std::vector<double>> azimuths;
   for (const Scan& scan : scans)
-    for (const auto& of_beam : by_beam(scan, out->beams.size())) {
+    for (const auto& of_beam : by_beam(scan, out->sensor.beams.size())) {
       std::vector<double>& own = azimuths.emplace_back();
       for (const Return* one : of_beam) own.push_back(one->azimuth_rad);
       std::ranges::sort(own);
@@ -196,7 +200,7 @@ void fit_steps(const std::vector<Scan>& scans, ScanStructure* out) {
       sum += gap;
       ++whole;
     }
-  out->azimuth_steps =
+  out->sensor.azimuth_steps =
       static_cast<int>(std::lround(kTwoPi * static_cast<double>(whole) / std::max(sum, 1e-9)));
   std::size_t second = 0, all = 0;
   for (const std::vector<double>& own : azimuths) {
@@ -216,6 +220,7 @@ std::optional<ScanStructure> estimate_structure(std::span<const std::vector<Lida
   std::size_t returns = 0;
   bool has_rings = true;
   std::vector<double> ranges_m;
+  std::uint16_t most_intensity = 0;
   for (std::size_t s = 0; s < scans.size(); ++s)
     for (const LidarPoint& point : scans[s]) {
       const Eigen::Vector3d p = lidar_from_body * point.in_body_m.cast<double>();
@@ -226,6 +231,7 @@ std::optional<ScanStructure> estimate_structure(std::span<const std::vector<Lida
                         point.ring == kNoRing ? -1 : point.ring});
       has_rings = has_rings && point.ring != kNoRing;
       ranges_m.push_back(range_m);
+      most_intensity = std::max(most_intensity, point.intensity);
       ++returns;
     }
   if (returns < kLeastReturns) {
@@ -233,30 +239,53 @@ std::optional<ScanStructure> estimate_structure(std::span<const std::vector<Lida
     return std::nullopt;
   }
   ScanStructure out;
+  LidarSensor& sensor = out.sensor;
+  sensor.name = "estimated";
+  sensor.azimuth_steps = 0;
+  sensor.rate_hz = 0;
   const int beams = has_rings ? kNoRing : cluster_elevations(&all, returns);
   if (beams == 0) {
     *why = "elevations of its returns form no beams, and the format gives no rings";
     return std::nullopt;
   }
-  out.beams.resize(static_cast<std::size_t>(beams));
-  fit_elevations(all, &out.beams, &out.residual_rad);
-  const auto rotation = fit_rotation(all, out.beams.size());
-  if (rotation) {
-    out.clockwise = *rotation < 0;
-    out.rate_hz = std::abs(*rotation) / kTwoPi;
-    fit_azimuths(all, *rotation, &out.beams);
+  sensor.beams.resize(static_cast<std::size_t>(beams));
+  const std::vector<std::size_t> of_beam = fit_elevations(all, &sensor.beams, &out.residual_rad);
+  if (const auto rotation = fit_rotation(all, sensor.beams.size())) {
+    sensor.clockwise = *rotation < 0;
+    sensor.rate_hz = std::abs(*rotation) / kTwoPi;
+    fit_azimuths(all, *rotation, of_beam, &sensor.beams);
   }
   fit_steps(all, &out);
-  std::erase_if(out.beams, [](const LidarBeam& beam) { return beam.returns < kLeastOfBeam; });
-  if (out.beams.empty()) {
+  std::vector<LidarBeam> seen;
+  for (std::size_t b = 0; b < sensor.beams.size(); ++b)
+    if (of_beam[b] >= kLeastOfBeam) seen.push_back(sensor.beams[b]);
+  sensor.beams = std::move(seen);
+  if (sensor.beams.empty()) {
     *why = "no ring of its scans has " + std::to_string(kLeastOfBeam) + " returns";
     return std::nullopt;
   }
-  std::ranges::sort(out.beams, {}, &LidarBeam::elevation_rad);
+  std::ranges::sort(sensor.beams, {}, &LidarBeam::elevation_rad);
   const auto [least, most] = std::ranges::minmax(ranges_m);
-  out.min_range_m = least;
-  out.max_range_m = most;
+  sensor.min_range_m = least;
+  sensor.max_range_m = most;
+  out.intensity_scale = intensity_scale(most_intensity);
   return out;
+}
+
+std::optional<std::string> misfit(const ScanStructure& structure) {
+  constexpr double kMostResidual = 0.5;  // share of the median distance between beams
+  const std::vector<LidarBeam>& beams = structure.sensor.beams;
+  std::vector<double> apart;
+  for (std::size_t b = 1; b < beams.size(); ++b)
+    apart.push_back(beams[b].elevation_rad - beams[b - 1].elevation_rad);
+  if (apart.empty() || structure.residual_rad <= kMostResidual * median(&apart))
+    return std::nullopt;
+  char text[200];
+  std::snprintf(text, sizeof text,
+                "its returns lie %.3f degrees off the elevations of its beams, which are %.3f "
+                "apart: the extrinsics, or scans that are motion compensated?",
+                kDegreesPerRadian * structure.residual_rad, kDegreesPerRadian * median(&apart));
+  return text;
 }
 
 }  // namespace redrive

@@ -14,17 +14,18 @@ void expect_structure(const Spinning& sensor) {
   std::string why;
   const auto found = sensor.estimate(&why);
   ASSERT_TRUE(found) << why;
-  ASSERT_EQ(found->beams.size(), 16u);
-  EXPECT_EQ(found->azimuth_steps, 900);
-  EXPECT_EQ(found->clockwise, sensor.clockwise);
-  ASSERT_TRUE(found->rate_hz);
-  EXPECT_NEAR(*found->rate_hz, sensor.rate_hz, 1e-3 * sensor.rate_hz);
+  ASSERT_EQ(found->sensor.beams.size(), 16u);
+  EXPECT_EQ(found->sensor.azimuth_steps, 900);
+  EXPECT_EQ(found->intensity_scale, 255);
+  EXPECT_EQ(found->sensor.clockwise, sensor.clockwise);
+  EXPECT_NEAR(found->sensor.rate_hz, sensor.rate_hz, 1e-3 * sensor.rate_hz);
   EXPECT_NEAR(found->second_returns, sensor.second, 0.02);
-  EXPECT_GE(found->min_range_m, 5 - 1e-3);
-  EXPECT_LE(found->max_range_m, 30 + 1e-3);
+  EXPECT_GE(found->sensor.min_range_m, 5 - 1e-3);
+  EXPECT_LE(found->sensor.max_range_m, 30 + 1e-3);
   for (int beam = 0; beam < Spinning::kBeams; ++beam) {
-    EXPECT_NEAR(found->beams[beam].elevation_rad, Spinning::elevation_rad(beam), 2e-4) << beam;
-    EXPECT_NEAR(found->beams[beam].azimuth_rad, Spinning::azimuth_rad(beam), 2e-3) << beam;
+    EXPECT_NEAR(found->sensor.beams[beam].elevation_rad, Spinning::elevation_rad(beam), 2e-4)
+        << beam;
+    EXPECT_NEAR(found->sensor.beams[beam].azimuth_rad, Spinning::azimuth_rad(beam), 2e-3) << beam;
   }
 }
 
@@ -43,17 +44,33 @@ TEST(ScanStructure, RingsGiveBeamsWhoseElevationsAreNoisy) {
   sensor.has_rings = true;
   const auto found = sensor.estimate(&why);
   ASSERT_TRUE(found);
-  EXPECT_EQ(found->beams.size(), 16u);
+  EXPECT_EQ(found->sensor.beams.size(), 16u);
   EXPECT_NEAR(found->residual_rad, kNoise_rad / std::sqrt(12), 0.1 * kNoise_rad);
+}
+
+TEST(ScanStructure, RingsOfFewReturnsAreNoBeams) {
+  const Spinning sensor{.has_rings = true};
+  std::vector<std::vector<LidarPoint>> scans = {sensor.scan(0)};
+  std::size_t left = 10;  // of the beam in the middle
+  std::erase_if(scans[0], [&](const LidarPoint& point) {
+    return point.ring == 8 && (left == 0 || left-- == 0);
+  });
+  std::string why;
+  const auto found = estimate_structure(scans, sensor.body_from_lidar, &why);
+  ASSERT_TRUE(found) << why;
+  ASSERT_EQ(found->sensor.beams.size(), 15u);
+  for (int beam = 0; beam < 15; ++beam)
+    EXPECT_NEAR(found->sensor.beams[beam].elevation_rad,
+                Spinning::elevation_rad(beam < 7 ? beam : beam + 1), 2e-4);
 }
 
 TEST(ScanStructure, AScanOfOneTimeHasNoRate) {
   std::string why;
   const auto found = Spinning{.has_times = false}.estimate(&why);
   ASSERT_TRUE(found);
-  EXPECT_EQ(found->beams.size(), 16u);
-  EXPECT_FALSE(found->rate_hz);
-  EXPECT_EQ(found->azimuth_steps, 900);
+  EXPECT_EQ(found->sensor.beams.size(), 16u);
+  EXPECT_EQ(found->sensor.rate_hz, 0);
+  EXPECT_EQ(found->sensor.azimuth_steps, 900);
 }
 
 TEST(ScanStructure, RingsOfFewReturnsSayNothing) {

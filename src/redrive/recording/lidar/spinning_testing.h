@@ -18,16 +18,16 @@ struct Spinning {
   double rate_hz = 10, lost = 0.1, second = 0.2, noise_rad = 0;
   bool clockwise = true, has_rings = false, has_times = true;
   double jitter = 0;  ///< of azimuths, steps
-  Rigid3d body_from_lidar =
-      Eigen::Translation3d(1, 0.2, 1.7) *
-      Rigid3d(Eigen::AngleAxisd(0.4, Eigen::Vector3d(1, 2, 2) / 3));
+  Rigid3d body_from_lidar = Eigen::Translation3d(1, 0.2, 1.7) *
+                            Rigid3d(Eigen::AngleAxisd(0.4, Eigen::Vector3d(1, 2, 2) / 3));
 
   static constexpr int kBeams = 16, kSteps = 900;
   static double elevation_rad(int beam) { return kRadiansPerDegree * (2 * beam - 20); }
   static double azimuth_rad(int beam) { return kRadiansPerDegree * (2 * (beam % 4) - 3); }
 
   /// `lost_rays`: gets the directions of the lost rays, in the sensor's axes.
-  std::vector<LidarPoint> scan(int number, std::vector<Eigen::Vector3d>* lost_rays = nullptr) const {
+  std::vector<LidarPoint> scan(int number,
+                               std::vector<Eigen::Vector3d>* lost_rays = nullptr) const {
     std::vector<LidarPoint> points;
     std::uint64_t drawn = 1'000'000u * static_cast<std::uint64_t>(number);
     const auto random = [&] { return static_cast<double>(mix64(++drawn) >> 11) * 0x1p-53; };
@@ -37,8 +37,7 @@ struct Spinning {
                      turn = 2 * std::numbers::pi * jittered / kSteps + number,
                      azimuth = azimuth_rad(beam) + (clockwise ? -turn : turn),
                      elevation = elevation_rad(beam) + noise_rad * (random() - 0.5);
-        const Eigen::Vector3d direction(std::cos(elevation) * std::cos(azimuth),
-                                 std::cos(elevation) * std::sin(azimuth), std::sin(elevation));
+        const Eigen::Vector3d direction = beam_direction(elevation, azimuth);
         if (random() < lost) {
           if (lost_rays) lost_rays->push_back(direction);
           continue;
@@ -46,7 +45,8 @@ struct Spinning {
         for (const double range_m : {5 + 20 * random(), random() < second ? 30.0 : 0.0})
           if (range_m > 0)
             points.push_back(
-                {.in_body_m = (body_from_lidar * Eigen::Vector3d(range_m * direction)).cast<float>(),
+                {.in_body_m =
+                     (body_from_lidar * Eigen::Vector3d(range_m * direction)).cast<float>(),
                  .ring = static_cast<std::uint8_t>(has_rings ? kBeams - 1 - beam : kNoRing),
                  .t_ns = has_times
                              ? std::llround(1e9 * (number + step / 3 * 3.0 / kSteps) / rate_hz)

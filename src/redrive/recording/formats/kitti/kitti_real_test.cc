@@ -92,11 +92,10 @@ TEST_F(RealKitti, ScansHaveTheRingsOfTheirSensor) {
       recording_.reader->read_lidar(recording_.lidar_files[5])};
   const auto found = estimate_structure(scans, *recording_.body_from_lidar, &why);
   ASSERT_TRUE(found) << why;
-  EXPECT_EQ(found->beams.size(), 64u);
-  EXPECT_NEAR(found->azimuth_steps, 2083, 100);
-  ASSERT_TRUE(found->rate_hz);
-  EXPECT_NEAR(*found->rate_hz, 10, 0.5);
-  EXPECT_TRUE(found->clockwise);
+  EXPECT_EQ(found->sensor.beams.size(), 64u);
+  EXPECT_NEAR(found->sensor.azimuth_steps, 2083, 100);
+  EXPECT_NEAR(found->sensor.rate_hz, 10, 0.5);
+  EXPECT_TRUE(found->sensor.clockwise);
   EXPECT_LT(found->residual_rad, 0.15 * kRadiansPerDegree) << "its lasers do not share a centre";
 }
 

@@ -87,7 +87,7 @@ std::vector<LidarPoint> parse_scan(std::string_view bytes, const std::filesystem
     points.push_back(
         {.in_body_m =
              (body_from_velodyne * Eigen::Vector3d(values[0], values[1], values[2])).cast<float>(),
-         .intensity = static_cast<std::uint16_t>(std::lround(255 * values[3])),
+         .intensity = intensity_in_16_bits(values[3]),
          .ring = static_cast<std::uint8_t>(std::min<int>(ring, kNoRing)),
          .t_ns = time_of_point(time, values[0], values[1])});
   }

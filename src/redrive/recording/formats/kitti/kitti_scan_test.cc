@@ -37,8 +37,8 @@ TEST(KittiScan, PointsHaveTheTimeOfTheirAzimuth) {
     EXPECT_LE(points[i].t_ns, kRevolution.end_ns);
   }
   EXPECT_FLOAT_EQ(points[2].in_body_m.z(), 3);
-  EXPECT_EQ(points[2].intensity, 255);
-  EXPECT_EQ(points[3].intensity, 51);
+  EXPECT_EQ(points[2].intensity, 65535);
+  EXPECT_EQ(points[3].intensity, 13107);
   EXPECT_EQ(kitti::time_of_direction(kRevolution, {5, 0, 0}), 1'050'000'000);
   EXPECT_EQ(kitti::time_of_direction(kRevolution, {0, 5, 1}), 1'025'000'000);
 }

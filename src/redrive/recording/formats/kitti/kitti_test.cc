@@ -347,7 +347,7 @@ TEST_F(KittiSequence, Opens) {
   const std::vector<LidarPoint> points = recording.reader->read_lidar(recording.lidar_files[1]);
   ASSERT_EQ(points.size(), 1u);
   EXPECT_EQ(points[0].t_ns, 100'000'000);
-  EXPECT_EQ(points[0].intensity, 64);
+  EXPECT_EQ(points[0].intensity, 16384);
   EXPECT_TRUE(recording.findings.empty());
 }
 

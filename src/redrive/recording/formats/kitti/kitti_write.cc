@@ -14,7 +14,7 @@ std::string make_scan(std::span<const LidarRecord> points) {
   for (const LidarRecord& point : points) {
     for (const double coordinate : point.position_m)
       add_bytes(static_cast<float>(coordinate), &bytes);
-    add_bytes(0.0f, &bytes);
+    add_bytes(point.intensity, &bytes);
   }
   return bytes;
 }

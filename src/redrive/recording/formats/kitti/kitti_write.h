@@ -13,7 +13,7 @@
 
 namespace redrive::kitti {
 
-/// Returns a scan: x, y, z and a reflectance of 0 as float.
+/// Returns a scan: x, y, z and intensity as float.
 std::string make_scan(std::span<const LidarRecord> points);
 
 /// Maximum number of lines in a timestamps file.

@@ -9,8 +9,8 @@
 namespace redrive::kitti {
 namespace {
 
-const std::vector<LidarRecord> kPoints = {{{1.5, -2.25, 0.125}, 4'800'000'000'000, 7},
-                                          {{-31.0626, 8.4, -1.7}, 4'800'000'512'000, 65535},
+const std::vector<LidarRecord> kPoints = {{{1.5, -2.25, 0.125}, 4'800'000'000'000, 0.25f},
+                                          {{-31.0626, 8.4, -1.7}, 4'800'000'512'000, 1},
                                           {{250, 0, 12.0001}, 4'800'100'000'000, 0}};
 
 TEST(KittiWrite, AScanIsReadBack) {
@@ -18,7 +18,7 @@ TEST(KittiWrite, AScanIsReadBack) {
   ASSERT_EQ(points.size(), 3u);
   for (std::size_t i = 0; i < 3; ++i) {
     EXPECT_EQ(points[i].in_body_m, kPoints[i].position_m.cast<float>());
-    EXPECT_EQ(points[i].intensity, 0);
+    EXPECT_EQ(points[i].intensity, std::lround(65535 * kPoints[i].intensity));
   }
 }
 

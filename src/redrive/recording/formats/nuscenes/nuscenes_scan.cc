@@ -103,4 +103,13 @@ std::vector<LidarPoint> parse_scan(std::string_view bytes, const std::filesystem
   return points;
 }
 
+std::string make_scan(std::span<const LidarRecord> points) {
+  std::string bytes;
+  for (const LidarRecord& point : points)
+    for (const double value : {-point.position_m.y(), point.position_m.x(), point.position_m.z(),
+                               255.0 * point.intensity, double(point.ring)})
+      add_bytes(static_cast<float>(value), &bytes);
+  return bytes;
+}
+
 }  // namespace redrive::nuscenes

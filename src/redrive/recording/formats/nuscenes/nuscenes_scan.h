@@ -7,6 +7,8 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <span>
+#include <string>
 #include <string_view>
 #include <vector>
 
@@ -33,5 +35,8 @@ std::vector<LidarPoint> parse_scan(std::string_view bytes, const std::filesystem
                                    const Revolution& revolution,
                                    const std::vector<FramePose>& poses,
                                    std::size_t* left_out = nullptr);
+
+/// Returns a scan of points whose x axis is forward and y axis left; intensities 0..255.
+std::string make_scan(std::span<const LidarRecord> points);
 
 }  // namespace redrive::nuscenes

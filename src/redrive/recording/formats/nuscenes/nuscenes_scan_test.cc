@@ -96,5 +96,18 @@ TEST(NuScenesScan, ReturnsThatCannotBeUsedAreLeftOutAndCounted) {
   EXPECT_THAT(input_error([&] { parsed(nuscenes_scan(points)); }), HasSubstr("point 6 ring"));
 }
 
+TEST(NuScenesScan, AScanIsReadBack) {
+  LidarRecord point{{10, 3, -1}, 0, 0.2f};
+  point.ring = 7;
+  Rigid3d forward_from_lidar = Rigid3d::Identity();
+  forward_from_lidar.linear() << 0, 1, 0, -1, 0, 0, 0, 0, 1;
+  const auto points = nuscenes::parse_scan(nuscenes::make_scan(std::vector{point}), "a.pcd.bin",
+                                           {forward_from_lidar, kEnd_ns}, driving());
+  ASSERT_EQ(points.size(), 1u);
+  EXPECT_EQ(points[0].in_body_m, Eigen::Vector3f(10, 3, -1));
+  EXPECT_EQ(points[0].intensity, 51);
+  EXPECT_EQ(points[0].ring, 7);
+}
+
 }  // namespace
 }  // namespace redrive

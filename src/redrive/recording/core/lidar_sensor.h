@@ -1,0 +1,76 @@
+// SPDX-License-Identifier: Apache-2.0
+// LiDAR sensors: when and in which directions they fire during a revolution.
+#pragma once
+
+#include <cmath>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include <Eigen/Core>
+
+namespace redrive {
+
+/// Pulses of a revolution, by time. Axes of a sensor: x forward, y left, z up.
+struct LidarFirings {
+  std::vector<Eigen::Vector3d> direction;  ///< unit, in the sensor's axes
+  std::vector<std::int64_t> t_ns;
+  std::vector<std::uint8_t> ring;  ///< as LidarPoint::ring
+
+  std::size_t size() const { return t_ns.size(); }
+};
+
+/// A beam turns about the sensor's z axis at a fixed elevation.
+struct LidarBeam {
+  double elevation_rad = 0;  ///< upwards from the plane of rotation
+  double azimuth_rad = 0;    ///< to the left of the sensor's heading
+};
+
+/// Returns the unit vector of an elevation and of an azimuth to the left of x.
+inline Eigen::Vector3d beam_direction(double elevation_rad, double azimuth_rad) {
+  return {std::cos(elevation_rad) * std::cos(azimuth_rad),
+          std::cos(elevation_rad) * std::sin(azimuth_rad), std::sin(elevation_rad)};
+}
+
+/// A pulse of a sensor that does not turn.
+struct LidarPulse {
+  Eigen::Vector3d direction;  ///< unit, in the sensor's axes
+  double at = 0;              ///< share of the time of a frame, 0..1
+  std::uint8_t ring = 0;
+};
+
+/// A spinning LiDAR, all beams of which fire together at each azimuth step, or one with a fixed
+/// pattern of pulses, which has no beams.
+struct LidarSensor {
+  std::string name;
+  std::vector<LidarBeam> beams;  ///< from the lowest to the highest; a ring is an index
+  int azimuth_steps = 1800;      ///< firings of a beam in a revolution; 0: unknown
+  double rate_hz = 10;           ///< revolutions a second; 0: unknown, all rays have one time
+  bool clockwise = true;         ///< seen from above
+  double min_range_m = 0.5, max_range_m = 200;  ///< ranges of returns
+  double divergence_rad = 0;                    ///< full angle of a beam; 0: unknown
+  std::vector<LidarPulse> pattern;              ///< by time
+
+  /// Returns a revolution that begins behind and looks ahead at t_ns, like KITTI's.
+  LidarFirings revolution(std::int64_t t_ns) const;
+};
+
+/// Parses a sensor: the name of a known one, or the elevations of its beams: "N", as common
+/// sensors with N beams have them, "N:MIN:MAX", evenly spaced, or "E1,E2,..", degrees. A single
+/// elevation has a point or a sign: "5.0". Nothing unless there are 1 to 255 (for N and N:MIN:MAX
+/// at least 2, MIN < MAX) within -90..90.
+std::optional<LidarSensor> parse_lidar_sensor(std::string_view text);
+/// Rule of that text, for error messages.
+std::string lidar_sensor_rule();
+
+/// The known sensors, by their data sheets.
+const std::vector<LidarSensor>& known_lidar_sensors();
+/// Their names: "vlp-16, hdl-32e, ..".
+std::string known_lidar_names();
+
+/// Returns beams at `count` elevations evenly spaced from low to high; at least two.
+std::vector<LidarBeam> evenly_spaced_beams(int count, double low_deg, double high_deg);
+
+}  // namespace redrive

@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: Apache-2.0
+// The LiDAR of a recording as a sensor to simulate.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+
+#include "redrive/base/parallel.h"
+#include "redrive/recording/core/lidar_sensor.h"
+#include "redrive/recording/lidar/scan_structure.h"
+#include "redrive/scene/scene.h"
+
+namespace redrive {
+
+/// Returns the firings of the recorded revolution of a frame: firings with a recorded return,
+/// without returns on the vehicle itself; of several revolutions the one whose middle is nearest to
+/// the frame. Nothing where the recording has no revolution or no pose of the frame, or none of the
+/// points has a pose. Axes are those that Recording::body_from_lidar describes, which must be
+/// known. InputError for a damaged file.
+std::optional<LidarFirings> recorded_firings(const Recording& recording, const Scene& scene,
+                                             std::int64_t frame_id, ThreadPool& pool);
+
+/// Estimates the beams of the recording's LiDAR from the middle scan and the one after it, which
+/// may be damaged. Recording::body_from_lidar must be known. Nothing, and the reason in `why`,
+/// where the scans do not tell.
+std::optional<ScanStructure> recorded_structure(const Recording& recording, std::string* why);
+
+}  // namespace redrive
