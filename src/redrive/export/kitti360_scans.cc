@@ -109,6 +109,28 @@ Rigid3d body_from_velodyne_of(const Rigid3d& body_from_lidar) {
   return Rigid3d(Eigen::Translation3d(body_from_lidar.translation()));
 }
 
+/// Notes what happened to the points of all scans.
+void note_changes(const std::vector<Counts>& counts, DriveNotes* notes) {
+  Counts sum;
+  for (const Counts& own : counts) {
+    sum.repeated += own.repeated, sum.far += own.far;
+    sum.unseen += own.unseen;
+    sum.most_ns = std::max(sum.most_ns, own.most_ns);
+  }
+  if (sum.most_ns > kOtherTime_ns)
+    notes->changed.push_back("LiDAR points have the time of their azimuth, up to " +
+                             std::to_string(sum.most_ns / 1'000'000) +
+                             " ms off their own; each stays where it is in the world");
+  if (sum.repeated > 0)
+    notes->left_out.push_back(counted(sum.repeated, "LiDAR point") +
+                              " that a revolution repeats of the one before");
+  if (sum.far > 0)
+    notes->left_out.push_back(counted(sum.far, "LiDAR point") + " further than 1000 m away");
+  if (sum.unseen > 0)
+    notes->left_out.push_back(counted(sum.unseen, "LiDAR point") +
+                              " behind the car, where one revolution ends and the next begins");
+}
+
 }  // namespace
 
 void write_kitti360_scans(const kitti360::Layout& layout, const Recording& drive,
@@ -181,25 +203,7 @@ void write_kitti360_scans(const kitti360::Layout& layout, const Recording& drive
     text += word;
   }
   write_file(layout.calibration() / "calib_cam_to_velo.txt", text + "\n");
-
-  Counts sum;
-  for (const Counts& own : counts) {
-    sum.repeated += own.repeated, sum.far += own.far;
-    sum.unseen += own.unseen;
-    sum.most_ns = std::max(sum.most_ns, own.most_ns);
-  }
-  if (sum.most_ns > kOtherTime_ns)
-    notes->changed.push_back("LiDAR points have the time of their azimuth, up to " +
-                             std::to_string(sum.most_ns / 1'000'000) +
-                             " ms off their own; each stays where it is in the world");
-  if (sum.repeated > 0)
-    notes->left_out.push_back(counted(sum.repeated, "LiDAR point") +
-                              " that a revolution repeats of the one before");
-  if (sum.far > 0)
-    notes->left_out.push_back(counted(sum.far, "LiDAR point") + " further than 1000 m away");
-  if (sum.unseen > 0)
-    notes->left_out.push_back(counted(sum.unseen, "LiDAR point") +
-                              " behind the car, where one revolution ends and the next begins");
+  note_changes(counts, notes);
 }
 
 }  // namespace redrive
