@@ -275,7 +275,7 @@ struct ExtraBytes {
   std::uint16_t bytes;
 };
 constexpr std::uint8_t kUint8 = 1, kInt32 = 6, kFloat32 = 9;
-constexpr ExtraBytes kExtraBytes[] = {{"ring", "beam, from the lowest", kUint8, 1},
+constexpr ExtraBytes kExtraBytes[] = {{"ring", "number of its beam", kUint8, 1},
                                       {"azimuth", "radians, to the left", kFloat32, 4},
                                       {"range", "metres from the sensor", kFloat32, 4},
                                       {"actor", "id of a moving object", kInt32, 4},
