@@ -34,7 +34,7 @@ class LidarReturnsTest : public ::testing::Test {
     record.y = static_cast<std::int32_t>(std::lround(in_body.y() * 1000));
     record.z = static_cast<std::int32_t>(std::lround(in_body.z() * 1000));
     record.gps_time_bits = std::bit_cast<std::uint64_t>(static_cast<double>(t_ns));
-    record.intensity = static_cast<float>(t_ns / 1'000'000 % 250) / 65535;
+    record.intensity = static_cast<std::uint16_t>(t_ns / 1'000'000 % 250);
     return record;
   }
   Rigid3d world_from_body(std::int64_t t_ns) const {
