@@ -199,6 +199,70 @@ std::set<Pair> overlapping(const Scene& scene, const std::set<std::int64_t>& cha
   return pairs;
 }
 
+/// Returns an object by its id; `field` names where the edit asks for it.
+const MovingObject& find_own(const std::vector<MovingObject>& own, std::int64_t id,
+                             const TrafficEdit& edit, const std::string& field) {
+  const auto found = std::ranges::find(own, id, &MovingObject::id);
+  if (found == own.end()) throw InputError(edit.file, field, std::to_string(id), known_ids(own));
+  return *found;
+}
+
+/// Refuses an edit that the objects of a drive of this length cannot take. Reads bodies, too.
+void check_edit(const TrafficEdit& edit, const std::vector<MovingObject>& own, double drive_s,
+                const BodyOfFile& body_of_file) {
+  const auto check = [&](const ActorChange& change, const std::string& field) {
+    const auto within = [&](double t_s, const std::string& name) {
+      if (t_s > drive_s)
+        throw InputError(edit.file, field + name, std::to_string(t_s),
+                         "must be within the drive, which takes " + std::to_string(drive_s) + " s");
+    };
+    if (change.hide_s) within((*change.hide_s)[0], ".hide_s[0]");
+    if (!change.track.empty()) within(change.track.front().time_s, ".track[0].time_s");
+    if (change.body) find_own(own, *change.body, edit, field + ".body");
+    if (!change.body_file.empty()) body_of_file(change.body_file);
+  };
+  for (const auto& [id, change] : edit.actors) {
+    const std::string field = "actors." + std::to_string(id);
+    find_own(own, id, edit, field);
+    check(change, field);
+  }
+  std::set<std::int64_t> ids;
+  for (const MovingObject& actor : own) ids.insert(actor.id);
+  const auto check_new = [&](std::int64_t id, const std::string& field) {
+    if (!ids.insert(id).second)
+      throw InputError(edit.file, field + ".id", std::to_string(id),
+                       "must be an id that no object has");
+  };
+  for (std::size_t i = 0; i < edit.copies.size(); ++i) {
+    const std::string field = "copies[" + std::to_string(i) + "]";
+    find_own(own, edit.copies[i].of, edit, field + ".of");
+    check(edit.copies[i].change, field);
+    check_new(edit.copies[i].id, field);
+  }
+  for (std::size_t i = 0; i < edit.added.size(); ++i) {
+    const std::string field = "added[" + std::to_string(i) + "]";
+    check(edit.added[i].change, field);
+    check_new(edit.added[i].id, field);
+  }
+}
+
+/// Returns what somebody who edits should know: changed objects that are never there, and pairs
+/// that overlap and did not `before`.
+std::vector<std::string> remarks_on(const Scene& scene, const std::set<std::int64_t>& changed,
+                                    const std::set<Pair>& before) {
+  std::vector<std::string> remarks;
+  for (const MovingObject& actor : scene.actors)
+    if (changed.contains(actor.id) && std::ranges::none_of(scene.frames, [&](const Frame& frame) {
+          return actor.world_from_box(frame.t_ns).has_value();
+        }))
+      remarks.push_back("object " + std::to_string(actor.id) + " is at no frame of the drive");
+  for (const Pair& pair : overlapping(scene, changed))
+    if (!before.contains(pair))
+      remarks.push_back("objects " + std::to_string(pair.first) + " and " +
+                        std::to_string(pair.second) + " overlap");
+  return remarks;
+}
+
 }  // namespace
 
 void check_added(const TrafficEdit& edit, bool draws_actors) {
@@ -223,50 +287,11 @@ std::vector<std::string> edit_actors(const TrafficEdit& edit, Scene* scene, Acto
   const std::vector<MovingObject> own = scene->actors;
   const double drive_s =
       1e-9 * static_cast<double>(scene->frames.back().t_ns - scene->frames.front().t_ns);
-  const auto find_own = [&](std::int64_t id, const std::string& field) -> const MovingObject& {
-    const auto found = std::ranges::find(own, id, &MovingObject::id);
-    if (found == own.end()) throw InputError(edit.file, field, std::to_string(id), known_ids(own));
-    return *found;
-  };
   ActorBodies of_this_edit;
   const BodyOfFile body_of_file = [&](const std::filesystem::path& file) {
     return (bodies ? *bodies : of_this_edit).read(edit.file.parent_path() / file);
   };
-  const auto check = [&](const ActorChange& change, const std::string& field) {
-    const auto within = [&](double t_s, const std::string& name) {
-      if (t_s > drive_s)
-        throw InputError(edit.file, field + name, std::to_string(t_s),
-                         "must be within the drive, which takes " + std::to_string(drive_s) + " s");
-    };
-    if (change.hide_s) within((*change.hide_s)[0], ".hide_s[0]");
-    if (!change.track.empty()) within(change.track.front().time_s, ".track[0].time_s");
-    if (change.body) find_own(*change.body, field + ".body");
-    // reads it before anything is changed
-    if (!change.body_file.empty()) body_of_file(change.body_file);
-  };
-  for (const auto& [id, change] : edit.actors) {
-    const std::string field = "actors." + std::to_string(id);
-    find_own(id, field);
-    check(change, field);
-  }
-  std::set<std::int64_t> ids;
-  for (const MovingObject& actor : own) ids.insert(actor.id);
-  const auto check_new = [&](std::int64_t id, const std::string& field) {
-    if (!ids.insert(id).second)
-      throw InputError(edit.file, field + ".id", std::to_string(id),
-                       "must be an id that no object has");
-  };
-  for (std::size_t i = 0; i < edit.copies.size(); ++i) {
-    const std::string field = "copies[" + std::to_string(i) + "]";
-    find_own(edit.copies[i].of, field + ".of");
-    check(edit.copies[i].change, field);
-    check_new(edit.copies[i].id, field);
-  }
-  for (std::size_t i = 0; i < edit.added.size(); ++i) {
-    const std::string field = "added[" + std::to_string(i) + "]";
-    check(edit.added[i].change, field);
-    check_new(edit.added[i].id, field);
-  }
+  check_edit(edit, own, drive_s, body_of_file);
 
   scene->actors.clear();
   for (const MovingObject& actor : own) {
@@ -282,7 +307,7 @@ std::vector<std::string> edit_actors(const TrafficEdit& edit, Scene* scene, Acto
     scene->actors.push_back(std::move(actor));
   };
   for (const ActorCopy& copy : edit.copies) {
-    MovingObject actor = find_own(copy.of, "");
+    MovingObject actor = find_own(own, copy.of, edit, "");
     if (!actor.body) actor.body = copy.of;
     actor.id = copy.id;
     add(copy.change, std::move(actor));
@@ -292,17 +317,7 @@ std::vector<std::string> edit_actors(const TrafficEdit& edit, Scene* scene, Acto
     actor.id = added.id;
     add(added.change, std::move(actor));
   }
-  std::vector<std::string> remarks;
-  for (const MovingObject& actor : scene->actors)
-    if (changed.contains(actor.id) && std::ranges::none_of(scene->frames, [&](const Frame& frame) {
-          return actor.world_from_box(frame.t_ns).has_value();
-        }))
-      remarks.push_back("object " + std::to_string(actor.id) + " is at no frame of the drive");
-  for (const Pair& pair : overlapping(*scene, changed))
-    if (!before.contains(pair))
-      remarks.push_back("objects " + std::to_string(pair.first) + " and " +
-                        std::to_string(pair.second) + " overlap");
-  return remarks;
+  return remarks_on(*scene, changed, before);
 }
 
 const MovingObject& find_actor(const Scene& scene, const char* option, std::int64_t id) {

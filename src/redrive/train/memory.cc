@@ -37,21 +37,10 @@ std::string what_to_lower(std::vector<std::pair<std::uint64_t, std::string>> par
   return lower;
 }
 
-}  // namespace
-
-MemoryEstimate estimate_memory(const Run& run, int threads, bool data_parallel) {
+/// Images, what decoding them takes, and their rays.
+void add_images(const Run& run, int threads, MemoryEstimate* need) {
   const Scene& scene = run.scene;
   const Trainee& model = *run.state.model;
-  // The numbers that a step updates itself may become more; their moments are packed, and their
-  // gradients exist in data-parallel training only.
-  const std::uint64_t others = model.size() - model.updated_in_step(),
-                      in_step = model.max_size() - others, per_error = model.numbers_per_error(),
-                      errors = per_error > 0 ? in_step / per_error : 0,
-                      state = sizeof(float) * (2 * in_step + errors + 3 * others);
-  MemoryEstimate need;
-  need.program = kProgram + std::uint64_t(threads) * kThread;
-  need.state = need.saving = state;
-
   // Image8 and the lists of unmasked, or of opaque and transparent pixels (UsedPixels): a bit per
   // pixel and a count every 64.
   const bool masked = run.options.masks != "none" && run.recording.metric;
@@ -64,61 +53,88 @@ MemoryEstimate estimate_memory(const Run& run, int threads, bool data_parallel) 
     const bool used = masked || !view.mask.path.empty(),
                alpha = scene.background != Background::kNone;
     const std::uint64_t bytes = 3 + alpha + used, lists = alpha ? 2 : used;
-    need.images += pixels(rig.camera) * bytes + lists * pixels(rig.camera) * 3 / 16;
+    need->images += pixels(rig.camera) * bytes + lists * pixels(rig.camera) * 3 / 16;
   }
-  if (model.keeps_half_images(scene)) need.images += need.images / 3;  // and smaller ones
+  if (model.keeps_half_images(scene)) need->images += need->images / 3;  // and smaller ones
   if (model.streams_images()) {
     // The images that a stage before training needs at once, and one for each thread.
     const auto at_once =
         static_cast<std::uint64_t>(kMostTrackImages + threads + image_decoders(threads));
-    need.decoders = static_cast<std::uint64_t>(image_decoders(threads)) * 8 * largest;
-    need.least_images =
+    need->decoders = static_cast<std::uint64_t>(image_decoders(threads)) * 8 * largest;
+    need->least_images =
         std::max(at_once * (scene.background == Background::kNone ? 4 : 5), kMostMaskViews * 3) *
             largest_trained +
-        need.decoders;
-    if (need.least_images >= need.images) need.least_images = 0;
+        need->decoders;
+    if (need->least_images >= need->images) need->least_images = 0;
   }
   // For each thread the recorded image, the undistorted one and the bytes of its file.
-  need.decoding = std::uint64_t(threads) * 8 * largest;
+  need->decoding = std::uint64_t(threads) * 8 * largest;
   if (scene.undistort)
     for (const RigCamera& rig : scene.rig)
-      need.decoding += 2 * sizeof(float) * pixels(rig.recorded);
+      need->decoding += 2 * sizeof(float) * pixels(rig.recorded);
   for (const RigCamera& rig : scene.rig)
-    need.rays += (sizeof(std::uint32_t) + 3 * sizeof(float)) * pixels(rig.camera);
+    need->rays += (sizeof(std::uint32_t) + 3 * sizeof(float)) * pixels(rig.camera);
+}
 
+/// Returns of the LiDAR's scans, for training and for the search for moving objects.
+void add_scans(const Run& run, MemoryEstimate* need) {
+  const Scene& scene = run.scene;
+  const Trainee& model = *run.state.model;
   // An existing run has the found objects in its masks.
   const bool searches = run.options.masks != "none" && !std::filesystem::exists(run.paths.masks());
-  if ((model.uses_lidar() || searches) && run.recording.body_from_lidar) {
-    std::uint64_t points = 0, files = 0;
-    for (const FrameFile& file : run.recording.lidar_files)
-      if (file.frame_id >= scene.frames.front().id && file.frame_id <= scene.frames.back().id) {
-        points += run.recording.reader->lidar_point_count(file);
-        ++files;
-      }
-    const std::uint64_t lidar =
-        points * kReturn * 2 / 3;  // a third of the points are in two overlapping revolutions
-    const std::uint64_t sorting = points * (sizeof(LidarPoint) + kSortedRay * 2 / 3);
-    if (model.uses_lidar()) {
-      need.lidar = lidar;
-      need.of_lidar = model.lidar_bytes(scene, points * 2 / 3);
-      need.sorting = sorting;
+  if (!(model.uses_lidar() || searches) || !run.recording.body_from_lidar) return;
+  std::uint64_t points = 0, files = 0;
+  for (const FrameFile& file : run.recording.lidar_files)
+    if (file.frame_id >= scene.frames.front().id && file.frame_id <= scene.frames.back().id) {
+      points += run.recording.reader->lidar_point_count(file);
+      ++files;
     }
-    if (searches && points > 0)
-      need.search = lidar + std::max(sorting, search_bytes(points, files));
+  const std::uint64_t lidar =
+      points * kReturn * 2 / 3;  // a third of the points are in two overlapping revolutions
+  const std::uint64_t sorting = points * (sizeof(LidarPoint) + kSortedRay * 2 / 3);
+  if (model.uses_lidar()) {
+    need->lidar = lidar;
+    need->of_lidar = model.lidar_bytes(scene, points * 2 / 3);
+    need->sorting = sorting;
   }
-  if (model.uses_lidar() && run.recording.lidar_files.empty() &&
-      !run.recording.points_file.empty()) {
-    constexpr std::uint64_t kCloudPoint =
-        64;  // a point in world coordinates and the nearest of its cell
-    std::error_code error;
-    const std::uint64_t size = std::filesystem::file_size(run.recording.points_file, error),
-                        bytes = error ? 0 : size,
-                        points = bytes / (3 * sizeof(float)),  // at most
-        used = std::min<std::uint64_t>(points, kMaxCloudPoints);
-    need.lidar = used * kReturn;
-    need.of_lidar = model.lidar_bytes(scene, used);
-    need.sorting = bytes + points * sizeof(Eigen::Vector3d) + used * kCloudPoint;
-  }
+  if (searches && points > 0) need->search = lidar + std::max(sorting, search_bytes(points, files));
+}
+
+/// Points of a drive without scans, where training takes them as returns.
+void add_cloud(const Run& run, MemoryEstimate* need) {
+  const Trainee& model = *run.state.model;
+  if (!model.uses_lidar() || !run.recording.lidar_files.empty() ||
+      run.recording.points_file.empty())
+    return;
+  constexpr std::uint64_t kCloudPoint =
+      64;  // a point in world coordinates and the nearest of its cell
+  std::error_code error;
+  const std::uint64_t size = std::filesystem::file_size(run.recording.points_file, error),
+                      bytes = error ? 0 : size,
+                      points = bytes / (3 * sizeof(float)),  // at most
+      used = std::min<std::uint64_t>(points, kMaxCloudPoints);
+  need->lidar = used * kReturn;
+  need->of_lidar = model.lidar_bytes(run.scene, used);
+  need->sorting = bytes + points * sizeof(Eigen::Vector3d) + used * kCloudPoint;
+}
+
+}  // namespace
+
+MemoryEstimate estimate_memory(const Run& run, int threads, bool data_parallel) {
+  const Trainee& model = *run.state.model;
+  // The numbers that a step updates itself may become more; their moments are packed, and their
+  // gradients exist in data-parallel training only.
+  const std::uint64_t others = model.size() - model.updated_in_step(),
+                      in_step = model.max_size() - others, per_error = model.numbers_per_error(),
+                      errors = per_error > 0 ? in_step / per_error : 0,
+                      state = sizeof(float) * (2 * in_step + errors + 3 * others);
+  MemoryEstimate need;
+  need.program = kProgram + std::uint64_t(threads) * kThread;
+  need.state = need.saving = state;
+
+  add_images(run, threads, &need);
+  add_scans(run, &need);
+  add_cloud(run, &need);
   need.step =
       sizeof(float) * (others + (data_parallel ? in_step + errors : 0)) + model.step_bytes();
   need.step_option = "--batch (" + model.describe_batch() + ": ";

@@ -137,6 +137,23 @@ double measure_look(Run* run, ThreadPool& pool) {
   return std::max(0.0, (both_s - 2 * alone_s) / 2);
 }
 
+/// Steps as a clock measured them.
+struct MeasuredSteps {
+  std::vector<std::size_t> parts;    ///< steps between changes of the number of parameters
+  std::vector<std::size_t> changes;  ///< steps that end with such a change
+  int others = 0;                    ///< number of steps in `parts`
+
+  /// Returns the seconds of a step of the run, which has fewer changes than its calibration.
+  double seconds_each(const PacedClock& clock, const CalibrationSteps& calibration) const {
+    double step_s = 0, beyond_s = 0;
+    for (const std::size_t part : parts) step_s += clock.seconds(part) / std::max(others, 1);
+    for (const std::size_t part : changes) beyond_s += clock.seconds(part) - step_s;
+    const auto steps = static_cast<double>(others) + static_cast<double>(changes.size());
+    return step_s + std::max(0.0, beyond_s) / steps * calibration.change_every /
+                        calibration.change_every_of_run;
+  }
+};
+
 }  // namespace
 
 void measure_left_out(const TrainOptions& options, const Recording& recording, const Scene& scene,
@@ -205,24 +222,19 @@ TrainingRates measure_rates(Run* run, kernels::Backend& backend,
                                       static_cast<int>(kSteps_s / last_timer.core_seconds(cores))));
   const auto step = [&](int i) { train_at(static_cast<double>(i) / steps, steps); };
   // Steps that end with a change of the number of parameters are measured one by one.
-  std::vector<std::size_t> parts, changes;
-  int others = 0;
+  MeasuredSteps measured;
   for (int i = 0; i < steps;) {
     const int change = static_cast<int>((state.step / calibration.change_every + 1) *
                                             calibration.change_every -
                                         1 - state.step),
               n = std::clamp(change, 1, steps - i);
-    (change == 0 ? changes : parts).push_back(clock.measure(cores, [&] {
+    (change == 0 ? measured.changes : measured.parts).push_back(clock.measure(cores, [&] {
       for (int k = i; k < i + n; ++k) step(k);
     }));
-    if (change > 0) others += n;
+    if (change > 0) measured.others += n;
     i += n;
   }
-  for (const std::size_t part : parts) rates.step_s += clock.seconds(part) / std::max(others, 1);
-  double beyond_s = 0;
-  for (const std::size_t part : changes) beyond_s += clock.seconds(part) - rates.step_s;
-  rates.step_s +=
-      std::max(0.0, beyond_s) / steps * calibration.change_every / calibration.change_every_of_run;
+  rates.step_s = measured.seconds_each(clock, calibration);
   rates.decode_s = clock.seconds(decode) / static_cast<double>(decoded);
   rates.prepare_s = clock.seconds(prepare) / images;
   rates.start_s = clock.seconds(start) / images;
@@ -249,11 +261,11 @@ double queue_seconds(std::vector<double> tasks, int ranks) {
   return end;
 }
 
-TrainingPlan plan_training(std::vector<PlannedBlock> blocks, const TrainingRates& rates,
-                           const Machines& machines, const TrainingLimits& limits) {
-  REDRIVE_CHECK(!blocks.empty());
-  REDRIVE_CHECK(limits.max_steps > 0 || limits.max_seconds > 0);
-  TrainingPlan plan;
+namespace {
+
+/// Chooses how many ranks share a machine's cores and memory.
+void share_machines(const std::vector<PlannedBlock>& blocks, const Machines& machines,
+                    TrainingPlan* plan) {
   std::uint64_t largest = 0, least = 0;
   for (const PlannedBlock& block : blocks) {
     largest = std::max(largest, block.memory_bytes);
@@ -265,9 +277,19 @@ TrainingPlan plan_training(std::vector<PlannedBlock> blocks, const TrainingRates
                          " that the largest block needs; --blocks of fewer metres, or --downscale");
   const auto n = static_cast<int>(blocks.size());
   const auto fit = static_cast<int>(std::clamp<std::uint64_t>(machines.memory / largest, 1, 4096));
-  plan.ranks_per_machine =
+  plan->ranks_per_machine =
       std::min({machines.cores, (n + machines.machines - 1) / machines.machines, fit});
-  plan.cores_per_rank = std::max(1, machines.cores / plan.ranks_per_machine);
+  plan->cores_per_rank = std::max(1, machines.cores / plan->ranks_per_machine);
+}
+
+}  // namespace
+
+TrainingPlan plan_training(std::vector<PlannedBlock> blocks, const TrainingRates& rates,
+                           const Machines& machines, const TrainingLimits& limits) {
+  REDRIVE_CHECK(!blocks.empty());
+  REDRIVE_CHECK(limits.max_steps > 0 || limits.max_seconds > 0);
+  TrainingPlan plan;
+  share_machines(blocks, machines, &plan);
   const double cores = plan.cores_per_rank;
   const std::uint64_t memory = machines.memory / static_cast<std::uint64_t>(plan.ranks_per_machine);
   const int ranks = plan.ranks_per_machine * machines.machines;

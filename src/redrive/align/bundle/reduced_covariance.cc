@@ -135,6 +135,88 @@ Eigen::MatrixXd inverse_of(const Eigen::MatrixXd& normal) {
   return scale.asDiagonal() * solver.solve(Eigen::MatrixXd::Identity(n, n)) * scale.asDiagonal();
 }
 
+/// Returns the inverse of what an eliminated block knows about itself.
+Eigen::Matrix3d inverse_of_block(const Eigen::Matrix3d& own) {
+  // Directions without information, below 1e-12 of the largest eigenvalue, remove nothing.
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(own);
+  Eigen::Matrix3d inverse = Eigen::Matrix3d::Zero();
+  for (int k = 0; k < 3; ++k)
+    if (solver.eigenvalues()[k] > 1e-12 * solver.eigenvalues()[2])
+      inverse += solver.eigenvectors().col(k) * solver.eigenvectors().col(k).transpose() /
+                 solver.eigenvalues()[k];
+  return inverse;
+}
+
+/// Sums over the parameters of the rig.
+struct RigSums {
+  Eigen::MatrixXd normal;  ///< normal matrix
+  Eigen::MatrixXd curved;  ///< the same, weighted by the curvature of the losses
+  Eigen::MatrixXd spread;  ///< squares of gradients
+};
+
+/// Adds the rows of the Jacobian, whose first `n` columns are the rig's. Rows with a block that is
+/// eliminated are kept for it.
+void add_rows(const ceres::CRSMatrix& jacobian, int n, const std::vector<double>& residuals,
+              const std::vector<double>& fractions, const std::vector<int>& group_of_row,
+              RigSums* sums, std::vector<Eliminated>* all_eliminated) {
+  std::vector<Eliminated>& eliminated = *all_eliminated;
+  for (int row = 0; row < jacobian.num_rows; ++row) {
+    const int begin = jacobian.rows[row], end = jacobian.rows[row + 1];
+    int split = begin, block = -1;
+    while (split < end && jacobian.cols[split] < n) ++split;
+    Eigen::Vector3d own = Eigen::Vector3d::Zero();
+    for (int i = split; i < end; ++i) {
+      const int column = jacobian.cols[i] - n;
+      REDRIVE_CHECK(block < 0 || block == column / 3);
+      block = column / 3;
+      own[column % 3] = jacobian.values[i];
+    }
+    RowTerms terms{group_of_row[row], {}, own * residuals[row]};
+    for (int a = begin; a < split; ++a) {
+      if (jacobian.values[a] == 0) continue;
+      for (int b = begin; b < split; ++b) {
+        const double product = jacobian.values[a] * jacobian.values[b];
+        sums->normal(jacobian.cols[b], jacobian.cols[a]) += product;
+        sums->curved(jacobian.cols[b], jacobian.cols[a]) +=
+            (block < 0 ? 1 : fractions[row]) * product;
+        if (block < 0) sums->spread(jacobian.cols[b], jacobian.cols[a]) += product;
+      }
+      if (block < 0) continue;
+      eliminated[block]
+          .with_rig.try_emplace(jacobian.cols[a], Eigen::Vector3d::Zero())
+          .first->second += jacobian.values[a] * own;
+      terms.gradient.emplace_back(jacobian.cols[a], jacobian.values[a] * residuals[row]);
+    }
+    if (block < 0) continue;
+    eliminated[block].curvature = fractions[row];
+    eliminated[block].own += own * own.transpose();
+    eliminated[block].rows.push_back(std::move(terms));
+  }
+}
+
+/// Removes what an eliminated block takes of the rig's information.
+void eliminate(const Eliminated& e, RigSums* sums, GroupGradients* of_groups) {
+  const Eigen::Matrix3d inverse = inverse_of_block(e.own);
+  for (const auto& [a, with_a] : e.with_rig) {
+    const Eigen::Vector3d weighted = inverse * with_a;
+    for (const auto& [b, with_b] : e.with_rig) {
+      sums->normal(b, a) -= weighted.dot(with_b);
+      sums->curved(b, a) -= e.curvature * weighted.dot(with_b);
+    }
+  }
+  std::vector<int> index;
+  for (const auto& [a, with_a] : e.with_rig) index.push_back(a);
+  Eigen::VectorXd of_block = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(index.size()));
+  for (const auto& [group, gradient] : gradients_by_group(e, inverse)) {
+    of_block += gradient;
+    of_groups->add(group, index, gradient);
+  }
+  for (std::size_t a = 0; a < index.size(); ++a)
+    for (std::size_t b = 0; b < index.size(); ++b)
+      sums->spread(index[b], index[a]) +=
+          of_block[static_cast<Eigen::Index>(b)] * of_block[static_cast<Eigen::Index>(a)];
+}
+
 }  // namespace
 
 ReducedCovariance reduced_covariance(ceres::Problem& problem, const std::vector<double*>& rig,
@@ -156,72 +238,17 @@ ReducedCovariance reduced_covariance(ceres::Problem& problem, const std::vector<
   REDRIVE_CHECK(problem.Evaluate(options, nullptr, &residuals, nullptr, &jacobian));
   const std::vector<int> group_of_row = groups_of_rows(problem, options.residual_blocks, groups);
 
-  Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(n, n), curved = normal, spread = normal;
+  const Eigen::MatrixXd zero = Eigen::MatrixXd::Zero(n, n);
+  RigSums sums{zero, zero, zero};
   std::vector<Eliminated> eliminated(free.size());
-  for (int row = 0; row < jacobian.num_rows; ++row) {
-    const int begin = jacobian.rows[row], end = jacobian.rows[row + 1];
-    int split = begin, block = -1;
-    while (split < end && jacobian.cols[split] < n) ++split;
-    Eigen::Vector3d own = Eigen::Vector3d::Zero();
-    for (int i = split; i < end; ++i) {
-      const int column = jacobian.cols[i] - n;
-      REDRIVE_CHECK(block < 0 || block == column / 3);
-      block = column / 3;
-      own[column % 3] = jacobian.values[i];
-    }
-    RowTerms terms{group_of_row[row], {}, own * residuals[row]};
-    for (int a = begin; a < split; ++a) {
-      if (jacobian.values[a] == 0) continue;
-      for (int b = begin; b < split; ++b) {
-        const double product = jacobian.values[a] * jacobian.values[b];
-        normal(jacobian.cols[b], jacobian.cols[a]) += product;
-        curved(jacobian.cols[b], jacobian.cols[a]) += (block < 0 ? 1 : fractions[row]) * product;
-        if (block < 0) spread(jacobian.cols[b], jacobian.cols[a]) += product;
-      }
-      if (block < 0) continue;
-      eliminated[block]
-          .with_rig.try_emplace(jacobian.cols[a], Eigen::Vector3d::Zero())
-          .first->second += jacobian.values[a] * own;
-      terms.gradient.emplace_back(jacobian.cols[a], jacobian.values[a] * residuals[row]);
-    }
-    if (block < 0) continue;
-    eliminated[block].curvature = fractions[row];
-    eliminated[block].own += own * own.transpose();
-    eliminated[block].rows.push_back(std::move(terms));
-  }
+  add_rows(jacobian, n, residuals, fractions, group_of_row, &sums, &eliminated);
   GroupGradients of_groups(n);
-  for (const Eliminated& e : eliminated) {
-    // Directions without information, below 1e-12 of the largest eigenvalue, remove nothing.
-    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(e.own);
-    Eigen::Matrix3d inverse = Eigen::Matrix3d::Zero();
-    for (int k = 0; k < 3; ++k)
-      if (solver.eigenvalues()[k] > 1e-12 * solver.eigenvalues()[2])
-        inverse += solver.eigenvectors().col(k) * solver.eigenvectors().col(k).transpose() /
-                   solver.eigenvalues()[k];
-    for (const auto& [a, with_a] : e.with_rig) {
-      const Eigen::Vector3d weighted = inverse * with_a;
-      for (const auto& [b, with_b] : e.with_rig) {
-        normal(b, a) -= weighted.dot(with_b);
-        curved(b, a) -= e.curvature * weighted.dot(with_b);
-      }
-    }
-    std::vector<int> index;
-    for (const auto& [a, with_a] : e.with_rig) index.push_back(a);
-    Eigen::VectorXd of_block = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(index.size()));
-    for (const auto& [group, gradient] : gradients_by_group(e, inverse)) {
-      of_block += gradient;
-      of_groups.add(group, index, gradient);
-    }
-    for (std::size_t a = 0; a < index.size(); ++a)
-      for (std::size_t b = 0; b < index.size(); ++b)
-        spread(index[b], index[a]) +=
-            of_block[static_cast<Eigen::Index>(b)] * of_block[static_cast<Eigen::Index>(a)];
-  }
-  spread += of_groups.squares();
+  for (const Eliminated& e : eliminated) eliminate(e, &sums, &of_groups);
+  sums.spread += of_groups.squares();
   ReducedCovariance covariance;
-  covariance.matrix = inverse_of(normal);
-  const Eigen::MatrixXd by_curvature = inverse_of(curved);
-  covariance.robust = by_curvature * spread * by_curvature;
+  covariance.matrix = inverse_of(sums.normal);
+  const Eigen::MatrixXd by_curvature = inverse_of(sums.curved);
+  covariance.robust = by_curvature * sums.spread * by_curvature;
   covariance.variance = covariance.robust.diagonal().cwiseMax(covariance.matrix.diagonal());
   return covariance;
 }

@@ -7,15 +7,14 @@
 
 #include <gtest/gtest.h>
 
+#include "redrive/methods/splat/own_rays_testing.h"
+
 namespace redrive {
 namespace {
 
 using Eigen::Vector3d;
 
-struct MovingSensor {
-  std::vector<Vector3d> origins, directions;
-  std::vector<float> origin, direction;
-
+struct MovingSensor : OwnRays {
   /// A revolution from behind, clockwise, from `from` on, with a motion of `motion_m`.
   void add_revolution(const Vector3d& from, const Vector3d& motion_m, double first_rad,
                       double elevation_rad) {
@@ -28,16 +27,8 @@ struct MovingSensor {
     }
   }
   std::vector<RayGroup> grouped() {
-    const std::size_t n = origins.size();
-    origin.resize(3 * n);
-    direction.resize(3 * n);
-    for (std::size_t i = 0; i < n; ++i)
-      for (int k = 0; k < 3; ++k) {
-        origin[k * n + i] = static_cast<float>(origins[i][k]);
-        direction[k * n + i] = static_cast<float>(directions[i][k]);
-      }
     ThreadPool pool(2);
-    return group_rays({static_cast<int>(n), origin, direction}, pool);
+    return group_rays(view(), pool);
   }
 };
 

@@ -8,6 +8,7 @@
 #include <gtest/gtest.h>
 
 #include "redrive/methods/splat/known_splats_testing.h"
+#include "redrive/methods/splat/own_rays_testing.h"
 
 namespace redrive::known_splats {
 namespace {
@@ -34,23 +35,6 @@ GaussianList wall(const Vector3d& centre, const Eigen::Matrix3d& axes, int half_
     }
   return list;
 }
-
-struct OwnRays {
-  std::vector<Vector3d> origins, directions;
-  std::vector<float> origin, direction;
-
-  kernels::Rays view() {
-    const std::size_t n = origins.size();
-    origin.resize(3 * n);
-    direction.resize(3 * n);
-    for (std::size_t i = 0; i < n; ++i)
-      for (int k = 0; k < 3; ++k) {
-        origin[k * n + i] = static_cast<float>(origins[i][k]);
-        direction[k * n + i] = static_cast<float>(directions[i][k]);
-      }
-    return {static_cast<int>(n), origin, direction};
-  }
-};
 
 Eigen::Matrix3d turned(double yaw, double pitch) {
   return (Eigen::AngleAxisd(yaw, Vector3d::UnitZ()) * Eigen::AngleAxisd(pitch, Vector3d::UnitY()))

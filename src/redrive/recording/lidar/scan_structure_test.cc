@@ -5,6 +5,7 @@
 
 #include <gtest/gtest.h>
 
+#include "redrive/math/angles.h"
 #include "redrive/recording/lidar/spinning_testing.h"
 
 namespace redrive {
@@ -82,6 +83,19 @@ TEST(ScanStructure, RingsOfFewReturnsSayNothing) {
   std::string why;
   EXPECT_FALSE(estimate_structure(scans, Rigid3d::Identity(), &why));
   EXPECT_EQ(why, "no ring of its scans has 20 returns");
+}
+
+TEST(ScanStructure, ReturnsBetweenTheBeamsAreAMisfit) {
+  ScanStructure structure;
+  EXPECT_FALSE(misfit(structure));
+  for (const double elevation_deg : {-3, -2, -1, 5})
+    structure.sensor.beams.push_back({.elevation_rad = kRadiansPerDegree * elevation_deg});
+  structure.residual_rad = 0.49 * kRadiansPerDegree;
+  EXPECT_FALSE(misfit(structure));
+  structure.residual_rad = 0.51 * kRadiansPerDegree;
+  EXPECT_EQ(misfit(structure),
+            "its returns lie 0.510 degrees off the elevations of its beams, which are 1.000 apart: "
+            "the extrinsics, or scans that are motion compensated?");
 }
 
 TEST(ScanStructure, FewReturnsSayNothing) {

@@ -99,49 +99,55 @@ struct Uncoloured {
   std::size_t pixel = 0;  ///< its pixel there
 };
 
+/// Views to try first for the returns of each origin of a cloud, which has one time; empty where
+/// the drive is metric and time says which views are near.
+using ViewsOfOrigin = std::unordered_map<std::int64_t, std::vector<int>>;
+
+/// Advances each return to the next view into which it projects, whatever its image has there.
+void find_views(const Scene& scene, const LidarReturns& returns, const Colouring& colouring,
+                const ViewsOfOrigin& of_origin, std::span<Uncoloured> points) {
+  std::int64_t near_ns = 0, more_ns = 0;
+  std::vector<int> in_time, in_more_time;
+  LidarPoses poses(scene, returns);
+  for (Uncoloured& point : points) {
+    const std::int64_t t_ns = returns.t_ns[point.i];
+    if (scene.metric && (in_time.empty() || t_ns != near_ns))
+      colouring.nearest_in_time(near_ns = t_ns, kViewsInTime, &in_time);
+    const std::vector<int>& first = scene.metric ? in_time : of_origin.at(t_ns);
+    const int of_first = static_cast<int>(first.size());
+    const Eigen::Vector3d at = poses.in_world(point.i);
+    point.seen_by = -1;
+    while (point.seen_by < 0) {
+      int v;
+      if (point.tried < of_first) {
+        v = first[point.tried];
+      } else {
+        if (!scene.metric) break;
+        if (in_more_time.empty() || t_ns != more_ns)
+          colouring.nearest_in_time(more_ns = t_ns, kMoreViewsInTime, &in_more_time);
+        if (point.tried - of_first >= std::ssize(in_more_time)) break;
+        v = in_more_time[point.tried - of_first];
+      }
+      ++point.tried;
+      if (const auto pixel = colouring.view(v).pixel_of(at)) {
+        point.seen_by = v;
+        point.pixel = *pixel;
+      }
+    }
+  }
+}
+
 }  // namespace
 
 PointCloud lidar_points(const Scene& scene, const ViewImages& images, const LidarReturns& returns,
                         ThreadPool& pool) {
   REDRIVE_CHECK_OP(images.size(), ==, scene.views.size());
   const Colouring colouring(scene);
-  std::unordered_map<std::int64_t, std::vector<int>> of_origin;  // a cloud's origin has one time
+  ViewsOfOrigin of_origin;
   LidarPoses origins(scene, returns);
   for (std::size_t i = 0; i < returns.n && !scene.metric; ++i)
     if (const auto [at, is_new] = of_origin.try_emplace(returns.t_ns[i]); is_new)
       at->second = colouring.nearest_in_space(origins.at(i).translation());
-  // Advances each return to the next view into which it projects, whatever its image has there.
-  const auto find_views = [&](std::span<Uncoloured> points) {
-    std::int64_t near_ns = 0, more_ns = 0;
-    std::vector<int> in_time, in_more_time;
-    LidarPoses poses(scene, returns);
-    for (Uncoloured& point : points) {
-      const std::int64_t t_ns = returns.t_ns[point.i];
-      if (scene.metric && (in_time.empty() || t_ns != near_ns))
-        colouring.nearest_in_time(near_ns = t_ns, kViewsInTime, &in_time);
-      const std::vector<int>& first = scene.metric ? in_time : of_origin.at(t_ns);
-      const int of_first = static_cast<int>(first.size());
-      const Eigen::Vector3d at = poses.in_world(point.i);
-      point.seen_by = -1;
-      while (point.seen_by < 0) {
-        int v;
-        if (point.tried < of_first) {
-          v = first[point.tried];
-        } else {
-          if (!scene.metric) break;
-          if (in_more_time.empty() || t_ns != more_ns)
-            colouring.nearest_in_time(more_ns = t_ns, kMoreViewsInTime, &in_more_time);
-          if (point.tried - of_first >= std::ssize(in_more_time)) break;
-          v = in_more_time[point.tried - of_first];
-        }
-        ++point.tried;
-        if (const auto pixel = colouring.view(v).pixel_of(at)) {
-          point.seen_by = v;
-          point.pixel = *pixel;
-        }
-      }
-    }
-  };
 
   std::vector<std::vector<ColouredPoint>> parts;
   Progress progress("colouring LiDAR points", static_cast<std::int64_t>(returns.n));
@@ -152,7 +158,8 @@ PointCloud lidar_points(const Scene& scene, const ViewImages& images, const Lida
     for (std::size_t k = 0; k < n; ++k) points[k].i = begin + k;
     while (!points.empty()) {
       pool.run_ranges(points.size(), kReturnsPerRange, [&](std::size_t from, std::size_t to) {
-        find_views(std::span(points).subspan(from, to - from));
+        find_views(scene, returns, colouring, of_origin,
+                   std::span(points).subspan(from, to - from));
       });
       std::erase_if(points, [](const Uncoloured& point) { return point.seen_by < 0; });
       // One list per view, so that each image is read once.

@@ -108,6 +108,36 @@ std::vector<CloudPoint> read_cloud(const Recording& recording, const Scene& scen
   return cloud;
 }
 
+/// Returns the points of a drive without scans, as seen from the nearest of its frames.
+LidarReturns returns_of_cloud(const Recording& recording, const Scene& scene, ThreadPool& pool) {
+  constexpr float kLeastRange_m = 0.5f;  // nearer points are on the car
+  const Rigid3d& body_from_sensor = scene.rig[0].body_from_sensor;
+  std::vector<CloudOrigin> origins;
+  for (const PosedFrame& frame : scene.posed_frames())
+    origins.push_back({frame.world_from_body * body_from_sensor, frame.t_ns});
+  LidarReturns returns = cloud_returns(read_cloud(recording, scene), origins,
+                                       recording.metric ? kLeastRange_m : 0, pool);
+  returns.body_from_sensor = body_from_sensor;
+  return returns;
+}
+
+/// Takes the returns of all files, one after the other; returns->n is known.
+void join_files(const std::vector<std::vector<Return>>& of_files, LidarReturns* returns) {
+  returns->direction.resize(3 * returns->n);
+  returns->range_m.reserve(returns->n);
+  returns->t_ns.reserve(returns->n);
+  returns->intensity.reserve(returns->n);
+  for (const std::vector<Return>& of_file : of_files)
+    for (const Return& one : of_file) {
+      const std::size_t i = returns->range_m.size();
+      for (int d = 0; d < 3; ++d)
+        returns->direction[std::size_t(d) * returns->n + i] = one.direction[d];
+      returns->range_m.push_back(one.range_m);
+      returns->t_ns.push_back(one.t_ns);
+      returns->intensity.push_back(one.intensity);
+    }
+}
+
 }  // namespace
 
 bool is_on_object(const MovingBox& box, const Eigen::Vector3d& in_box) {
@@ -133,17 +163,8 @@ std::vector<std::uint8_t> mark_repeated(const std::vector<LidarPoint>& points,
 LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene,
                                 const MovingObjects& moving, ThreadPool& pool,
                                 const LidarSelection& selection) {
-  if (recording.lidar_files.empty() && !recording.points_file.empty()) {
-    constexpr float kLeastRange_m = 0.5f;  // nearer points are on the car
-    const Rigid3d& body_from_sensor = scene.rig[0].body_from_sensor;
-    std::vector<CloudOrigin> origins;
-    for (const PosedFrame& frame : scene.posed_frames())
-      origins.push_back({frame.world_from_body * body_from_sensor, frame.t_ns});
-    LidarReturns returns = cloud_returns(read_cloud(recording, scene), origins,
-                                         recording.metric ? kLeastRange_m : 0, pool);
-    returns.body_from_sensor = body_from_sensor;
-    return returns;
-  }
+  if (recording.lidar_files.empty() && !recording.points_file.empty())
+    return returns_of_cloud(recording, scene, pool);
   LidarReturns returns;
   if (!recording.body_from_lidar) return returns;
   returns.body_from_sensor = *recording.body_from_lidar;
@@ -196,19 +217,7 @@ LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene,
     returns.on_objects.insert(returns.on_objects.end(), counts[f].on_objects.begin(),
                               counts[f].on_objects.end());
   }
-  returns.direction.resize(3 * returns.n);
-  returns.range_m.reserve(returns.n);
-  returns.t_ns.reserve(returns.n);
-  returns.intensity.reserve(returns.n);
-  for (const std::vector<Return>& of_file : of_files)
-    for (const Return& one : of_file) {
-      const std::size_t i = returns.range_m.size();
-      for (int d = 0; d < 3; ++d)
-        returns.direction[std::size_t(d) * returns.n + i] = one.direction[d];
-      returns.range_m.push_back(one.range_m);
-      returns.t_ns.push_back(one.t_ns);
-      returns.intensity.push_back(one.intensity);
-    }
+  join_files(of_files, &returns);
   return returns;
 }
 

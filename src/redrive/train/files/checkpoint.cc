@@ -172,6 +172,52 @@ SafetensorsFile checkpoint_file(const TrainState& state) {
   return make_safetensors(metadata, std::move(entries));
 }
 
+/// Reads Adam's state and errors, which the model's size needs, before the parameters: so that no
+/// more is allocated than the file contains.
+void read_adam(const Safetensors& parsed, const std::filesystem::path& file, const Trainee& model,
+               AdamState* out) {
+  const std::size_t packed = model.updated_in_step(), others = model.size() - packed;
+  AdamState& adam = *out;
+  if (packed > 0) adam.packed = read<std::uint32_t>(parsed, kPacked, packed, file);
+  if (const auto i = model.bad_moment(adam.packed))
+    throw InputError(file, kPacked + ("[" + std::to_string(*i) + "]"),
+                     std::to_string(adam.packed[*i]), "must be of finite moments");
+  const std::size_t errors = model.errors();
+  if (errors > 0) adam.errors = read(parsed, kErrors, errors, file);
+  adam.first_moment = read(parsed, kMoments[0], others, file);
+  adam.second_moment = read(parsed, kMoments[1], others, file);
+  for (std::size_t i = 0; i < others; ++i)
+    if (adam.second_moment[i] < 0)
+      throw InputError(file, kMoments[1] + ("[" + std::to_string(i) + "]"),
+                       std::to_string(adam.second_moment[i]), "must not be negative");
+}
+
+/// Returns the errors of the error map's cells; empty where the file has none.
+Buffer<float> read_cell_errors(const Safetensors& parsed, const std::filesystem::path& file) {
+  const auto cells = parsed.tensors.find(kCellErrors);
+  if (cells == parsed.tensors.end()) return {};
+  Buffer<float> errors = read(parsed, kCellErrors, cells->second.size(), file);
+  for (std::size_t i = 0; i < errors.size(); ++i)
+    if (errors[i] < 0 || errors[i] > kInitialError)
+      throw InputError(file, kCellErrors + ("[" + std::to_string(i) + "]"),
+                       std::to_string(errors[i]), "must be in 0..1");
+  return errors;
+}
+
+void read_poses(const Safetensors& parsed, const std::filesystem::path& file, PoseState* poses) {
+  const std::size_t of_poses = poses->corrections.size();
+  if (of_poses == 0) return;
+  const auto values = [&](int i) {
+    const Buffer<float> numbers = read(parsed, kPoses[i], of_poses, file);
+    return std::vector<float>(numbers.data(), numbers.data() + of_poses);
+  };
+  poses->corrections.values = values(0);
+  poses->moments.first = values(1);
+  poses->moments.second = values(2);
+  for (const float v : poses->moments.second)
+    if (v < 0) throw InputError(file, kPoses[2], std::to_string(v), "must not be negative");
+}
+
 }  // namespace
 
 std::string checkpoint_bytes(const TrainState& state) {
@@ -221,47 +267,16 @@ TrainState parse_checkpoint(std::string_view bytes, const std::filesystem::path&
   check_ranges([&](HyperparameterVisitor& visit) { model.visit_state(visit); }, fail);
   model.check(fail);
 
-  // Checks the largest tensors first, so that no more is allocated than the file contains.
-  const std::size_t packed = model.updated_in_step(), others = model.size() - packed;
-  AdamState& adam = state.adam;
-  if (packed > 0) adam.packed = read<std::uint32_t>(parsed, kPacked, packed, file);
-  if (const auto i = model.bad_moment(adam.packed))
-    throw InputError(file, kPacked + ("[" + std::to_string(*i) + "]"),
-                     std::to_string(adam.packed[*i]), "must be of finite moments");
-  const std::size_t errors = model.errors();
-  if (errors > 0) adam.errors = read(parsed, kErrors, errors, file);
-  adam.first_moment = read(parsed, kMoments[0], others, file);
-  adam.second_moment = read(parsed, kMoments[1], others, file);
-  for (std::size_t i = 0; i < others; ++i)
-    if (adam.second_moment[i] < 0)
-      throw InputError(file, kMoments[1] + ("[" + std::to_string(i) + "]"),
-                       std::to_string(adam.second_moment[i]), "must not be negative");
+  read_adam(parsed, file, model, &state.adam);
   const std::vector<ModelTensor> tensors = model.tensors();
   model.parameters = Buffer<float>(model.size());
   for (const ModelTensor& tensor : tensors)
     take(parsed, tensor.name, tensor.shape, file).copy_to(model.parameters.data() + tensor.offset);
-  const auto cells = parsed.tensors.find(kCellErrors);
-  const bool with_errors = cells != parsed.tensors.end();
-  if (with_errors) state.cell_errors = read(parsed, kCellErrors, cells->second.size(), file);
-  for (std::size_t i = 0; i < state.cell_errors.size(); ++i)
-    if (state.cell_errors[i] < 0 || state.cell_errors[i] > kInitialError)
-      throw InputError(file, kCellErrors + ("[" + std::to_string(i) + "]"),
-                       std::to_string(state.cell_errors[i]), "must be in 0..1");
-  const std::size_t of_poses = state.poses.corrections.size();
-  const bool with_poses = of_poses > 0;
-  if (with_poses) {
-    const auto values = [&](int i) {
-      const Buffer<float> numbers = read(parsed, kPoses[i], of_poses, file);
-      return std::vector<float>(numbers.data(), numbers.data() + of_poses);
-    };
-    state.poses.corrections.values = values(0);
-    state.poses.moments.first = values(1);
-    state.poses.moments.second = values(2);
-    for (const float v : state.poses.moments.second)
-      if (v < 0) throw InputError(file, kPoses[2], std::to_string(v), "must not be negative");
-  }
-  const std::size_t expected =
-      tensors.size() + 2 + (packed > 0) + (errors > 0) + with_errors + 3 * with_poses;
+  state.cell_errors = read_cell_errors(parsed, file);
+  read_poses(parsed, file, &state.poses);
+  const std::size_t expected = tensors.size() + 2 + (model.updated_in_step() > 0) +
+                               (model.errors() > 0) + parsed.tensors.contains(kCellErrors) +
+                               3 * (state.poses.corrections.size() > 0);
   if (parsed.tensors.size() != expected)
     throw InputError(file, "", std::to_string(parsed.tensors.size()) + " tensors",
                      "must be " + std::to_string(expected));

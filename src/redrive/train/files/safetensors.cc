@@ -28,6 +28,87 @@ struct Extent {
   std::string name;
 };
 
+void parse_metadata(const nlohmann::json& entry, const std::string& field,
+                    const std::filesystem::path& file, Safetensors* out) {
+  if (!entry.is_object()) throw InputError(file, field, shown(entry), "must be an object");
+  for (const auto& [key, value] : entry.items()) {
+    if (!value.is_string())
+      throw InputError(file, field + "." + key, shown(value), "must be a text");
+    out->metadata[key] = value.get<std::string>();
+  }
+}
+
+/// Writes where the tensor lies in the file's data.
+Safetensors::Tensor parse_tensor(const std::string& name, const nlohmann::json& entry,
+                                 std::string_view data, const std::filesystem::path& file,
+                                 Extent* extent) {
+  if (!entry.is_object() || !entry.contains("dtype") || !entry.contains("shape") ||
+      !entry.contains("data_offsets"))
+    throw InputError(file, name, shown(entry), "must have dtype, shape and data_offsets");
+  if (entry["dtype"] != "F32" && entry["dtype"] != "U32")
+    throw InputError(file, name + ".dtype", shown(entry["dtype"]), "must be F32 or U32");
+  const auto whole = [&](const nlohmann::json& list, const char* field) {
+    std::vector<std::int64_t> numbers;
+    if (!list.is_array() || list.size() > 8)
+      throw InputError(file, name + "." + field, shown(list), "must be a short list");
+    for (const nlohmann::json& number : list) {
+      if (!number.is_number_unsigned() || number.get<std::uint64_t>() > data.size())
+        throw InputError(file, name + "." + field, shown(list),
+                         "must be whole numbers that fit in the file's data");
+      numbers.push_back(number.get<std::int64_t>());
+    }
+    return numbers;
+  };
+  Safetensors::Tensor tensor;
+  tensor.shape = whole(entry["shape"], "shape");
+  const std::vector<std::int64_t> offsets = whole(entry["data_offsets"], "data_offsets");
+  if (offsets.size() != 2 || offsets[0] > offsets[1])
+    throw InputError(file, name + ".data_offsets", shown(entry["data_offsets"]),
+                     "must be begin and end within the data");
+  extent->begin = static_cast<std::size_t>(offsets[0]);
+  extent->end = static_cast<std::size_t>(offsets[1]);
+  const std::size_t bytes = extent->end - extent->begin;
+  std::size_t count = 1;  // one check per factor rules out overflow, since each factor is
+                          // at most the size of the data
+  for (const std::int64_t size : tensor.shape) {
+    count *= static_cast<std::size_t>(size);
+    if (count > data.size()) break;
+  }
+  if (count > data.size() || count * sizeof(float) != bytes)
+    throw InputError(file, name + ".shape", shown(entry["shape"]),
+                     "does not match its data of " + std::to_string(bytes) + " bytes");
+  tensor.is_float = entry["dtype"] == "F32";
+  tensor.data = data.substr(extent->begin, bytes);
+  for (std::size_t i = 0; tensor.is_float && i < count; ++i) {
+    float value = 0;
+    std::memcpy(&value, tensor.data.data() + i * sizeof value, sizeof value);
+    if (!std::isfinite(value))
+      throw InputError(file, name + "[" + std::to_string(i) + "]", std::to_string(value),
+                       "must be finite");
+  }
+  return tensor;
+}
+
+/// Refuses tensors that do not tile the file's data.
+void check_tiling(std::vector<Extent> extents, std::size_t size,
+                  const std::filesystem::path& file) {
+  std::sort(extents.begin(), extents.end(), [](const Extent& a, const Extent& b) {
+    return std::tie(a.begin, a.end) < std::tie(b.begin, b.end);
+  });
+  std::size_t reached = 0;
+  for (const Extent& extent : extents) {
+    if (extent.begin != reached)
+      throw InputError(file, extent.name + ".data_offsets", std::to_string(extent.begin),
+                       "overlaps or leaves a hole: " + std::to_string(reached) +
+                           " follows from the tensors before");
+    reached = extent.end;
+  }
+  if (reached != size)
+    throw InputError(
+        file, "", std::to_string(size) + " bytes of data",
+        "the header speaks of " + std::to_string(reached) + " (truncated, or not ours)");
+}
+
 }  // namespace
 
 std::vector<std::string_view> SafetensorsFile::parts() const {
@@ -78,75 +159,14 @@ Safetensors parse_safetensors(std::string_view bytes, const std::filesystem::pat
   std::vector<Extent> extents;
   for (const auto& [name, entry] : header.items()) {
     if (name == "__metadata__") {
-      if (!entry.is_object()) throw InputError(file, name, shown(entry), "must be an object");
-      for (const auto& [key, value] : entry.items()) {
-        if (!value.is_string())
-          throw InputError(file, name + "." + key, shown(value), "must be a text");
-        result.metadata[key] = value.get<std::string>();
-      }
+      parse_metadata(entry, name, file, &result);
       continue;
     }
-    if (!entry.is_object() || !entry.contains("dtype") || !entry.contains("shape") ||
-        !entry.contains("data_offsets"))
-      throw InputError(file, name, shown(entry), "must have dtype, shape and data_offsets");
-    if (entry["dtype"] != "F32" && entry["dtype"] != "U32")
-      throw InputError(file, name + ".dtype", shown(entry["dtype"]), "must be F32 or U32");
-    const auto whole = [&, &name = name](const nlohmann::json& list, const char* field) {
-      std::vector<std::int64_t> numbers;
-      if (!list.is_array() || list.size() > 8)
-        throw InputError(file, name + "." + field, shown(list), "must be a short list");
-      for (const nlohmann::json& number : list) {
-        if (!number.is_number_unsigned() || number.get<std::uint64_t>() > data.size())
-          throw InputError(file, name + "." + field, shown(list),
-                           "must be whole numbers that fit in the file's data");
-        numbers.push_back(number.get<std::int64_t>());
-      }
-      return numbers;
-    };
-    Safetensors::Tensor tensor;
-    tensor.shape = whole(entry["shape"], "shape");
-    const std::vector<std::int64_t> offsets = whole(entry["data_offsets"], "data_offsets");
-    if (offsets.size() != 2 || offsets[0] > offsets[1])
-      throw InputError(file, name + ".data_offsets", shown(entry["data_offsets"]),
-                       "must be begin and end within the data");
-    const std::size_t begin = static_cast<std::size_t>(offsets[0]),
-                      end = static_cast<std::size_t>(offsets[1]);
-    std::size_t count = 1;  // one check per factor rules out overflow, since each factor is
-                            // at most the size of the data
-    for (const std::int64_t size : tensor.shape) {
-      count *= static_cast<std::size_t>(size);
-      if (count > data.size()) break;
-    }
-    if (count > data.size() || count * sizeof(float) != end - begin)
-      throw InputError(file, name + ".shape", shown(entry["shape"]),
-                       "does not match its data of " + std::to_string(end - begin) + " bytes");
-    tensor.is_float = entry["dtype"] == "F32";
-    tensor.data = data.substr(begin, end - begin);
-    for (std::size_t i = 0; tensor.is_float && i < count; ++i) {
-      float value = 0;
-      std::memcpy(&value, tensor.data.data() + i * sizeof value, sizeof value);
-      if (!std::isfinite(value))
-        throw InputError(file, name + "[" + std::to_string(i) + "]", std::to_string(value),
-                         "must be finite");
-    }
-    extents.push_back({begin, end, name});
-    result.tensors.emplace(name, std::move(tensor));
+    Extent& extent = extents.emplace_back();
+    extent.name = name;
+    result.tensors.emplace(name, parse_tensor(name, entry, data, file, &extent));
   }
-  std::sort(extents.begin(), extents.end(), [](const Extent& a, const Extent& b) {
-    return std::tie(a.begin, a.end) < std::tie(b.begin, b.end);
-  });
-  std::size_t reached = 0;
-  for (const Extent& extent : extents) {
-    if (extent.begin != reached)
-      throw InputError(file, extent.name + ".data_offsets", std::to_string(extent.begin),
-                       "overlaps or leaves a hole: " + std::to_string(reached) +
-                           " follows from the tensors before");
-    reached = extent.end;
-  }
-  if (reached != data.size())
-    throw InputError(
-        file, "", std::to_string(data.size()) + " bytes of data",
-        "the header speaks of " + std::to_string(reached) + " (truncated, or not ours)");
+  check_tiling(std::move(extents), data.size(), file);
   return result;
 }
 

@@ -71,6 +71,66 @@ fs::path egomotion_file(const fs::path& root) {
                    "missing, and so is egomotion.json: there are no poses");
 }
 
+/// Adds the calibrated cameras with their images; a finding names what has only one of both.
+void add_cameras(const std::vector<CameraCalibration>& calibrations, const fs::path& image_root,
+                 Recording* recording) {
+  std::set<std::string> calibrated;
+  for (const CameraCalibration& calibration : calibrations) {
+    calibrated.insert(calibration.name);
+    const fs::path folder = image_root / calibration.name;
+    std::vector<ImageFile> images = images_with_poses(
+        list_frame_files(folder, calibration.name + "_", {".jpg", ".jpeg", ".png"},
+                         calibration.name, &recording->findings),
+        calibration.name, recording->frames, &recording->findings);
+    if (!images.empty()) {
+      recording->cameras.push_back({calibration, std::move(images)});
+    } else {
+      recording->findings.push_back(
+          {calibration.name, is_there(folder)
+                                 ? "calibrated, but no image to use; left out"
+                                 : "calibrated, but there is no folder of its images; left out"});
+    }
+  }
+  for (const fs::path& folder : list_folder(image_root)) {
+    if (is_folder(folder) && !calibrated.contains(folder.filename().string())) {
+      recording->findings.push_back(
+          {folder.filename().string(),
+           "images of a camera that calibration.json does not have; left out"});
+    }
+  }
+  if (!recording->cameras.empty()) return;
+  std::string why;
+  for (const Finding& finding : recording->findings)
+    why += "; " + finding.subject + ": " + finding.what;
+  if (!recording->damaged.empty()) why += "; " + recording->damaged.front().why;
+  throw InputError(image_root, "", "",
+                   "empty recording: no image of a calibrated camera with a pose" + why);
+}
+
+/// Adds the LiDAR's revolutions or, where they cannot be used, points.ply.
+void add_lidar(Recording* recording) {
+  const fs::path& root = recording->root;
+  recording->lidar_files =
+      list_frame_files(root / "dynamic/raw-revolutions", "frame_", {".laz", ".las"},
+                       "dynamic/raw-revolutions", &recording->findings);
+  if (!recording->lidar_files.empty() && !recording->body_from_lidar)
+    recording->findings.push_back(
+        {"lidar",
+         "not used: calibration.json has no sensor, or several, of type lidar with "
+         "extrinsics (RT_body_from_sensor)"});
+  if (!is_there(root / "points.ply")) return;
+  recording->points_file = root / "points.ply";
+  if (!recording->body_from_lidar)
+    recording->lidar_files.clear();
+  else if (!recording->lidar_files.empty())
+    recording->findings.push_back({"points.ply", "not used: the LiDAR's revolutions are"});
+  if (!recording->lidar_files.empty()) return;
+  std::size_t left_out = 0;
+  read_ply(recording->points_file, &left_out);  // what training would refuse is refused here
+  if (const auto finding = points_left_out(recording->points_file, left_out))
+    recording->findings.push_back(*finding);
+}
+
 }  // namespace
 
 bool looks_like(const fs::path& root) {
@@ -89,8 +149,7 @@ Recording open(const fs::path& root, PoseSource source) {
   const fs::path calibration_file = use_ground_truth
                                         ? root / "sensor/calibration/calibration_true.json"
                                         : root / kCalibrationFile;
-  const fs::path image_root = root / "sensor/camera",
-                 true_poses_file = root / "sensor/gnssins/egomotion2_true.json";
+  const fs::path true_poses_file = root / "sensor/gnssins/egomotion2_true.json";
   OtherSensors others;
   const std::vector<CameraCalibration> calibrations =
       parse_calibration(read_file(calibration_file), calibration_file, &others);
@@ -105,65 +164,12 @@ Recording open(const fs::path& root, PoseSource source) {
     const DamagedList damaged{"poses", &recording.damaged};
     recording.frames = parse_egomotion(read_file(poses_file), poses_file, &damaged);
   }
-
   recording.reader = make_reader(recording.frames);
 
-  std::set<std::string> calibrated;
-  for (const CameraCalibration& calibration : calibrations) {
-    calibrated.insert(calibration.name);
-    const fs::path folder = image_root / calibration.name;
-    std::vector<ImageFile> images = images_with_poses(
-        list_frame_files(folder, calibration.name + "_", {".jpg", ".jpeg", ".png"},
-                         calibration.name, &recording.findings),
-        calibration.name, recording.frames, &recording.findings);
-    if (!images.empty()) {
-      recording.cameras.push_back({calibration, std::move(images)});
-    } else {
-      recording.findings.push_back(
-          {calibration.name, is_there(folder)
-                                 ? "calibrated, but no image to use; left out"
-                                 : "calibrated, but there is no folder of its images; left out"});
-    }
-  }
-  for (const fs::path& folder : list_folder(image_root)) {
-    if (is_folder(folder) && !calibrated.contains(folder.filename().string())) {
-      recording.findings.push_back(
-          {folder.filename().string(),
-           "images of a camera that calibration.json does not have; left out"});
-    }
-  }
-  if (recording.cameras.empty()) {
-    std::string why;
-    for (const Finding& finding : recording.findings)
-      why += "; " + finding.subject + ": " + finding.what;
-    if (!recording.damaged.empty()) why += "; " + recording.damaged.front().why;
-    throw InputError(image_root, "", "",
-                     "empty recording: no image of a calibrated camera with a pose" + why);
-  }
-
-  recording.lidar_files =
-      list_frame_files(root / "dynamic/raw-revolutions", "frame_", {".laz", ".las"},
-                       "dynamic/raw-revolutions", &recording.findings);
+  add_cameras(calibrations, root / "sensor/camera", &recording);
+  add_lidar(&recording);
   recording.box_files = list_frame_files(root / "dynamic/box/3d_body", "frame_", {".json"},
                                          "dynamic/box/3d_body", &recording.findings);
-  if (!recording.lidar_files.empty() && !recording.body_from_lidar)
-    recording.findings.push_back(
-        {"lidar",
-         "not used: calibration.json has no sensor, or several, of type lidar with "
-         "extrinsics (RT_body_from_sensor)"});
-  if (is_there(root / "points.ply")) {
-    recording.points_file = root / "points.ply";
-    if (!recording.body_from_lidar)
-      recording.lidar_files.clear();
-    else if (!recording.lidar_files.empty())
-      recording.findings.push_back({"points.ply", "not used: the LiDAR's revolutions are"});
-    if (recording.lidar_files.empty()) {
-      std::size_t left_out = 0;
-      read_ply(recording.points_file, &left_out);  // what training would refuse is refused here
-      if (const auto finding = points_left_out(recording.points_file, left_out))
-        recording.findings.push_back(*finding);
-    }
-  }
   for (const fs::path& folder : list_folder(root / "novel")) {
     if (!is_folder(folder)) continue;
     const std::string name = folder.filename().string();

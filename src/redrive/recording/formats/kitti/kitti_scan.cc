@@ -18,14 +18,15 @@ constexpr std::size_t kMaxScanPoints = 4'000'000;
 constexpr float kMaxScanCoordinate_m = 1000;
 constexpr auto kColumns = static_cast<double>(kScanColumns);
 
+/// Turns from ahead to the left, -0.5 to 0.5.
+double turns_to_left(double x, double y) { return std::atan2(y, x) / (2 * std::numbers::pi); }
+
 /// 0 at the start of the revolution to 1 at its end.
-double fraction_of_revolution(double x, double y) {
-  return 0.5 - std::atan2(y, x) / (2 * std::numbers::pi);
-}
+double fraction_of_revolution(double x, double y) { return 0.5 - turns_to_left(x, y); }
 
 /// 0 ahead, growing to the left, to 1 ahead again.
 double fraction_of_turn(double x, double y) {
-  const double turn = std::atan2(y, x) / (2 * std::numbers::pi);
+  const double turn = turns_to_left(x, y);
   return turn < 0 ? turn + 1 : turn;
 }
 

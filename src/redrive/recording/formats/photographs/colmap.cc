@@ -236,6 +236,103 @@ std::string camera_name(std::int64_t id, const std::vector<CameraRecord>& camera
   return "camera_" + std::string(digits - number.size(), '0') + number;
 }
 
+/// Returns the model's cameras by id, without images.
+std::map<std::int64_t, RecordedCamera> recorded_cameras(const std::vector<CameraRecord>& cameras,
+                                                        const fs::path& file) {
+  std::map<std::int64_t, RecordedCamera> by_id;
+  for (const CameraRecord& camera : cameras) {
+    RecordedCamera& recorded = by_id[camera.id];
+    recorded.calibration = to_calibration(camera, file);
+    recorded.calibration.name = camera_name(camera.id, cameras);
+    recorded.calibration.body_from_sensor = photographs::body_from_camera();
+  }
+  return by_id;
+}
+
+struct PhotoFiles {
+  fs::path images_folder, cameras, images;
+};
+
+/// Images of a model after each that can be used has become a frame.
+struct PlacedImages {
+  std::set<std::int64_t> ids;
+  std::set<std::string> names;  ///< and paths of files that were found under another name
+  std::map<std::int64_t, std::int64_t> frame_of_image;
+  std::vector<std::string> missing, found_elsewhere, not_normalised;
+};
+
+/// Adds a frame to the recording, and the image to its camera, where its file is there.
+void place_image(const ImageRecord& image, const PhotoFiles& files, const MaskFile& mask,
+                 std::map<std::int64_t, RecordedCamera>* cameras, Recording* recording,
+                 PlacedImages* placed) {
+  constexpr double kUnitLength = 1e-3;  // what rounding leaves is less
+  const fs::path& folder = files.images_folder;
+  placed->ids.insert(image.id);
+  const std::string record = "image " + std::to_string(image.id);
+  const auto camera = cameras->find(image.camera_id);
+  if (camera == cameras->end())
+    throw InputError(files.images, record + " camera", std::to_string(image.camera_id),
+                     "is not in " + files.cameras.filename().string());
+  if (!placed->names.insert(image.name).second)
+    throw InputError(files.images, record + " name", image.name, "is there twice");
+  const fs::path path = photographs::find_image(folder, image.name);
+  if (lies_outside(path.empty() ? folder / image.name : path, folder))
+    throw InputError(files.images, record + " name", image.name, "leads out of " + folder.string());
+  if (path.empty()) {
+    placed->missing.push_back(image.name);
+    return;
+  }
+  if (!image.damage.empty()) {
+    recording->damaged.push_back({"poses", -1, image.damage});
+    return;
+  }
+  if (path != folder / image.name) {
+    placed->names.insert(path.lexically_relative(folder).string());
+    placed->found_elsewhere.push_back(path.string());
+  }
+  if (std::abs(image.quaternion_length - 1) > kUnitLength)
+    placed->not_normalised.push_back(image.name);
+  const auto id = static_cast<std::int64_t>(recording->frames.size());
+  placed->frame_of_image[image.id] = id;
+  recording->frames.push_back({id, id * photographs::kFrameTime_ns,
+                               image.camera_from_world.inverse(Eigen::Isometry) *
+                                   photographs::body_from_camera().inverse(Eigen::Isometry)});
+  camera->second.images.push_back({{id, path}, mask, false});
+}
+
+/// Reports images of the model that are not as it says, images without a pose, and masks of none.
+void report_images(const PlacedImages& placed, const PhotoFiles& files, MaskFolder* masks,
+                   std::vector<Finding>* findings) {
+  photographs::note_found_elsewhere(placed.found_elsewhere, findings);
+  if (!placed.not_normalised.empty())
+    findings->push_back({files.images.filename().string(),
+                         "quaternions of " + counted(placed.not_normalised.size(), "image") +
+                             " are more than 0.001 off the length 1; they are normalised: " +
+                             first_few(placed.not_normalised)});
+  if (!placed.missing.empty())
+    findings->push_back(
+        {"frames", counted(placed.missing.size(), "image") +
+                       " of the model, but not in images, left out: " + first_few(placed.missing)});
+  const std::vector<std::string> others = images_without_pose(files.images_folder, placed.names);
+  for (const std::string& name : others) masks->find(name);
+  if (!others.empty())
+    findings->push_back(
+        {"images", counted(others.size(), "image") +
+                       " without a pose in the model, left out: " + first_few(others)});
+  masks->report_unused(findings);
+}
+
+/// Takes points as the recording's, and its bounds from them.
+void take_points(const fs::path& file, const fs::path& images_file,
+                 const std::set<std::int64_t>& images, Recording* recording) {
+  recording->points_file = file;
+  std::size_t left_out = 0;
+  const std::vector<PointRecord> records = read_point_records(file, &left_out);
+  if (const auto finding = points_left_out(file, left_out)) recording->findings.push_back(*finding);
+  report_unknown_images(records, file, images_file, images, &recording->findings);
+  recording->bounds = bounds_of(recording->frames, records);
+}
+
 }  // namespace
 
 bool looks_like(const fs::path& root) { return !find_models(root).empty(); }
@@ -245,88 +342,30 @@ Recording open(const fs::path& root, PoseSource source) {
   Recording recording = photographs::empty_recording(root);
   std::vector<Finding>& findings = recording.findings;
   const fs::path project = project_of(root), folder = project / "images",
-                 model = choose_model(find_models(root), folder, &findings),
-                 cameras_file = required_file(model, "cameras"),
-                 images_file = required_file(model, "images");
+                 model = choose_model(find_models(root), folder, &findings);
+  const PhotoFiles files{folder, required_file(model, "cameras"), required_file(model, "images")};
   const std::vector<CameraRecord> cameras =
-      read(cameras_file, parse_cameras_binary, parse_cameras_text);
-  std::vector<ImageRecord> images = read(images_file, parse_images_binary, parse_images_text);
+      read(files.cameras, parse_cameras_binary, parse_cameras_text);
+  std::vector<ImageRecord> images = read(files.images, parse_images_binary, parse_images_text);
   apply_rigs(model, &images, &findings);
   std::ranges::sort(images, [](const ImageRecord& a, const ImageRecord& b) {
     return strverscmp(a.name.c_str(), b.name.c_str()) < 0;
   });
-
   if (!is_folder(folder))
     throw InputError(folder, "", "",
-                     "no such folder; the images of " + images_file.string() + " belong there");
-  std::map<std::int64_t, RecordedCamera> by_id;
-  for (const CameraRecord& camera : cameras) {
-    RecordedCamera& recorded = by_id[camera.id];
-    recorded.calibration = to_calibration(camera, cameras_file);
-    recorded.calibration.name = camera_name(camera.id, cameras);
-    recorded.calibration.body_from_sensor = photographs::body_from_camera();
-  }
-  constexpr double kUnitLength = 1e-3;  // what rounding leaves is less
-  std::vector<std::string> missing, found_elsewhere, not_normalised;
+                     "no such folder; the images of " + files.images.string() + " belong there");
+
+  std::map<std::int64_t, RecordedCamera> by_id = recorded_cameras(cameras, files.cameras);
   MaskFolder masks(project);
-  std::set<std::string> names;
-  std::set<std::int64_t> ids;
-  std::map<std::int64_t, std::int64_t> frame_of_image;
-  for (const ImageRecord& image : images) {
-    ids.insert(image.id);
-    const MaskFile mask = masks.find(image.name);
-    const std::string record = "image " + std::to_string(image.id);
-    const auto camera = by_id.find(image.camera_id);
-    if (camera == by_id.end())
-      throw InputError(images_file, record + " camera", std::to_string(image.camera_id),
-                       "is not in " + cameras_file.filename().string());
-    if (!names.insert(image.name).second)
-      throw InputError(images_file, record + " name", image.name, "is there twice");
-    const fs::path path = photographs::find_image(folder, image.name);
-    if (lies_outside(path.empty() ? folder / image.name : path, folder))
-      throw InputError(images_file, record + " name", image.name,
-                       "leads out of " + folder.string());
-    if (path.empty()) {
-      missing.push_back(image.name);
-      continue;
-    }
-    if (!image.damage.empty()) {
-      recording.damaged.push_back({"poses", -1, image.damage});
-      continue;
-    }
-    if (path != folder / image.name) {
-      names.insert(path.lexically_relative(folder).string());
-      found_elsewhere.push_back(path.string());
-    }
-    if (std::abs(image.quaternion_length - 1) > kUnitLength) not_normalised.push_back(image.name);
-    const auto id = static_cast<std::int64_t>(recording.frames.size());
-    frame_of_image[image.id] = id;
-    recording.frames.push_back({id, id * photographs::kFrameTime_ns,
-                                image.camera_from_world.inverse(Eigen::Isometry) *
-                                    photographs::body_from_camera().inverse(Eigen::Isometry)});
-    camera->second.images.push_back({{id, path}, mask, false});
-  }
-  photographs::note_found_elsewhere(found_elsewhere, &findings);
-  if (!not_normalised.empty())
-    findings.push_back({images_file.filename().string(),
-                        "quaternions of " + counted(not_normalised.size(), "image") +
-                            " are more than 0.001 off the length 1; they are normalised: " +
-                            first_few(not_normalised)});
-  if (!missing.empty())
-    findings.push_back(
-        {"frames", counted(missing.size(), "image") +
-                       " of the model, but not in images, left out: " + first_few(missing)});
-  const std::vector<std::string> others = images_without_pose(folder, names);
-  for (const std::string& name : others) masks.find(name);
-  if (!others.empty())
-    findings.push_back(
-        {"images", counted(others.size(), "image") +
-                       " without a pose in the model, left out: " + first_few(others)});
-  masks.report_unused(&findings);
+  PlacedImages placed;
+  for (const ImageRecord& image : images)
+    place_image(image, files, masks.find(image.name), &by_id, &recording, &placed);
+  report_images(placed, files, &masks, &findings);
   for (auto& [id, camera] : by_id)
     if (!camera.images.empty()) recording.cameras.push_back(std::move(camera));
+  const std::vector<std::string>& missing = placed.missing;
   if (recording.cameras.empty() && missing.empty() && !recording.damaged.empty())
-    throw InputError(images_file, "", "", "no pose can be used: " + recording.damaged.front().why);
+    throw InputError(files.images, "", "", "no pose can be used: " + recording.damaged.front().why);
   if (recording.cameras.empty())
     photographs::refuse_without_images(folder, missing.empty() ? "" : missing.front());
   photographs::fit_to_images(&recording);
@@ -336,14 +375,9 @@ Recording open(const fs::path& root, PoseSource source) {
     findings.push_back({"points3D", "missing: nothing says where the scene is"});
     photographs::report_unread_points({model, project}, "", &findings);
   } else {
-    recording.points_file = points;
-    std::size_t left_out = 0;
-    const std::vector<PointRecord> records = read_point_records(points, &left_out);
-    if (const auto finding = points_left_out(points, left_out)) findings.push_back(*finding);
-    report_unknown_images(records, points, images_file, ids, &findings);
-    recording.bounds = bounds_of(recording.frames, records);
+    take_points(points, files.images, placed.ids, &recording);
   }
-  recording.reader = std::make_shared<Reader>(std::move(frame_of_image));
+  recording.reader = std::make_shared<Reader>(std::move(placed.frame_of_image));
   return recording;
 }
 
