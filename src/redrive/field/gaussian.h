@@ -14,6 +14,7 @@
 #pragma once
 
 #include <cstddef>
+#include <type_traits>
 
 #include "redrive/camera/plain_camera.h"
 
@@ -29,11 +30,30 @@ enum GaussianRow {
   /// 9: change of r, g, b by the x of the viewing direction in the world, then by y, then by z:
   /// spherical harmonics of degree 1.
   kHarmonicsRow = 14,
+  /// 4: what a LiDAR sees in place of colours: intensity, then probability of a return, each a + b
+  /// times the cosine of the angle of incidence.
+  kLidarRow = 23,
   /// Distance to the nearest training camera, metres: scales the learning rate of the position. Not
   /// trained.
-  kDistanceRow = 23,
-  kGaussianRows = 24
+  kDistanceRow = 27,
+  kGaussianRows = 28
 };
+
+/// Who sees a Gaussian: a LiDAR sees the rows kLidarRow in place of colours.
+enum class SeenBy { kCamera, kLidar, kBoth };
+template <class C>
+constexpr bool kIsLidar = std::is_same_v<C, SphericalCamera>;
+template <class C>
+constexpr SeenBy kSeenBy = kIsLidar<C> ? SeenBy::kLidar : SeenBy::kCamera;
+inline SeenBy seen_by(const PlainCamera& camera) {
+  return camera.model == PlainCamera::kSpherical ? SeenBy::kLidar : SeenBy::kCamera;
+}
+/// Whether a row below kDistanceRow changes what is seen.
+constexpr bool is_seen(SeenBy by, int row) {
+  return row < kColourRow || by == SeenBy::kBoth || (row >= kLidarRow) == (by == SeenBy::kLidar);
+}
+/// Numbers that a LiDAR sees.
+enum LidarSlot { kIntensitySlot, kReturnSlot, kLidarSlots };
 
 /// Gaussians are stored in blocks of 16: [blocks, kGaussianRows, 16].
 constexpr int kGaussianBlock = 16;
@@ -90,7 +110,8 @@ struct ProjectedGaussian {
   Real transparency;  ///< 1 - opacity, without its rounding
   Real alpha;         ///< opacity at the mean: times the filter's compensation
   Real direction[3];  ///< direction of the mean from the camera, world, unit
-  Real colour[3];     ///< before the clamp at 0
+  Real incidence;     ///< of a LiDAR: cosine of the angle to the normal, the shortest axis
+  Real colour[3];     ///< before the clamp at 0; of a LiDAR by LidarSlot, then 0
 };
 
 /// Derivatives of a loss with respect to a projected Gaussian.
@@ -163,6 +184,26 @@ REDRIVE_LANES void project_mean(const C& camera, const GaussianPose<M>& pose,
   out->visible = M::both(pixel.valid, depth > M::constant(kNearPlane_m));
 }
 
+/// Sets incidence and colour of a LiDAR.
+template <class M>
+REDRIVE_LANES void show_lidar(const typename M::Real* rows, ProjectedGaussian<M>* out) {
+  using Real = typename M::Real;
+  const Real zero = M::constant(0);
+  Real least = out->scale[0], along = zero;
+  for (int j = 0; j < 3; ++j) {
+    Real dot = zero;
+    for (int k = 0; k < 3; ++k) dot = dot + out->axis[j][k] * out->point[k];
+    const auto shorter = out->scale[j] < least;
+    along = j == 0 ? dot : M::select(shorter, dot, along);
+    least = M::select(shorter, out->scale[j], least);
+  }
+  out->incidence = M::stopped(M::max(along, -along) / out->length);
+  for (int slot = 0; slot < kLidarSlots; ++slot)
+    out->colour[slot] =
+        rows[kLidarRow + 2 * slot] + rows[kLidarRow + 2 * slot + 1] * out->incidence;
+  out->colour[2] = zero;
+}
+
 /// Projects Gaussians whose mean project_mean has projected. `rows`: their numbers, by
 /// GaussianRow. Numbers of invisible lanes are arbitrary.
 template <class M, class C>
@@ -229,15 +270,18 @@ REDRIVE_LANES void project_gaussian(const C& camera, const GaussianPose<M>& pose
   const Real inverse_length = one / out->length;
   for (int k = 0; k < 3; ++k)
     out->direction[k] = (rows[kPositionRow + k] - pose.centre[k]) * inverse_length;
-  for (int c = 0; c < 3; ++c)
-    out->colour[c] = rows[kColourRow + c] + rows[kHarmonicsRow + c] * out->direction[0] +
-                     rows[kHarmonicsRow + 3 + c] * out->direction[1] +
-                     rows[kHarmonicsRow + 6 + c] * out->direction[2];
+  if constexpr (kIsLidar<C>)
+    show_lidar<M>(rows, out);
+  else
+    for (int c = 0; c < 3; ++c)
+      out->colour[c] = rows[kColourRow + c] + rows[kHarmonicsRow + c] * out->direction[0] +
+                       rows[kHarmonicsRow + 3 + c] * out->direction[1] +
+                       rows[kHarmonicsRow + 6 + c] * out->direction[2];
 }
 
-/// Writes the derivatives with respect to the rows 0..kDistanceRow-1 and, if `d_pose` is not null,
-/// to the pose. The spread's bound by the distance, the slope and the row of a rolling shutter
-/// count as constants.
+/// Writes the derivatives with respect to the rows that the camera sees (is_seen) and, if `d_pose`
+/// is not null, to the pose. The spread's bound by the distance, the slope, the row of a rolling
+/// shutter and the incidence count as constants.
 template <class M, class C>
 REDRIVE_LANES void project_gaussian_adjoint(const C& camera, const GaussianPose<M>& pose,
                                             const typename M::Real* rows,
@@ -322,10 +366,16 @@ REDRIVE_LANES void project_gaussian_adjoint(const C& camera, const GaussianPose<
     const auto positive = at.colour[c] > zero;
     const Real d = M::select(positive, gradient.colour[c], zero),
                d_colour = M::select(positive, d, -M::max(-gradient.colour[c], zero));
-    d_rows[kColourRow + c] = d_colour;
-    for (int k = 0; k < 3; ++k) {
-      d_rows[kHarmonicsRow + 3 * k + c] = d_colour * at.direction[k];
-      d_direction[k] = d_direction[k] + d * rows[kHarmonicsRow + 3 * k + c];
+    if constexpr (kIsLidar<C>) {
+      if (c == kLidarSlots) break;
+      d_rows[kLidarRow + 2 * c] = d_colour;
+      d_rows[kLidarRow + 2 * c + 1] = d_colour * at.incidence;
+    } else {
+      d_rows[kColourRow + c] = d_colour;
+      for (int k = 0; k < 3; ++k) {
+        d_rows[kHarmonicsRow + 3 * k + c] = d_colour * at.direction[k];
+        d_direction[k] = d_direction[k] + d * rows[kHarmonicsRow + 3 * k + c];
+      }
     }
   }
   for (int k = 0; k < 3; ++k) radial = radial + d_direction[k] * at.direction[k];

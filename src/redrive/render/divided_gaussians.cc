@@ -14,7 +14,7 @@ namespace {
 
 /// Returns a Gaussian's number at the brightness that log_gains make up for.
 float brightened(float number, int row, const LogGains& log_gains) {
-  const bool is_colour = row >= kColourRow && row < kDistanceRow;
+  const bool is_colour = row >= kColourRow && row < kLidarRow;
   return is_colour ? static_cast<float>(std::exp(log_gains[(row - kColourRow) % 3]) * number)
                    : number;
 }

@@ -41,9 +41,11 @@ inline void check_rasterise_backward(const GaussianCamera& camera, const Gaussia
   const std::size_t numbers = gaussians.numbers.size(), errors = numbers / kGaussianRows;
   REDRIVE_CHECK_OP(to.errors.size(), ==, to.update ? 0 : errors);
   REDRIVE_CHECK(to.gradients.empty() || (!to.update && to.gradients.size() == numbers));
-  if (to.update)
+  if (to.update) {
+    REDRIVE_CHECK(to.update->rows == seen_by(camera.camera));
     REDRIVE_CHECK(to.update->numbers.size() == numbers && to.update->moments.size() == numbers &&
                   to.update->errors.size() == errors);
+  }
   REDRIVE_CHECK(d_poses == 0 || d_poses == 1 + camera.parts.size());
 }
 

@@ -163,7 +163,7 @@ struct ImageLossOutput {
   std::vector<PatchBrightness> patches;  ///< patches of kPatchSide squared pixels, row by row
 };
 
-/// A step of Adam. Updates each Gaussian whose opacity derivative is not 0 and whose derivatives
+/// A step of Adam on some of the rows. Updates each Gaussian whose opacity derivative is not 0 and whose derivatives
 /// are all finite; others keep values and moments.
 struct GaussianUpdate {
   AdamStep step;  ///< learning_rate is not used
@@ -176,6 +176,8 @@ struct GaussianUpdate {
   std::span<float> numbers;          ///< Gaussians::numbers
   std::span<std::uint32_t> moments;  ///< as numbers (optim/packed_moments.h)
   std::span<float> errors;           ///< one per Gaussian, in whole blocks; added to
+  /// Rows that are updated (is_seen); in a backward pass the rows that its camera sees.
+  SeenBy rows = SeenBy::kCamera;
 };
 
 /// Where derivatives with respect to the Gaussians go: gradients and errors, only errors, or an

@@ -67,6 +67,8 @@ void put_gaussian(const Point& point, const Eigen::Vector3f& scale,
   rows[kQuaternionRow + 2] = rotation.y();
   rows[kQuaternionRow + 3] = rotation.z();
   rows[kOpacityRow] = logit(opacity);
+  rows[kLidarRow + 2 * kIntensitySlot] = point.intensity;
+  rows[kLidarRow + 2 * kReturnSlot] = point.returns;
   rows[kDistanceRow] = distance;
 }
 

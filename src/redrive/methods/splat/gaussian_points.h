@@ -29,9 +29,11 @@ class NearestCamera {
   std::vector<float> centres_;  ///< [n][3]
 };
 
-/// A coloured point, rgb in [0, 1]; seen_from: the position of a sensor that saw it.
+/// A coloured point.
 struct Point {
-  Eigen::Vector3f position, rgb, seen_from;
+  Eigen::Vector3f position, rgb, seen_from;  ///< rgb in [0, 1]; position of a sensor that saw it
+  float intensity = 0;                       ///< of a LiDAR return
+  float returns = 1;                         ///< probability that a LiDAR has a return
 };
 using Points = std::vector<Point>;
 

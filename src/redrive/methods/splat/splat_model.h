@@ -35,7 +35,7 @@ struct SplatModel final : Trainee, FieldGaussians {
   double initial_rate = 0.1, last_rate = 0.03;
   /// Learning rates as multiples of the opacity's.
   float position_rate = 0.008f, scale_rate = 0.4f, rotation_rate = 0.16f, colour_rate = 0.3f,
-        harmonics_rate = 0.01f;
+        harmonics_rate = 0.01f, lidar_rate = 0.2f;
   float l1_weight = 0.8f, ssim_weight = 0.2f;
   float range_weight = 0.1f;     ///< weight of LiDAR returns
   float surface_rate = 0.5f;     ///< part of the way to a LiDAR plane in a call

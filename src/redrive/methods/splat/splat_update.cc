@@ -37,7 +37,8 @@ kernels::GaussianUpdate SplatModel::gaussian_update(const StepUpdate& at) const 
   set(kQuaternionRow, kOpacityRow, rotation_rate);
   set(kOpacityRow, kColourRow, 1);
   set(kColourRow, kHarmonicsRow, colour_rate);
-  set(kHarmonicsRow, kDistanceRow, harmonics_rate);
+  set(kHarmonicsRow, kLidarRow, harmonics_rate);
+  set(kLidarRow, kDistanceRow, lidar_rate);
   update.min_log_scale = std::log(min_scale);
   update.max_log_scale = std::log(max_scale);
   update.numbers = at.parameters.first(blocks_size());

@@ -106,7 +106,8 @@ UpdateJob update_job(const GaussianUpdate& update) {
           .max_log_scale = update.max_log_scale,
           .numbers = update.numbers.data(),
           .moments = update.moments.data(),
-          .errors = update.errors.data()};
+          .errors = update.errors.data(),
+          .rows = update.rows};
 }
 
 template <class Body>

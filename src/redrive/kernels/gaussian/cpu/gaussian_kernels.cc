@@ -69,9 +69,11 @@ REDRIVE_INLINE void project_means(const ProjectionJob& job, const C& camera, con
   }
 }
 
+/// Loads the rows that a camera sees.
+template <SeenBy by>
 REDRIVE_INLINE void load_rows(const float* block, int vector, Vf* rows) {
   for (int row = 0; row < kDistanceRow; ++row)
-    rows[row] = load(block + row * kGaussianBlock + vector * kLanes);
+    if (is_seen(by, row)) rows[row] = load(block + row * kGaussianBlock + vector * kLanes);
 }
 
 template <class C>
@@ -91,7 +93,7 @@ REDRIVE_INLINE std::size_t project(const ProjectionJob& job, const C& camera, st
       Projected at;
       project_means(job, camera, rows, &pose, &at);
       if (lane_bits(at.visible) == 0) continue;
-      load_rows(numbers, vector, rows);
+      load_rows<kSeenBy<C>>(numbers, vector, rows);
       project_gaussian<LaneMath>(camera, pose, rows, &at);
       const Vf alpha = maximum(at.alpha, splat(1e-9f)), log2_alpha = logarithm_of_two(alpha);
       // alpha falls to kMinAlpha where half the squared Mahalanobis distance is log(alpha / min).
@@ -166,7 +168,8 @@ REDRIVE_INLINE Vi pack_moments(Vf first, Vf second) {
          ((reinterpret_cast<Vi>(second) + splat_int(0x4000)) >> 15);
 }
 
-/// Updates a block by its gradients.
+/// Updates the rows of a block that a camera sees by their gradients.
+template <SeenBy by>
 REDRIVE_INLINE void update_block(const UpdateJob& job, const float* gradients, const float* errors,
                                  std::size_t block) {
   const Vf beta1 = splat(job.beta1), beta2 = splat(job.beta2), rest1 = splat(1 - job.beta1),
@@ -180,11 +183,13 @@ REDRIVE_INLINE void update_block(const UpdateJob& job, const float* gradients, c
     Vi drawn = load(g + kOpacityRow * kGaussianBlock) != Vf{};
     if (lane_bits(drawn) == 0) continue;
     for (int row = 0; row < kDistanceRow; ++row) {
+      if (!is_seen(by, row)) continue;
       const Vf gradient = load(g + row * kGaussianBlock);
       drawn &= gradient - gradient == Vf{};  // false for NaN and infinity
     }
     const Vf distance = load(p + kDistanceRow * kGaussianBlock);
     for (int row = 0; row < kDistanceRow; ++row) {
+      if (!is_seen(by, row)) continue;
       const std::size_t o = static_cast<std::size_t>(row) * kGaussianBlock;
       const Vi packed = load_words(moments + o);
       const Vf gradient = load(g + o), m = beta1 * unpacked_first(packed) + rest1 * gradient,
@@ -252,7 +257,7 @@ REDRIVE_INLINE void project_backward(const ProjectionBackwardJob& job, const C& 
       if (!gradients) continue;
 
       Vf rows[kDistanceRow];
-      load_rows(job.gaussians + block * kBlockSize, vector, rows);
+      load_rows<kSeenBy<C>>(job.gaussians + block * kBlockSize, vector, rows);
       Pose pose;
       Projected at;
       project_means(job, camera, rows, &pose, &at);
@@ -272,15 +277,16 @@ REDRIVE_INLINE void project_backward(const ProjectionBackwardJob& job, const C& 
                                          job.d_pose ? &d_pose : nullptr);
       float* const out = gradients + vector * kLanes;
       for (int row = 0; row < kDistanceRow; ++row)
-        store(out + row * kGaussianBlock,
-              load(out + row * kGaussianBlock) + (drawn ? d_rows[row] : Vf{}));
+        if (is_seen(kSeenBy<C>, row))
+          store(out + row * kGaussianBlock,
+                load(out + row * kGaussianBlock) + (drawn ? d_rows[row] : Vf{}));
       if (job.d_pose)
         for (int k = 0; k < 3; ++k) {
           pose_sums[k] += drawn ? d_pose.translation[k] : Vf{};
           pose_sums[3 + k] += drawn ? d_pose.rotation[k] : Vf{};
         }
     }
-    if (job.update) update_block(*job.update, gradients, errors, block);
+    if (job.update) update_block<kSeenBy<C>>(*job.update, gradients, errors, block);
   }
   if (job.d_pose)
     for (int k = 0; k < 6; ++k)
@@ -297,8 +303,15 @@ void project_backward(const ProjectionBackwardJob& job, std::size_t begin, std::
 
 void update(const UpdateJob& job, const float* gradients, const float* errors, std::size_t begin,
             std::size_t end) {
-  for (std::size_t block = begin; block < end; ++block)
-    update_block(job, gradients + block * kBlockSize, errors + block * kGaussianBlock, block);
+  const auto update_all = [&]<SeenBy by>() __attribute__((always_inline)) {
+    for (std::size_t block = begin; block < end; ++block)
+      update_block<by>(job, gradients + block * kBlockSize, errors + block * kGaussianBlock, block);
+  };
+  switch (job.rows) {
+    case SeenBy::kCamera: return update_all.template operator()<SeenBy::kCamera>();
+    case SeenBy::kLidar: return update_all.template operator()<SeenBy::kLidar>();
+    case SeenBy::kBoth: return update_all.template operator()<SeenBy::kBoth>();
+  }
 }
 
 }  // namespace

@@ -7,6 +7,7 @@
 #include <cstdint>
 
 #include "redrive/camera/plain_camera.h"
+#include "redrive/field/gaussian.h"
 
 namespace redrive::kernels {
 
@@ -105,6 +106,7 @@ struct UpdateJob {
   float* numbers;
   std::uint32_t* moments;
   float* errors;
+  SeenBy rows;
 };
 
 struct ProjectionBackwardJob : ProjectionJob {

@@ -87,9 +87,10 @@ void update_by(const GaussianUpdate& update, std::size_t n, std::span<const floa
     const float distance = numbers[gaussian_slot(i, kDistanceRow)];
     bool finite = true;
     for (int row = 0; row < kDistanceRow; ++row)
-      finite &= std::isfinite(gradients[gaussian_slot(i, row)]);
+      finite &= !is_seen(update.rows, row) || std::isfinite(gradients[gaussian_slot(i, row)]);
     if (!finite) continue;
     for (int row = 0; row < kDistanceRow; ++row) {
+      if (!is_seen(update.rows, row)) continue;
       const std::size_t slot = gaussian_slot(i, row);
       AdamStep step = update.step;
       step.learning_rate = update.rates[row] * (row < kLogScaleRow ? distance : 1);
@@ -205,7 +206,8 @@ struct RefRaster final : RasterPass {
                                        &of_pose);
       });
       for (int row = 0; row < kDistanceRow; ++row)
-        gradients[gaussian_slot(d.id, row)] += static_cast<float>(d_rows[row]);
+        if (is_seen(seen_by(camera.camera), row))
+          gradients[gaussian_slot(d.id, row)] += static_cast<float>(d_rows[row]);
       for (int k = 0; !d_poses.empty() && k < 3; ++k) {
         d_poses[d.part].translation[k] += of_pose.translation[k];
         d_poses[d.part].rotation[k] += of_pose.rotation[k];

@@ -119,7 +119,7 @@ void fill_by_membrane(FillImage* image) {
 
 /// Makes a Gaussian white or black.
 void mark(std::size_t i, bool white, Buffer<float>* numbers) {
-  for (int row = kColourRow; row < kDistanceRow; ++row)
+  for (int row = kColourRow; row < kLidarRow; ++row)
     (*numbers)[gaussian_slot(i, row)] = white && row < kHarmonicsRow ? 1 : 0;
 }
 

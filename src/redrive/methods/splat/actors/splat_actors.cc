@@ -103,7 +103,7 @@ SplatModel::DrawnActors SplatModel::drawn_actors(const ShutterPoses& poses) cons
     out.parts.push_back({at / kBlockSize, actor->actor_from_camera});
     for (std::size_t i = 0; i < blocks.size(); ++i) {
       const auto row = static_cast<int>(i % kBlockSize) / kGaussianBlock;
-      const bool is_colour = row >= kColourRow && row < kDistanceRow;
+      const bool is_colour = row >= kColourRow && row < kLidarRow;
       out.copied[at + i] = blocks[i] * (is_colour ? actor->gain[(row - kColourRow) % 3] : 1.0f);
     }
     at += blocks.size();
