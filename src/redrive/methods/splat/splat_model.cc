@@ -14,7 +14,7 @@
 #include "redrive/methods/splat/image_windows.h"
 #include "redrive/methods/splat/range_pixels.h"
 #include "redrive/methods/splat/surface_planes.h"
-#include "redrive/methods/splat/trace_gaussians.h"
+#include "redrive/methods/splat/lidar/trace_gaussians.h"
 #include "redrive/recording/core/actor_kind.h"
 
 namespace redrive {

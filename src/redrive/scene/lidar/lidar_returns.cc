@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cstdio>
 #include <tuple>
+#include <utility>
 
 #include "redrive/base/error.h"
 #include "redrive/base/progress.h"
@@ -35,15 +36,17 @@ struct Return {
   std::uint16_t intensity;
 };
 
-/// Whether one of the boxes, of the time t_ns, has a return; counts it if so.
+/// Whether one of the boxes, of the time of the return, has it; counts it if so.
 bool is_on_moving(const std::vector<MovingBox>& boxes, const Eigen::Vector3d& in_world,
-                  std::int64_t t_ns, LidarReturns* out) {
+                  const Return& one, LidarReturns* out) {
   const auto box =
       std::ranges::find_if(boxes, [&](const MovingBox& other) { return other.contains(in_world); });
   if (box == boxes.end()) return false;
   ++out->on_moving;
   const Eigen::Vector3d in_box = box->box_from_world * in_world;
-  if (is_on_object(*box, in_box)) out->on_objects.push_back({box->id, t_ns, in_box.cast<float>()});
+  if (is_on_object(*box, in_box))
+    out->on_objects.push_back({box->id, one.t_ns, in_box.cast<float>(), one.direction, one.range_m,
+                               one.intensity});
   return true;
 }
 
@@ -81,15 +84,16 @@ std::vector<Return> returns_of(const std::vector<LidarPoint>& points,
       boxes = moving.at(placed_ns);
       if (!boxes.empty()) world_from_body = scene.world_from_body(placed_ns, Poses::kRecorded);
     }
-    if (!boxes.empty() && is_on_moving(boxes, world_from_body * in_body, point.t_ns, out)) continue;
     const Eigen::Vector3d in_sensor = sensor_from_body * in_body;
     const double range_m = in_sensor.norm();
     if (!(range_m > 0)) {
       ++out->unusable;
       continue;
     }
-    returns.push_back({(in_sensor / range_m).cast<float>(), static_cast<float>(range_m), point.t_ns,
-                       point.intensity});
+    const Return one{(in_sensor / range_m).cast<float>(), static_cast<float>(range_m), point.t_ns,
+                     point.intensity};
+    if (!boxes.empty() && is_on_moving(boxes, world_from_body * in_body, one, out)) continue;
+    returns.push_back(one);
   }
   return returns;
 }
@@ -216,9 +220,17 @@ LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene,
     returns.on_moving += counts[f].on_moving;
     returns.on_objects.insert(returns.on_objects.end(), counts[f].on_objects.begin(),
                               counts[f].on_objects.end());
+    returns.lost.insert(returns.lost.end(), counts[f].lost.begin(), counts[f].lost.end());
+    if (selected(f) && damaged[f].empty())
+      returns.scan_ends.push_back({returns.n, returns.on_objects.size(), returns.lost.size()});
   }
   join_files(of_files, &returns);
   return returns;
+}
+
+float LidarReturns::full_intensity() const {
+  const bool bytes = std::ranges::all_of(intensity, [](std::uint16_t one) { return one <= 255; });
+  return bytes ? 255 : 65535;
 }
 
 bool LidarReturns::same_ray(std::size_t i) const {
@@ -305,11 +317,24 @@ void take_out(const Scene& scene, const MovingObjects& moving, LidarReturns* ret
   std::vector<MovingBox> boxes;
   std::vector<std::size_t> kept;
   LidarPoses poses(scene, r, Poses::kRecorded);
-  for (std::size_t i = 0; i < r.n; ++i) {
-    if (i == 0 || r.t_ns[i] != r.t_ns[i - 1]) boxes = moving.at(r.t_ns[i]);
-    if (boxes.empty() || !is_on_moving(boxes, poses.in_world(i), r.t_ns[i], returns))
-      kept.push_back(i);
+  const std::vector<LidarReturns::OnObject> before = std::exchange(r.on_objects, {});
+  std::size_t i = 0, known = 0;
+  const auto take_scan = [&](std::size_t end, std::size_t end_of_known) {
+    r.on_objects.insert(r.on_objects.end(), before.begin() + std::ptrdiff_t(known),
+                        before.begin() + std::ptrdiff_t(end_of_known));
+    known = end_of_known;
+    for (; i < end; ++i) {
+      if (i == 0 || r.t_ns[i] != r.t_ns[i - 1]) boxes = moving.at(r.t_ns[i]);
+      const Return one{r.direction_in_sensor(i).cast<float>(), r.range_m[i], r.t_ns[i],
+                       r.intensity[i]};
+      if (boxes.empty() || !is_on_moving(boxes, poses.in_world(i), one, returns)) kept.push_back(i);
+    }
+  };
+  for (LidarReturns::ScanEnd& scan : r.scan_ends) {
+    take_scan(scan.returns, scan.on_objects);
+    scan = {kept.size(), r.on_objects.size(), scan.lost};
   }
+  take_scan(r.n, before.size());
   const auto keep = [&](auto& of, std::size_t rows) {
     for (std::size_t row = 0; row < rows; ++row)  // in place: each number moves to the front
       for (std::size_t k = 0; k < kept.size(); ++k)

@@ -28,12 +28,28 @@ struct LidarReturns {
   std::vector<std::int64_t> t_ns;        ///< [n] host clock
   std::vector<std::uint16_t> intensity;  ///< [n] in the sensor's own scale; 0 for point clouds
 
-  /// Returns on moving objects that are known, in the axes of their boxes.
+  /// Returns on moving objects that are known.
   struct OnObject {
     std::int64_t id = 0, t_ns = 0;  ///< MovingObject::id; host clock
-    Eigen::Vector3f in_box;         ///< metres
+    Eigen::Vector3f in_box;         ///< in the axes of its box, metres
+    Eigen::Vector3f direction = Eigen::Vector3f::Zero();
+    float range_m = 0;  ///< 0: the ray is unknown
+    std::uint16_t intensity = 0;
   };
   std::vector<OnObject> on_objects;
+
+  /// Rays without a return, where the beams of the sensor are known (scan_structure.h).
+  struct LostRay {
+    Eigen::Vector3f direction;
+    std::int64_t t_ns = 0;
+  };
+  std::vector<LostRay> lost;
+
+  /// Ends of a scan's returns; they begin where the last scan's end. Point clouds have no scans.
+  struct ScanEnd {
+    std::size_t returns = 0, on_objects = 0, lost = 0;
+  };
+  std::vector<ScanEnd> scan_ends;
 
   std::size_t files = 0;  ///< scans that were read and selected
 
@@ -52,6 +68,8 @@ struct LidarReturns {
   }
   /// Whether return i > 0 is of the same ray as the one before: sensors may report two surfaces.
   bool same_ray(std::size_t i) const;
+  /// Intensity that counts as 1: sensors have 8 bits or 16.
+  float full_intensity() const;
   /// Returns the position of a return in the sensor's axes, metres.
   Eigen::Vector3d in_sensor(std::size_t i) const {
     return double(range_m[i]) * direction_in_sensor(i);

@@ -8,7 +8,7 @@
 #include "redrive/field/gaussian_blocks.h"
 #include "redrive/methods/splat/actors/fill_hidden.h"
 #include "redrive/methods/splat/splat_model.h"
-#include "redrive/methods/splat/trace_gaussians.h"
+#include "redrive/methods/splat/lidar/trace_gaussians.h"
 #include "redrive/scene/moving_objects.h"
 
 namespace redrive {

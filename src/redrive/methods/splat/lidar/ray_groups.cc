@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/methods/splat/ray_groups.h"
+#include "redrive/methods/splat/lidar/ray_groups.h"
 
 #include <algorithm>
 #include <array>
@@ -93,28 +93,48 @@ void add_parts(const kernels::Rays& all, RayGroup group, std::vector<RayGroup>* 
   for (RayGroup& part : parts) add_parts(all, std::move(part), out);
 }
 
+/// Adds a ray whose direction in the group's axes is given.
+void add_ray(int ray, const Eigen::Vector3f& in_axes, RayGroup* group) {
+  group->rays.push_back(ray);
+  group->azimuth.push_back(std::atan2(in_axes.x(), in_axes.z()));
+  group->elevation.push_back(std::asin(std::clamp(in_axes.y(), -1.0f, 1.0f)));
+}
+
 }  // namespace
 
 std::vector<RayGroup> group_rays(const kernels::Rays& rays, ThreadPool& pool) {
   std::array<RayGroup, kFaces> faces;
   std::array<std::vector<RayGroup>, kFaces> parts;
+  std::array<std::vector<int>, kFaces> of_face;
   for (int i = 0; i < rays.n; ++i)
-    faces[face_of(vector_at(rays.direction, rays.n, i))].rays.push_back(i);
+    of_face[face_of(vector_at(rays.direction, rays.n, i))].push_back(i);
   pool.run(kFaces, [&](int f) {
     RayGroup& face = faces[f];
-    if (face.rays.empty()) return;
+    if (of_face[f].empty()) return;
     face.world_from_axes = world_from_face(f);
     const Eigen::Matrix3f face_from_world = face.world_from_axes.transpose().cast<float>();
-    for (const int ray : face.rays) {
-      const Eigen::Vector3f d = face_from_world * vector_at(rays.direction, rays.n, ray);
-      face.azimuth.push_back(std::atan2(d.x(), d.z()));
-      face.elevation.push_back(std::asin(d.y()));
-    }
+    for (const int ray : of_face[f])
+      add_ray(ray, face_from_world * vector_at(rays.direction, rays.n, ray), &face);
     add_parts(rays, std::move(face), &parts[f]);
   });
   std::vector<RayGroup> out;
   for (std::vector<RayGroup>& of_face : parts)
     for (RayGroup& part : of_face) out.push_back(std::move(part));
+  return out;
+}
+
+std::vector<RayGroup> group_around(const kernels::Rays& rays,
+                                   const Eigen::Matrix3d& world_from_axes) {
+  constexpr float kAside_rad = 1.4f;
+  RayGroup group;
+  group.world_from_axes = world_from_axes;
+  const Eigen::Matrix3f axes_from_world = world_from_axes.transpose().cast<float>();
+  for (int i = 0; i < rays.n; ++i) {
+    const Eigen::Vector3f d = axes_from_world * vector_at(rays.direction, rays.n, i);
+    if (std::abs(std::atan2(d.x(), d.z())) < kAside_rad) add_ray(i, d, &group);
+  }
+  std::vector<RayGroup> out;
+  if (!group.rays.empty()) add_parts(rays, std::move(group), &out);
   return out;
 }
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Single rays through Gaussians: the depth of a wall of them, which follows from a formula, and
 // rays beside the image of the same pixels.
-#include "redrive/methods/splat/trace_gaussians.h"
+#include "redrive/methods/splat/lidar/trace_gaussians.h"
 
 #include <cmath>
 

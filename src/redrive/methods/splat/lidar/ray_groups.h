@@ -19,8 +19,7 @@ struct RayGroup {
   Eigen::Vector3d origin_m;      ///< in the world, at azimuth 0
   Eigen::Vector3d by_azimuth_m;  ///< metres per rad
   std::vector<int> rays;         ///< indices
-  /// One per ray, radians: its angles in these axes (camera/spherical.h), elevation towards y. At
-  /// most 45 degrees to the sides, 56 degrees up and down.
+  /// One per ray, radians: its angles in these axes (camera/spherical.h), elevation towards y.
   std::vector<float> azimuth, elevation;
 
   Eigen::Vector3d origin_at(double azimuth_rad) const {
@@ -33,5 +32,9 @@ constexpr double kOffTrack_m = 0.02;
 
 /// Groups rays of unit directions. Each ray is in one group.
 std::vector<RayGroup> group_rays(const kernels::Rays& rays, ThreadPool& pool);
+
+/// Groups the rays that are at most 80 degrees to the sides of these axes' z; leaves out others.
+std::vector<RayGroup> group_around(const kernels::Rays& rays,
+                                   const Eigen::Matrix3d& world_from_axes);
 
 }  // namespace redrive

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/methods/splat/ray_groups.h"
+#include "redrive/methods/splat/lidar/ray_groups.h"
 
 #include <cmath>
 #include <numbers>
