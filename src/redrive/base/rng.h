@@ -51,6 +51,7 @@ enum RandomStream : std::uint64_t {
       9,  ///< pixels drawn by the error map; counter = pixels drawn in epoch order before
   kStreamDensify = 10,  ///< which Gaussians are split; counter = step
   kStreamActors = 11,   ///< first Gaussians of moving objects
+  kStreamScans = 12,    ///< order of the parts of LiDAR scans
   kStreamReturns = 13,  ///< which rays of a rendered scan return; counter = its first time
   kStreamTest = 99
 };

@@ -45,6 +45,17 @@ struct RenderedRays {
   // Empty where a method does not model them:
   std::vector<float> intensity;  ///< [n] of a return, 0..1 in the recording's scale
   std::vector<float> lost;       ///< [n] probability that nothing comes back
+
+  /// Sets ray i to ray j of other ones.
+  void put(std::size_t i, const RenderedRays& from, std::size_t j) {
+    depth[i] = from.depth[j];
+    opacity[i] = from.opacity[j];
+    if (from.lost.empty()) return;
+    intensity.resize(depth.size());
+    lost.resize(depth.size(), 1.0f);
+    intensity[i] = from.intensity[j];
+    lost[i] = from.lost[j];
+  }
 };
 
 }  // namespace redrive

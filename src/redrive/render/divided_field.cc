@@ -176,11 +176,11 @@ void DividedField::trace_actors(kernels::Backend& backend, const kernels::Rays& 
   for (int b = 0; b < drive_.way.blocks(); ++b) {
     if (parts[b].chosen.empty()) continue;
     std::vector<std::int64_t> times;
-    RenderedRays some;
+    const std::vector<float> none(parts[b].chosen.size());
+    RenderedRays some{none, none, {}, {}};
     for (const std::size_t i : parts[b].chosen) {
+      some.put(times.size(), *rendered, i);
       times.push_back(t_ns[i]);
-      some.depth.push_back(rendered->depth[i]);
-      some.opacity.push_back(rendered->opacity[i]);
     }
     const auto block = cache_.get(b);
     std::vector<MovingObject> here = actors;

@@ -83,10 +83,7 @@ class DividedField final : public Field, public FieldGaussians {
 
     kernels::Rays rays() const { return {static_cast<int>(chosen.size()), origin, direction}; }
     void put(const RenderedRays& some, RenderedRays* all) const {
-      for (std::size_t j = 0; j < chosen.size(); ++j) {
-        all->depth[chosen[j]] = some.depth[j];
-        all->opacity[chosen[j]] = some.opacity[j];
-      }
+      for (std::size_t i = 0; i < chosen.size(); ++i) all->put(chosen[i], some, i);
     }
   };
   /// The Gaussians of an object, from the block that has most of them.

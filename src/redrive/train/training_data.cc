@@ -24,6 +24,7 @@ Exclusions with_moving(const Run& run, const std::function<std::vector<Mask>()>&
 
 LidarReturns training_returns(const Run& run, const MovingObjects& moving, ThreadPool& pool) {
   LidarSelection selection;
+  selection.lost = true;
   selection.frame = [held_out = held_out_frames(run.scene)](std::int64_t frame) {
     return !held_out.contains(frame);
   };

@@ -14,13 +14,13 @@
 #include "redrive/methods/splat/image_windows.h"
 #include "redrive/methods/splat/range_pixels.h"
 #include "redrive/methods/splat/surface_planes.h"
+#include "redrive/methods/splat/lidar/scan_step.h"
 #include "redrive/methods/splat/lidar/trace_gaussians.h"
 #include "redrive/recording/core/actor_kind.h"
 
 namespace redrive {
 namespace {
 
-enum SplatLossSlot { kL1Loss, kSsimLoss, kOpacityLoss, kRangeLoss };  // in StepSums::terms
 constexpr float kGainsFrom = 0.05f;                                   // progress
 constexpr float kMotionsFrom = 0.05f;                                 // progress
 constexpr double kShareOfActors = 0.5;  // maximum share of all Gaussians at the start
@@ -44,6 +44,7 @@ struct SplatBuffers final : MethodBuffers {
   } plan;
   std::vector<float> gains, d_rgb, d_transmittance, error, log_range, d_range;
   std::vector<std::uint8_t> tiles;
+  ScanBuffers scan;
 };
 
 SplatBuffers& splat_buffers(StepBuffers* buffers) {
@@ -308,6 +309,7 @@ StepOutput SplatModel::step(kernels::Backend& backend, const TrainingSet& data,
     step_window(backend, data, request, step, gradients, &own, 1.0 / double(end - first), &sums,
                 &out);
   }
+  if (has_scan(data, request)) step_scan(backend, data, request, gradients, &own.scan, &sums);
   return out;
 }
 
@@ -405,7 +407,7 @@ void SplatModel::step_window(kernels::Backend& backend, const TrainingSet& data,
   kernels::GaussianDerivatives to;
   kernels::GaussianUpdate update;
   if (request.update) {
-    update = gaussian_update(*request.update);
+    update = gaussian_update(*request.update, SeenBy::kCamera);
     to.update = &update;
   } else {
     to.gradients = gradients.first(blocks_size());

@@ -18,13 +18,16 @@
 #include "redrive/methods/splat/densify_gaussians.h"
 #include "redrive/methods/splat/image_gains.h"
 #include "redrive/methods/splat/initial_gaussians.h"
+#include "redrive/methods/splat/lidar/scan_loss.h"
 #include "redrive/model/method.h"
 
 namespace redrive {
 
 constexpr float kBeyondBox_m = 0.2f;  ///< an actor's Gaussians may be this far outside its box
 
+class RayRaster;
 class SurfacePlanes;
+struct ScanBuffers;
 
 struct SplatModel final : Trainee, FieldGaussians {
   InitialGaussianOptions initial;
@@ -37,7 +40,9 @@ struct SplatModel final : Trainee, FieldGaussians {
   float position_rate = 0.008f, scale_rate = 0.4f, rotation_rate = 0.16f, colour_rate = 0.3f,
         harmonics_rate = 0.01f, lidar_rate = 0.2f;
   float l1_weight = 0.8f, ssim_weight = 0.2f;
-  float range_weight = 0.1f;     ///< weight of LiDAR returns
+  float range_weight = 0.1f;     ///< weight of LiDAR returns in images
+  int scan_every = 4;            ///< steps after which a part of a LiDAR scan is rendered; 0: never
+  ScanWeights scan_weights;
   float surface_rate = 0.5f;     ///< part of the way to a LiDAR plane in a call
   float opacity_weight = 0.02f;  ///< weight of transmittance, unless a background is given
   int lidar_rays = 1;            ///< 0: LiDAR is not used
@@ -159,7 +164,7 @@ struct SplatModel final : Trainee, FieldGaussians {
   /// Returns the planes that prepare() found; null: none.
   static const SurfacePlanes* surfaces_of(const StepBuffers& buffers);
   AdamStep adam_step_of(double learning_rate, std::int64_t step) const;
-  kernels::GaussianUpdate gaussian_update(const StepUpdate& at) const;
+  kernels::GaussianUpdate gaussian_update(const StepUpdate& at, SeenBy rows) const;
   /// Sets the planes of ranges of a window; returns their number.
   int set_ranges(const TrainingSet& data, const WindowStep& step, ThreadPool& pool,
                  MethodBuffers* buffers) const;
@@ -167,6 +172,22 @@ struct SplatModel final : Trainee, FieldGaussians {
   void step_window(kernels::Backend& backend, const TrainingSet& data, const StepRequest& request,
                    const WindowStep& step, std::span<float> gradients, MethodBuffers* buffers,
                    double weight, StepSums* sums, StepOutput* out) const;
+  enum LossSlot { kL1Loss, kSsimLoss, kOpacityLoss, kRangeLoss, kScanLoss };
+  /// Returns the rows of Gaussians that a step, from 0, changes.
+  SeenBy rows_of_step(std::int64_t step) const {
+    const bool scan = uses_lidar() && scan_every > 0 && step % scan_every == 0;
+    return scan ? SeenBy::kBoth : SeenBy::kCamera;
+  }
+  /// Whether a step renders a part of a LiDAR scan, too.
+  bool has_scan(const TrainingSet& data, const StepRequest& request) const;
+  /// Adds the loss of a part of a scan, and gradients, or updates the Gaussians.
+  void step_scan(kernels::Backend& backend, const TrainingSet& data, const StepRequest& request,
+                 std::span<float> gradients, ScanBuffers* buffers, StepSums* sums) const;
+  /// Returns the poses of the sensor in the axes of each of actor_ids at the times of a raster's
+  /// keys; none where the object is not there at all of them.
+  std::vector<std::vector<PlainPose>> actors_from_sensor(const std::vector<MovingObject>& actors,
+                                                         std::span<const std::int64_t> t_ns,
+                                                         const RayRaster& drawn) const;
   /// Returns the gradients with respect to the parameters behind the Gaussians.
   template <class T>
   std::span<T> others_of(std::span<T> gradients) const {

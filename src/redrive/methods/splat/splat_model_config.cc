@@ -106,6 +106,14 @@ void SplatModel::visit_hyperparameters(HyperparameterVisitor& visit) {
   visit({"ssim_weight", "weight of (1 - SSIM) / 2", 0, 100}, ssim_weight);
   visit({"range_weight", "weight of the error of LiDAR returns' log distances", 0, 1000},
         range_weight);
+  visit({"scan_every", "steps after which a part of a LiDAR scan is rendered, too; 0: never", 0, 1e6},
+        scan_every);
+  visit({"scan.range", "weight of the error of a scan's log distances", 0, 1000},
+        scan_weights.range);
+  visit({"scan.returns", "weight of the squared error of a ray's probability to return", 0, 1000},
+        scan_weights.returns);
+  visit({"scan.intensity", "weight of the squared error of intensities", 0, 1000},
+        scan_weights.intensity);
   visit({"surface_rate", "part of the way onto planes of LiDAR returns, every 50 steps; 0: none", 0,
          1},
         surface_rate);
@@ -264,7 +272,8 @@ std::vector<LossTerm> SplatModel::loss_terms(const StepSums& sums) const {
   return {{"l1", sums.terms[0]},
           {"dssim", sums.terms[1]},
           {"opacity", sums.terms[2]},
-          {"lidar", sums.terms[3]}};
+          {"lidar", sums.terms[3]},
+          {"scans", sums.terms[kScanLoss], /*in_loss=*/false}};
 }
 
 double SplatModel::learning_rate(const Schedule& at) const {

@@ -25,8 +25,9 @@ AdamStep SplatModel::adam_step_of(double learning_rate, std::int64_t step) const
   return out;
 }
 
-kernels::GaussianUpdate SplatModel::gaussian_update(const StepUpdate& at) const {
+kernels::GaussianUpdate SplatModel::gaussian_update(const StepUpdate& at, SeenBy rows) const {
   kernels::GaussianUpdate update;
+  update.rows = rows;
   update.step = adam_step_of(at.learning_rate, at.step);
   const auto set = [&](int first, int end, float factor) {
     std::fill(update.rates + first, update.rates + end,
@@ -51,7 +52,8 @@ void SplatModel::update(kernels::Backend& backend, double learning_rate, std::in
                         std::span<float> gradients, AdamState* adam) {
   const std::span<float> others = parameters.span().subspan(blocks_size());
   if (gradients.size() == gradients_size(/*with_update=*/false))
-    backend.gaussians().update_gaussians(gaussian_update({learning_rate, step, parameters, adam}),
+    backend.gaussians().update_gaussians(
+        gaussian_update({learning_rate, step, parameters, adam}, rows_of_step(step - 1)),
                                          all().n, gradients.first(blocks_size()),
                                          gradients.last(errors()));
   else

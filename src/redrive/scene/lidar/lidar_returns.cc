@@ -11,6 +11,7 @@
 #include "redrive/recording/core/wording.h"
 #include "redrive/recording/formats/damaged_records.h"
 #include "redrive/recording/formats/recording_reader.h"
+#include "redrive/recording/lidar/lost_rays.h"
 #include "redrive/scene/lidar/cloud_returns.h"
 
 namespace redrive {
@@ -96,6 +97,33 @@ std::vector<Return> returns_of(const std::vector<LidarPoint>& points,
     returns.push_back(one);
   }
   return returns;
+}
+
+/// Adds the rays of a revolution that had no return. Files may overlap in time: rays that the one
+/// before has, too, are left out.
+void add_lost(const std::vector<LidarPoint>& points, const std::vector<LidarPoint>& before,
+              const Recording& recording, const ScanStructure& structure, LidarReturns* out) {
+  std::int64_t first_ns = recording.frames.front().t_ns - kMaxBeyond_ns;
+  const std::int64_t last_ns = recording.frames.back().t_ns + kMaxBeyond_ns;
+  for (const LidarPoint& point : before) first_ns = std::max(first_ns, point.t_ns + 1);
+  const LostRays lost = lost_rays(points, *recording.body_from_lidar, structure);
+  for (std::size_t i = 0; i < lost.size(); ++i)
+    if (lost.t_ns[i] >= first_ns && lost.t_ns[i] <= last_ns)
+      out->lost.push_back({lost.direction[i], lost.t_ns[i]});
+}
+
+/// Estimates the beams from a few of the scans; nothing where they cannot be known.
+std::optional<ScanStructure> structure_of(const std::vector<std::vector<LidarPoint>>& points,
+                                          const Rigid3d& body_from_lidar) {
+  constexpr std::size_t kScans = 4;
+  std::vector<std::size_t> read;
+  for (std::size_t f = 0; f < points.size(); ++f)
+    if (!points[f].empty()) read.push_back(f);
+  std::vector<std::vector<LidarPoint>> some;
+  for (std::size_t k = 0; k < std::min(kScans, read.size()); ++k)
+    some.push_back(points[read[k * read.size() / std::min(kScans, read.size())]]);
+  std::string why;
+  return estimate_structure(some, body_from_lidar, &why);
 }
 
 /// Returns the points of the recording's cloud, each with the first of its frames that the scene
@@ -203,11 +231,14 @@ LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene,
 
   std::vector<std::vector<Return>> of_files(files.size());
   const std::vector<LidarPoint> none;
+  const std::optional<ScanStructure> structure =
+      selection.lost ? structure_of(points, *recording.body_from_lidar) : std::nullopt;
   pool.run(count, [&](int f) {
     progress.count();
     if (!selected(f)) return;
-    of_files[f] = returns_of(points[f], f > 0 && !selection.repeated ? points[f - 1] : none,
-                             recording, scene, moving, &counts[f]);
+    const std::vector<LidarPoint>& before = f > 0 && !selection.repeated ? points[f - 1] : none;
+    of_files[f] = returns_of(points[f], before, recording, scene, moving, &counts[f]);
+    if (structure) add_lost(points[f], before, recording, *structure, &counts[f]);
   });
 
   for (int f = 0; f < count; ++f) {

@@ -125,6 +125,7 @@ std::vector<std::uint8_t> mark_repeated(const std::vector<LidarPoint>& points,
 struct LidarSelection {
   std::function<bool(std::int64_t frame_id)> frame;  ///< filter of scans by frame id; empty: all
   bool repeated = false;  ///< keeps points that the previous file has, too
+  bool lost = false;      ///< finds LidarReturns::lost
 };
 
 /// Reads the scans whose frame ids lie within the ids of scene.frames, or, for a recording with a

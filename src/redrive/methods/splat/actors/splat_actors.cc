@@ -51,14 +51,22 @@ RaysOfActor rays_of_actor(const kernels::Rays& rays, std::span<const std::int64_
   return met;
 }
 
-/// Adds a surface of another object to a ray.
-void add_surface(float depth, float opacity, float* of_depth, float* of_opacity) {
+/// Adds what ray j meets of another object to ray i.
+void add_surface(const RenderedRays& from, std::size_t j, RenderedRays* to, std::size_t i) {
   constexpr float kOpaque = 0.5f;  // as for the median depth
-  const bool nearer = depth > 0 && (!(*of_depth > 0) || depth < *of_depth);
-  const float front = nearer ? opacity : *of_opacity, behind = nearer ? *of_opacity : opacity;
+  const float depth = from.depth[j], opacity = from.opacity[j];
+  const bool nearer = depth > 0 && (!(to->depth[i] > 0) || depth < to->depth[i]);
+  const float front = nearer ? opacity : to->opacity[i], behind = nearer ? to->opacity[i] : opacity;
   const bool front_counts = front >= kOpaque || front >= behind;
-  if (nearer == front_counts) *of_depth = depth;
-  *of_opacity = 1 - (1 - *of_opacity) * (1 - opacity);
+  // What comes back from behind is seen through the front.
+  const float front_returns = 1 - (nearer ? from.lost[j] : to->lost[i]),
+              back_returns = 1 - (nearer ? to->lost[i] : from.lost[j]);
+  if (nearer == front_counts) {
+    to->depth[i] = depth;
+    to->intensity[i] = from.intensity[j];
+  }
+  to->lost[i] = 1 - front_returns - (1 - front) * back_returns;
+  to->opacity[i] = 1 - (1 - to->opacity[i]) * (1 - opacity);
 }
 
 }  // namespace
@@ -165,8 +173,7 @@ void SplatModel::trace_actors(kernels::Backend& backend, const kernels::Rays& ra
         backend.gaussians(), backend.pool(), {blocks.size() / kGaussianRows, blocks},
         {static_cast<int>(met.index.size()), met.origin, met.direction});
     for (std::size_t m = 0; m < met.index.size(); ++m)
-      add_surface(own.depth[m], own.opacity[m], &rendered->depth[met.index[m]],
-                  &rendered->opacity[met.index[m]]);
+      add_surface(own, m, rendered, met.index[m]);
   }
 }
 

@@ -1,0 +1,115 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/methods/splat/lidar/scan_windows.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numbers>
+#include <utility>
+
+#include "redrive/kernels/gaussian/gaussian_stages.h"
+
+namespace redrive {
+namespace {
+
+constexpr std::size_t kLeastParts = 4, kMostRays = 32768;  // of a window
+constexpr std::int64_t kOneTime_ns = 1'000'000;            // shorter scans have one time
+
+/// A ray in the sensor's axes.
+struct FiredRay {
+  Eigen::Vector3f direction;
+  float log_range, intensity;
+  std::int64_t t_ns;
+};
+
+}  // namespace
+
+ScanWindows::ScanWindows(const Scene& scene, const LidarReturns& lidar,
+                         std::function<bool(std::int64_t)> drawn)
+    : scene_(scene),
+      lidar_(lidar),
+      drawn_(std::move(drawn)),
+      full_intensity_(lidar.full_intensity()) {
+  LidarReturns::ScanEnd begin;
+  for (const LidarReturns::ScanEnd& end : lidar.scan_ends) {
+    Scan scan{begin, end, std::numeric_limits<std::int64_t>::max(),
+              std::numeric_limits<std::int64_t>::min()};
+    const auto count = [&](std::int64_t t_ns) {
+      scan.first_ns = std::min(scan.first_ns, t_ns);
+      scan.last_ns = std::max(scan.last_ns, t_ns);
+    };
+    for (std::size_t i = begin.returns; i < end.returns; ++i) count(lidar.t_ns[i]);
+    for (std::size_t i = begin.lost; i < end.lost; ++i) count(lidar.lost[i].t_ns);
+    const std::size_t rays = end.returns - begin.returns + end.lost - begin.lost,
+                      parts = std::max(kLeastParts, (rays + kMostRays - 1) / kMostRays);
+    for (std::size_t part = 0; rays > 0 && part < parts; ++part)
+      windows_.push_back({scans_.size(), static_cast<float>(part) / static_cast<float>(parts),
+                          static_cast<float>(part + 1) / static_cast<float>(parts)});
+    scans_.push_back(scan);
+    begin = end;
+  }
+}
+
+float ScanWindows::part_of(const Scan& scan, std::int64_t t_ns,
+                           const Eigen::Vector3f& direction) const {
+  const std::int64_t lasts_ns = scan.last_ns - scan.first_ns;
+  if (lasts_ns > kOneTime_ns)
+    return static_cast<float>(double(t_ns - scan.first_ns) / double(lasts_ns + 1));
+  return 0.5f + std::atan2(direction.y(), direction.x()) * 0.4999999f / std::numbers::pi_v<float>;
+}
+
+ScanWindow ScanWindows::operator[](std::size_t which) const {
+  const Window& window = windows_[which];
+  const Scan& scan = scans_[window.scan];
+  std::vector<FiredRay> rays;
+  const auto add = [&](const Eigen::Vector3f& direction, float range_m, std::uint16_t intensity,
+                       std::int64_t t_ns) {
+    const float part = part_of(scan, t_ns, direction);
+    if (part < window.begin || part >= window.end) return;
+    rays.push_back({direction, range_m > 0 ? std::log(range_m) : kernels::kNoRange,
+                    static_cast<float>(intensity) / full_intensity_, t_ns});
+  };
+  for (std::size_t i = scan.begin.returns, end = i; i < scan.end.returns; i = end) {
+    std::size_t strongest = i;
+    for (end = i + 1; end < scan.end.returns && lidar_.same_ray(end); ++end)
+      if (lidar_.intensity[end] > lidar_.intensity[strongest]) strongest = end;
+    add(lidar_.direction_in_sensor(i).cast<float>(), lidar_.range_m[strongest],
+        lidar_.intensity[strongest], lidar_.t_ns[i]);
+  }
+  for (std::size_t i = scan.begin.on_objects; i < scan.end.on_objects; ++i) {
+    const LidarReturns::OnObject& at = lidar_.on_objects[i];
+    if (at.range_m > 0 && drawn_(at.id)) add(at.direction, at.range_m, at.intensity, at.t_ns);
+  }
+  for (std::size_t i = scan.begin.lost; i < scan.end.lost; ++i)
+    add(lidar_.lost[i].direction, 0, 0, lidar_.lost[i].t_ns);
+  std::ranges::stable_sort(rays, {}, &FiredRay::t_ns);  // a pose is evaluated once for each time
+
+  const std::size_t n = rays.size();
+  ScanWindow out;
+  out.origin.resize(3 * n);
+  out.direction.resize(3 * n);
+  Rigid3d world_from_sensor;
+  Eigen::Vector3d middle = Eigen::Vector3d::Zero();
+  for (std::size_t i = 0; i < n; ++i) {
+    if (i == 0 || rays[i].t_ns != rays[i - 1].t_ns)
+      world_from_sensor = scene_.world_from_body(rays[i].t_ns) * lidar_.body_from_sensor;
+    const Eigen::Vector3d direction =
+        world_from_sensor.linear() * rays[i].direction.cast<double>();
+    for (std::size_t k = 0; k < 3; ++k) {
+      out.origin[k * n + i] = static_cast<float>(world_from_sensor.translation()[Eigen::Index(k)]);
+      out.direction[k * n + i] = static_cast<float>(direction[Eigen::Index(k)]);
+    }
+    middle += direction;
+    out.log_range.push_back(rays[i].log_range);
+    out.intensity.push_back(rays[i].intensity);
+    out.t_ns.push_back(rays[i].t_ns);
+  }
+  middle.z() = 0;
+  out.world_from_axes.col(2) =
+      middle.norm() > 1e-6 ? middle.normalized().eval() : Eigen::Vector3d::UnitX().eval();
+  out.world_from_axes.col(1) = -Eigen::Vector3d::UnitZ();
+  out.world_from_axes.col(0) = out.world_from_axes.col(1).cross(out.world_from_axes.col(2));
+  return out;
+}
+
+}  // namespace redrive
