@@ -68,6 +68,8 @@ constexpr std::size_t gaussian_slot(std::size_t i, int row) {
 }
 
 constexpr float kScreenVariance = 0.15f;  ///< pixels^2
+/// Pixels^2: slopes of the distance of Gaussians that are smaller count less.
+constexpr float kSlopeVariance = 0.01f;
 constexpr float kMinAlpha = 1.0f / 255;   ///< less is not blended
 constexpr float kMaxAlpha = 0.99f;
 constexpr float kMinTransmittance = 1e-3f;  ///< blending ends below
@@ -264,8 +266,11 @@ REDRIVE_LANES void project_gaussian(const C& camera, const GaussianPose<M>& pose
   out->conic[0] = out->variance[1] * inverse;
   out->conic[1] = -xy * inverse;
   out->conic[2] = out->variance[0] * inverse;
-  out->slope[0] = out->conic[0] * with_distance[0] + out->conic[1] * with_distance[1];
-  out->slope[1] = out->conic[1] * with_distance[0] + out->conic[2] * with_distance[1];
+  // A plane is as steep as before the filter.
+  const Real steady = M::constant(kSlopeVariance),
+             of_slope = one / (out->det + steady * (xx + yy) + steady * steady);
+  out->slope[0] = ((yy + steady) * with_distance[0] - xy * with_distance[1]) * of_slope;
+  out->slope[1] = ((xx + steady) * with_distance[1] - xy * with_distance[0]) * of_slope;
   out->alpha = out->opacity * M::sqrt(M::max(out->det * inverse, M::constant(kMinCompensation2)));
   const Real inverse_length = one / out->length;
   for (int k = 0; k < 3; ++k)

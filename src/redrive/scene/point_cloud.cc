@@ -19,6 +19,7 @@ PointCloud make_point_cloud(const std::vector<std::vector<ColouredPoint>>& parts
         cloud.seen_from[d * cloud.n + i] = point.seen_from_m[d];
         cloud.rgb[d * cloud.n + i] = static_cast<float>(point.rgb[d]) / 255;
       }
+      cloud.source.push_back(point.source);
       ++i;
     }
   return cloud;

@@ -20,12 +20,14 @@ struct PointCloud {
   std::vector<float> position;   ///< [3, n] in the world, metres
   std::vector<float> rgb;        ///< [3, n] in [0, 1]
   std::vector<float> seen_from;  ///< [3, n] camera of the image that gives the colour, world metres
+  std::vector<std::uint32_t> source;  ///< [n] index of the LiDAR return, ascending; 0 for others
 };
 
 struct ColouredPoint {
   Eigen::Vector3f in_world_m;
   std::array<std::uint8_t, 3> rgb;
   Eigen::Vector3f seen_from_m;
+  std::uint32_t source = 0;
 };
 
 /// Returns the points of all parts, one part after the other.

@@ -29,6 +29,7 @@ constexpr float kPointSize = 0.5f;
 /// Opacity of points that may be floaters: points of image tracks near occlusion boundaries, and
 /// points above returns. Training fits the background through them and removes them.
 constexpr float kUncertainOpacity = 0.1f;
+constexpr float kUnseenOpacity = 0.9f;  ///< no image will tell
 constexpr float kTrackPointSize = 0.3f;  ///< smaller than kPointSize for the same reason
 
 Points points_of(const PointCloud& cloud) {
@@ -40,6 +41,36 @@ Points points_of(const PointCloud& cloud) {
       points[i].seen_from[k] = cloud.seen_from[k * cloud.n + i];
     }
   return points;
+}
+
+/// Returns of which no image has a colour.
+Points unseen_returns(const TrainingSet& data, const PointCloud& seen) {
+  Points points;
+  const float full = data.lidar.full_intensity();
+  LidarPoses poses(data.scene, data.lidar);
+  std::size_t next = 0;
+  for (std::size_t i = 0; i < data.lidar.n; ++i) {
+    if (next < seen.n && seen.source[next] == i) {
+      ++next;
+      continue;
+    }
+    points.push_back({poses.in_world(i).cast<float>(), Eigen::Vector3f::Constant(0.5f),
+                      poses.at(i).translation().cast<float>(),
+                      static_cast<float>(data.lidar.intensity[i]) / full});
+  }
+  return points;
+}
+
+/// Returns one point of each voxel, at most `most`: takes fewer and larger voxels rather than some
+/// of the small ones with holes between them.
+Points thinned(const Points& points, const NearestCamera& cameras, float voxel, double most,
+               ThreadPool& pool) {
+  Points kept = one_per_voxel(points, cameras, voxel, pool);
+  while (static_cast<double>(kept.size()) > most) {
+    voxel *= static_cast<float>(1.05 * std::sqrt(static_cast<double>(kept.size()) / most));
+    kept = one_per_voxel(kept, cameras, voxel, pool);
+  }
+  return kept;
 }
 
 /// Moves track points along their rays onto the planes of LiDAR returns around them: returns are
@@ -255,26 +286,32 @@ void append_random(const TrainingSet& data, const NearestCamera& cameras, float 
 }  // namespace
 
 GaussianList initial_gaussians(const TrainingSet& data, const InitialGaussianOptions& options,
-                               std::uint64_t seed, ThreadPool& pool) {
+                               std::uint64_t seed, ThreadPool& pool, std::size_t* unseen) {
+  *unseen = 0;
   const Scene& scene = data.scene;
   const NearestCamera cameras(scene);
   GaussianList list;
   std::vector<float> distances;
   const auto add = [&](const Points& points, float voxel, float size, float opacity) {
-    Points kept = one_per_voxel(points, cameras, voxel, pool);
-    // Takes fewer and larger Gaussians rather than some of the small ones with holes between them.
-    const double most = kShareOfMost * options.max_gaussians;
-    while (static_cast<double>(kept.size()) > most) {
-      voxel *= static_cast<float>(1.05 * std::sqrt(static_cast<double>(kept.size()) / most));
-      kept = one_per_voxel(kept, cameras, voxel, pool);
-    }
+    const Points kept =
+        thinned(points, cameras, voxel, kShareOfMost * options.max_gaussians, pool);
     append_discs(kept, cameras, size, opacity, pool, &list);
     for (const Point& point : kept) distances.push_back(cameras.distance(point.position.data()));
     return kept;
   };
   Points returns;  // thinned
   if (data.lidar.n > 0) {
-    const Points points = points_of(lidar_points(scene, data.images, data.lidar, pool));
+    const PointCloud cloud = lidar_points(scene, data.images, data.lidar, pool);
+    Points points = points_of(cloud);
+    const float full = data.lidar.full_intensity();
+    for (std::size_t i = 0; i < cloud.n; ++i)
+      points[i].intensity = static_cast<float>(data.lidar.intensity[cloud.source[i]]) / full;
+    if (scene.metric) {
+      const Points kept = thinned(unseen_returns(data, cloud), cameras, options.voxel,
+                                  static_cast<double>(options.max_unseen), pool);
+      append_discs(kept, cameras, kPointSize, kUnseenOpacity, pool, &list);
+      *unseen = list.size();
+    }
     returns = add(points, options.voxel, kPointSize, kPointOpacity);
     if (scene.metric && options.extruded > 0) {
       Points up = extruded(points, scene, options.extruded, random_key(seed, kStreamInit, 1));
@@ -304,8 +341,8 @@ GaussianList initial_gaussians(const TrainingSet& data, const InitialGaussianOpt
                   random_key(seed, kStreamInit, 2), pool, &list);
   const int sky =
       scene.background == Background::kNone ? std::min(options.sky, options.max_gaussians / 2) : 0;
-  shuffle(static_cast<std::size_t>(options.max_gaussians - sky), random_key(seed, kStreamInit, 3),
-          &list);
+  shuffle(static_cast<std::size_t>(options.max_gaussians - sky) + *unseen,
+          random_key(seed, kStreamInit, 3), &list);
   if (sky > 0) {
     Eigen::Vector3d centre = Eigen::Vector3d::Zero();
     for (const View& view : scene.views)

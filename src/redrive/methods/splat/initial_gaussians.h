@@ -12,6 +12,7 @@ namespace redrive {
 struct InitialGaussianOptions {
   float voxel = 0.014f;        ///< side of a voxel that keeps one point, as a part of its distance
   int max_gaussians = 400000;  ///< most; of more points a random choice is kept
+  int max_unseen = 400000;     ///< most of LiDAR returns that no image sees
   int sky = 6000;              ///< number on a sphere around the scene
   int random = 100000;         ///< number in the cube of a bounded scene without points
   /// share of the LiDAR returns high above the road that get one more above
@@ -19,9 +20,10 @@ struct InitialGaussianOptions {
   bool tracks = true;  ///< uses points of image tracks
 };
 
-/// Returns the first Gaussians, in random order. Deterministic in seed; the number of threads
-/// changes nothing.
+/// Returns the first Gaussians, in random order, and the number of those that no image sees, which
+/// are beyond max_gaussians. Deterministic in seed; the number of threads changes nothing.
 GaussianList initial_gaussians(const TrainingSet& data, const InitialGaussianOptions& options,
-                               std::uint64_t seed, ThreadPool& pool);
+                               std::uint64_t seed, ThreadPool& pool,
+                               std::size_t* unseen);
 
 }  // namespace redrive

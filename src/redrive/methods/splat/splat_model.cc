@@ -171,7 +171,7 @@ void write_image_row(const kernels::RasterImage& from, std::span<const float> ga
 }  // namespace
 
 void SplatModel::initialize(std::uint64_t) {
-  gaussians = first_gaussians = filled = 0;
+  gaussians = first_gaussians = unseen_gaussians = filled = 0;
   actor_ids.clear();
   actor_ends.clear();
   actor_keys.clear();
@@ -181,7 +181,8 @@ void SplatModel::initialize(std::uint64_t) {
 void SplatModel::initialize_from(const TrainingSet& data, std::uint64_t seed, ThreadPool& pool) {
   if (data.scene.background == Background::kNone) set_background(data);
   InitialGaussianOptions options = initial;
-  options.max_gaussians = most_gaussians();
+  unseen_gaussians = 0;
+  options.max_gaussians = options.max_unseen = most_gaussians();
   std::vector<GaussianList> lists(1);
   std::size_t of_actors = 0;
   for (const MovingObject& actor : data.scene.actors) {
@@ -196,7 +197,9 @@ void SplatModel::initialize_from(const TrainingSet& data, std::uint64_t seed, Th
       shuffle(lists[i].size() * most_of_actors / of_actors, random_key(seed, kStreamActors, i),
               &lists[i]);
   options.max_gaussians -= static_cast<int>(std::min(of_actors, most_of_actors));
-  lists[0] = initial_gaussians(data, options, seed, pool);
+  std::size_t unseen = 0;
+  lists[0] = initial_gaussians(data, options, seed, pool, &unseen);
+  unseen_gaussians = static_cast<int>(unseen);
   set_gaussians(lists, data.scene.actors);
 }
 

@@ -60,6 +60,7 @@ struct SplatModel final : Trainee, FieldGaussians {
   // State:
   int gaussians = 0;        ///< number of Gaussians of the world
   int first_gaussians = 0;  ///< number at the start, with the actors'
+  int unseen_gaussians = 0;  ///< of them those of LiDAR returns that no image sees
   /// One per actor: MovingObject::id, and the end of its blocks (GaussianLayout).
   std::vector<std::int64_t> actor_ids, actor_ends;
   /// one per actor: the end of its track's keys (actor_motion.h)
@@ -68,7 +69,7 @@ struct SplatModel final : Trainee, FieldGaussians {
   float background[3] = {0.5f, 0.5f, 0.5f};  ///< where no Gaussian is: the images' mean colour
 
   const char* method() const override { return "splat"; }
-  int most_gaussians() const { return std::min(max_gaussians, pixel_limit); }
+  int most_gaussians() const { return std::min(max_gaussians, pixel_limit) + unseen_gaussians; }
   std::string describe() const override;
   void visit_hyperparameters(HyperparameterVisitor& visit) override;
   void visit_state(HyperparameterVisitor& visit) override;

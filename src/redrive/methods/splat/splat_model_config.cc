@@ -179,6 +179,8 @@ void SplatModel::visit_state(HyperparameterVisitor& visit) {
   visit({"actor_keys", "ends of their tracks' keys", 1, kMostGaussians}, actor_keys);
   visit({"first_gaussians", "number of Gaussians at the start", 0, kMostGaussians},
         first_gaussians);
+  visit({"unseen_gaussians", "number of them that no image sees", 0, kMostGaussians},
+        unseen_gaussians);
   visit({"filled", "1: what objects hide in all images is filled", 0, 1}, filled);
   visit({"background.r", "colour where no Gaussian is", 0, 1}, background[0]);
   visit({"background.g", "colour where no Gaussian is", 0, 1}, background[1]);

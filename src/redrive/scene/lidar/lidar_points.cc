@@ -177,7 +177,8 @@ PointCloud lidar_points(const Scene& scene, const ViewImages& images, const Lida
           if (is_static(*image, point.pixel))
             coloured[point.i - begin] =
                 ColouredPoint{poses.in_world(point.i).cast<float>(), colour_at(*image, point.pixel),
-                              colouring.view(point.seen_by).position_in_world_m.cast<float>()};
+                              colouring.view(point.seen_by).position_in_world_m.cast<float>(),
+                              static_cast<std::uint32_t>(point.i)};
         }
       });
       std::erase_if(points,
