@@ -51,8 +51,9 @@ struct WallScene : SplatScene {
   GaussianList gaussians(InitialGaussianOptions options, std::uint64_t seed = 1, int threads = 2) {
     options.tracks = false;
     ThreadPool pool(threads);
-    return initial_gaussians(data(), options, seed, pool);
+    return initial_gaussians(data(), options, seed, pool, &unseen);
   }
+  std::size_t unseen = 0;
 };
 
 const float* row(const GaussianList& list, std::size_t i) { return &list.rows[i * kGaussianRows]; }
@@ -92,6 +93,32 @@ TEST(InitialGaussians, AWallGivesFlatDiscsWithItsColours) {
     for (int k = 0; k < 9; ++k) ASSERT_EQ(row(list, i)[kHarmonicsRow + k], 0);
     ASSERT_NEAR(row(list, i)[kDistanceRow], (at - Eigen::Vector3f(0.6f, 0, 1)).norm(), 1e-3);
   }
+}
+
+TEST(InitialGaussians, ReturnsThatNoImageSeesHaveIntensitiesAlone) {
+  WallScene wall;
+  std::vector<MeasuredPoint> ends;
+  for (const float x : {kWall_m, -kWall_m})
+    for (float y = -4; y < 4; y += 0.1f)
+      for (float z = -2; z < 4; z += 0.1f) ends.push_back({{x, y, z}, wall.scene.frames[0].t_ns});
+  wall.lidar = returns_of(wall.scene, ends);
+  wall.lidar.intensity.assign(wall.lidar.n, 51);
+  const std::size_t seen = wall.gaussians({.sky = 0, .extruded = 0}).size();
+  EXPECT_EQ(wall.unseen, 0u) << "a cloud has no scans";
+  wall.lidar.scan_ends = {{wall.lidar.n, 0, 0}};
+  const GaussianList list = wall.gaussians({.max_gaussians = int(seen), .sky = 0, .extruded = 0});
+  EXPECT_GT(wall.unseen, 1500u);
+  EXPECT_GT(list.size(), wall.unseen + seen / 3) << "they are beyond max_gaussians";
+  std::size_t behind = 0;
+  for (std::size_t i = 0; i < list.size(); ++i) {
+    EXPECT_NEAR(row(list, i)[kLidarRow + 2 * kIntensitySlot], 0.2, 1e-6);
+    EXPECT_EQ(row(list, i)[kLidarRow + 2 * kReturnSlot], 1);
+    behind += position(list, i).x() < 0;
+  }
+  EXPECT_EQ(behind, wall.unseen);
+  wall.gaussians({.max_unseen = 500, .sky = 0, .extruded = 0});
+  EXPECT_LE(wall.unseen, 500u);
+  EXPECT_GT(wall.unseen, 100u);
 }
 
 TEST(InitialGaussians, HighReturnsAreExtrudedUpwards) {
@@ -227,7 +254,8 @@ TEST(InitialGaussians, PointsOfTracksBeginTranslucentAndSmall) {
         draw_street(street.rig(view.camera).camera, street.scene.shutter_poses(view)));
   street.pixels.emplace(street.scene, street.images, 1);
   ThreadPool pool(2);
-  const GaussianList list = initial_gaussians(street.data(), {.sky = 0}, 1, pool);
+  std::size_t unseen = 0;
+  const GaussianList list = initial_gaussians(street.data(), {.sky = 0}, 1, pool, &unseen);
   ASSERT_GT(list.size(), 500u);
   std::vector<float> ratios;  // scale over the mean distance of the three nearest Gaussians
   for (std::size_t i = 0; i < list.size(); ++i) {

@@ -182,7 +182,8 @@ void SplatModel::initialize_from(const TrainingSet& data, std::uint64_t seed, Th
   if (data.scene.background == Background::kNone) set_background(data);
   InitialGaussianOptions options = initial;
   unseen_gaussians = 0;
-  options.max_gaussians = options.max_unseen = most_gaussians();
+  options.max_gaussians = most_gaussians();
+  options.max_unseen = max_gaussians;
   std::vector<GaussianList> lists(1);
   std::size_t of_actors = 0;
   for (const MovingObject& actor : data.scene.actors) {

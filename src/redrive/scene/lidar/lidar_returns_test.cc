@@ -223,6 +223,43 @@ TEST_F(LidarReturnsTest, DropsPointsOnMovingObjectsOnly) {
   EXPECT_EQ(later.on_objects[0].id, 1);
   EXPECT_EQ(later.on_objects[0].t_ns, t_ns);
   EXPECT_LT((later.on_objects[0].in_box - returns.on_objects[0].in_box).norm(), 1e-4);
+  EXPECT_EQ(later.on_objects[0].intensity, t_ns / 1'000'000 % 250);
+  EXPECT_EQ(later.on_objects[0].direction, returns.on_objects[0].direction);
+  ASSERT_EQ(later.scan_ends.size(), 1u);
+  EXPECT_EQ(later.scan_ends[0].returns, 2u);
+  EXPECT_EQ(later.scan_ends[0].on_objects, 1u);
+}
+
+/// A revolution of 8 beams and 180 steps on a sphere; every 30th ray is lost.
+TEST_F(LidarReturnsTest, FindsLostRaysAndTheEndsOfScans) {
+  constexpr int kBeams = 8, kSteps = 180, kEvery = 30;
+  recording_.body_from_lidar = Rigid3d(Eigen::Translation3d(kSensor));
+  for (const int frame : {1, 2}) {
+    std::vector<LasRecord> points;
+    for (int ray = 0; ray < kBeams * kSteps; ++ray) {
+      const std::int64_t t_ns = recording_.frames[frame].t_ns + 333'333ll * (ray / kBeams);
+      const double azimuth = -2 * M_PI * (ray / kBeams) / kSteps,
+                   elevation = 0.05 * (ray % kBeams - 4);
+      const Vector3d direction(std::cos(elevation) * std::cos(azimuth),
+                               std::cos(elevation) * std::sin(azimuth), std::sin(elevation));
+      if (ray % kEvery != 17)
+        points.push_back(seen(world_from_body(t_ns) * (kSensor + 25 * direction), t_ns));
+    }
+    add_file(recording_.frames[frame].id, points);
+  }
+  EXPECT_TRUE(load().lost.empty()) << "unless they are asked for";
+  const LidarReturns returns = load({}, {}, {.frame = {}, .repeated = false, .lost = true});
+  ASSERT_EQ(returns.scan_ends.size(), 2u);
+  EXPECT_EQ(returns.scan_ends[0].returns, returns.n / 2);
+  EXPECT_EQ(returns.scan_ends[1].returns, returns.n);
+  EXPECT_EQ(returns.lost.size(), 2u * kBeams * kSteps / kEvery);
+  EXPECT_EQ(returns.scan_ends[1].lost, returns.lost.size());
+  for (const LidarReturns::LostRay& lost : returns.lost) {
+    const double beam = std::asin(double(lost.direction.z())) / 0.05 + 4;
+    EXPECT_NEAR(beam, std::round(beam), 0.05);
+    EXPECT_NEAR(double(lost.direction.norm()), 1, 1e-6);
+  }
+  EXPECT_EQ(returns.full_intensity(), 255);
 }
 
 TEST_F(LidarReturnsTest, UsesRevolutionsOfAllFramesOfTheScene) {
