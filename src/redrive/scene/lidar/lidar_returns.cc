@@ -260,8 +260,7 @@ LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene,
 }
 
 float LidarReturns::full_intensity() const {
-  const bool bytes = std::ranges::all_of(intensity, [](std::uint16_t one) { return one <= 255; });
-  return bytes ? 255 : 65535;
+  return intensity.empty() ? 255 : intensity_scale(std::ranges::max(intensity));
 }
 
 bool LidarReturns::same_ray(std::size_t i) const {
