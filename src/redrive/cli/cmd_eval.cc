@@ -85,6 +85,12 @@ void print_evaluation(const Evaluation& evaluation) {
         "error %.1f cm (median), chamfer distance %.1f cm\n",
         lidar->revolutions, static_cast<long long>(lidar->returns), 100 * lidar->hit_rate,
         100 * lidar->near_hit_rate, kNearHit_m, 100 * lidar->range_error_m, 100 * lidar->chamfer_m);
+  if (evaluation.lidar && evaluation.lidar->intensity_rmse)
+    std::printf("intensity: error %.3f of 0..1 (RMS)\n", *evaluation.lidar->intensity_rmse);
+  if (evaluation.lidar && evaluation.lidar->lost)
+    std::printf("rays without a return, of %lld: accuracy %.1f %%, F1 %.3f\n",
+                static_cast<long long>(evaluation.lidar->lost->rays),
+                100 * evaluation.lidar->lost->accuracy, evaluation.lidar->lost->f1);
   if (evaluation.lidar && evaluation.lidar->moving) {
     const RangeScore& moving = *evaluation.lidar->moving;
     std::printf(

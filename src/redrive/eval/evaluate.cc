@@ -252,6 +252,12 @@ nlohmann::json evaluation_to_json(const Evaluation& evaluation) {
     json["lidar"] = range_score_to_json(*lidar);
     json["lidar"]["chamfer_m"] = lidar->chamfer_m;
     json["lidar"]["revolutions"] = lidar->revolutions;
+    json["lidar"]["intensity_rmse"] = nullptr;
+    if (lidar->intensity_rmse) json["lidar"]["intensity_rmse"] = *lidar->intensity_rmse;
+    json["lidar"]["lost"] = nullptr;
+    if (const auto& lost = lidar->lost)
+      json["lidar"]["lost"] = {
+          {"rays", lost->rays}, {"accuracy", lost->accuracy}, {"f1", lost->f1}};
     json["lidar"]["moving"] = nullptr;
     if (lidar->moving) json["lidar"]["moving"] = range_score_to_json(*lidar->moving);
   }

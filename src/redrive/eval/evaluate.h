@@ -106,6 +106,7 @@ nlohmann::json moving_to_json(const MovingEvaluation& moving);
 /// Returns {"overall": SCORE, "cameras": {CAM: SCORE}, "novel": {NAME: SCORE}, "held_out": bool,
 /// "moving": moving_to_json or null,
 /// "lidar": {"range_error_m", "hit_rate", "near_hit_rate", "returns", "chamfer_m", "revolutions",
+/// "intensity_rmse" or null, "lost": {"rays", "accuracy", "f1"} or null,
 /// "moving": {"range_error_m", "hit_rate", "near_hit_rate", "returns"} or null} or null,
 /// "alignment": {"translation_m", "rotation_deg", "residual_m", "residual_deg", "frames"} or null,
 /// "view_alignment": {"translation_m", "rotation_deg", "views"} or null, "pose_changes": {"frames":

@@ -72,6 +72,60 @@ class RangeErrors {
   std::int64_t returns_ = 0, near_ = 0;
 };
 
+/// Renders rays of a scan.
+RenderedRays rendered_rays(const Run& run, kernels::Backend& backend, const LidarReturns& scan) {
+  const LidarRays in_world = rays_in_world(run.scene, scan, backend.pool());
+  const kernels::Rays rays{static_cast<int>(scan.n), in_world.origin, in_world.direction};
+  RenderedRays rendered = run.field()->trace(backend, rays);
+  run.field()->trace_actors(backend, rays, scan.t_ns, run.scene.actors, &rendered);
+  return rendered;
+}
+
+/// Returns the lost rays of a scan in place of its returns.
+LidarReturns lost_rays_of(const LidarReturns& scan) {
+  LidarReturns out;
+  out.n = scan.lost.size();
+  out.body_from_sensor = scan.body_from_sensor;
+  for (int k = 0; k < 3; ++k)
+    for (const LidarReturns::LostRay& ray : scan.lost) out.direction.push_back(ray.direction[k]);
+  for (const LidarReturns::LostRay& ray : scan.lost) out.t_ns.push_back(ray.t_ns);
+  return out;
+}
+
+/// Adds up what is scored besides ranges.
+struct SignalErrors {
+  double squares = 0, intensities = 0;  // the number of these
+  double returned = 0, right_returned = 0, lost = 0, right_lost = 0;
+
+  void add(const Run& run, kernels::Backend& backend, const LidarReturns& scan,
+           const RenderedRays& rendered) {
+    if (rendered.lost.empty()) return;
+    const float full = scan.full_intensity();
+    for (std::size_t i = 0; i < scan.n; ++i) {
+      if (i > 0 && scan.same_ray(i)) continue;
+      const bool comes_back = rendered.returned(i) >= kMinReturnOpacity;
+      ++returned;
+      right_returned += comes_back;
+      if (!comes_back) continue;
+      ++intensities;
+      squares += std::pow(double(rendered.intensity[i] - float(scan.intensity[i]) / full), 2);
+    }
+    if (scan.lost.empty()) return;
+    const RenderedRays of_lost = rendered_rays(run, backend, lost_rays_of(scan));
+    for (std::size_t i = 0; i < scan.lost.size(); ++i) {
+      ++lost;
+      right_lost += of_lost.returned(i) < kMinReturnOpacity;
+    }
+  }
+  void set(LidarScore* score) const {
+    if (intensities > 0) score->intensity_rmse = std::sqrt(squares / intensities);
+    if (lost > 0)
+      score->lost = LostRayScore{static_cast<std::int64_t>(returned + lost),
+                                 (right_returned + right_lost) / (returned + lost),
+                                 2 * right_lost / (right_lost + lost + returned - right_returned)};
+  }
+};
+
 bool on_object(const std::vector<MovingBox>& boxes, const Eigen::Vector3d& in_world) {
   return std::ranges::any_of(boxes, [&](const MovingBox& box) {
     return is_on_object(box, box.box_from_world * in_world);
@@ -100,25 +154,25 @@ std::optional<LidarScore> score_lidar(const Run& run, kernels::Backend& backend,
                                       const MovingObjects& left_out, Progress* progress) {
   LidarScore score;
   RangeErrors all, on_moving;
+  SignalErrors signals;
   double chamfer = 0;
   int with_chamfer = 0;
   const MovingObjects drawn(run.scene.actors);
   for (const std::int64_t frame : frames) {
     const LidarReturns recorded =
         load_lidar_returns(run.recording, run.scene, left_out, backend.pool(),
-                           {[&](std::int64_t id) { return id == frame; }});
+                           {[&](std::int64_t id) { return id == frame; }, false, /*lost=*/true});
     const std::size_t n = recorded.n;
     const LidarRays in_world = rays_in_world(run.scene, recorded, backend.pool());
-    const kernels::Rays rays{static_cast<int>(n), in_world.origin, in_world.direction};
-    RenderedRays rendered = run.field()->trace(backend, rays);
-    run.field()->trace_actors(backend, rays, recorded.t_ns, run.scene.actors, &rendered);
+    const RenderedRays rendered = rendered_rays(run, backend, recorded);
+    signals.add(run, backend, recorded, rendered);
     Cloud measured, seen;
     std::vector<MovingBox> boxes;
     for (std::size_t i = 0, end = 0; i < n; i = end) {
       const Eigen::Vector3f origin = in_world.origin_at(i), direction = in_world.direction_at(i);
       for (end = i + 1; end < n && recorded.same_ray(end);) ++end;
       std::optional<double> range_m;
-      if (rendered.opacity[i] >= kMinReturnOpacity && rendered.depth[i] >= kMinReturn_m &&
+      if (rendered.returned(i) >= kMinReturnOpacity && rendered.depth[i] >= kMinReturn_m &&
           rendered.depth[i] <= kMaxReturn_m) {
         range_m = rendered.depth[i];
         seen.push_back(origin + rendered.depth[i] * direction);
@@ -143,6 +197,7 @@ std::optional<LidarScore> score_lidar(const Run& run, kernels::Backend& backend,
   }
   if (all.returns() == 0) return std::nullopt;
   static_cast<RangeScore&>(score) = all.score();
+  signals.set(&score);
   score.chamfer_m =
       with_chamfer > 0 ? chamfer / with_chamfer : std::numeric_limits<double>::quiet_NaN();
   if (on_moving.returns() > 0) score.moving = on_moving.score();

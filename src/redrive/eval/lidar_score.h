@@ -25,11 +25,22 @@ struct RangeScore {
   double near_hit_rate = 0;  ///< fraction for which one within kNearHit_m is
 };
 
+/// Rays of which nothing comes back, among all that were fired.
+struct LostRayScore {
+  std::int64_t rays = 0;  ///< lost and returned
+  double accuracy = 0;    ///< share of the rays that are lost, or returned, as recorded
+  double f1 = 0;          ///< of the lost ones: 2 TP / (2 TP + FP + FN); NaN where none is
+};
+
 /// Over all returns but those on moving objects that the run does not draw.
 struct LidarScore : RangeScore {
   int revolutions = 0;
   double chamfer_m = 0;  ///< chamfer_distance of the recorded points and the rendered ones, mean
                          ///< over revolutions
+  /// RMS error over the rendered returns, of 0..1; nothing where the method renders none.
+  std::optional<double> intensity_rmse;
+  /// Nothing where the method has no lost rays, or the beams of the sensor are unknown.
+  std::optional<LostRayScore> lost;
   std::optional<RangeScore> moving;  ///< score of the returns on moving objects that the run draws
 };
 

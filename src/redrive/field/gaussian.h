@@ -70,7 +70,7 @@ constexpr std::size_t gaussian_slot(std::size_t i, int row) {
 constexpr float kScreenVariance = 0.15f;  ///< pixels^2
 /// Pixels^2: slopes of the distance of Gaussians that are smaller count less.
 constexpr float kSlopeVariance = 0.01f;
-constexpr float kMinAlpha = 1.0f / 255;   ///< less is not blended
+constexpr float kMinAlpha = 1.0f / 255;  ///< less is not blended
 constexpr float kMaxAlpha = 0.99f;
 constexpr float kMinTransmittance = 1e-3f;  ///< blending ends below
 constexpr float kNearPlane_m = 0.2f;        ///< nearer means are not drawn

@@ -46,6 +46,10 @@ struct RenderedRays {
   std::vector<float> intensity;  ///< [n] of a return, 0..1 in the recording's scale
   std::vector<float> lost;       ///< [n] probability that nothing comes back
 
+  /// Returns the probability that something comes back along ray i.
+  float returned(std::size_t i) const {
+    return lost.empty() ? opacity[i] : std::min(opacity[i], 1 - lost[i]);
+  }
   /// Sets ray i to ray j of other ones.
   void put(std::size_t i, const RenderedRays& from, std::size_t j) {
     depth[i] = from.depth[j];

@@ -79,11 +79,6 @@ TracedRays trace(kernels::Backend& backend, const Field& model, const LidarFirin
   return out;
 }
 
-/// Probability of a return.
-float return_probability(const RenderedRays& rays, std::size_t i) {
-  return rays.lost.empty() ? rays.opacity[i] : std::min(rays.opacity[i], 1 - rays.lost[i]);
-}
-
 }  // namespace
 
 LidarScan render_scan(kernels::Backend& backend, const Field& model, const LidarFirings& firings,
@@ -103,7 +98,7 @@ LidarScan render_scan(kernels::Backend& backend, const Field& model, const Lidar
             motion.world_from_body(t_ns).inverse(Eigen::Isometry) * motion.world_from_sensor(t_ns);
     }
     const double range_m = rays.depth[i];
-    const float probability = return_probability(rays, i);
+    const float probability = rays.returned(i);
     const float least = options.seed
                             ? random_unit(random_key(*options.seed, kStreamReturns,
                                                      static_cast<std::uint64_t>(firings.t_ns[0])),

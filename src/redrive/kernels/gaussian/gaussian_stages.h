@@ -163,8 +163,8 @@ struct ImageLossOutput {
   std::vector<PatchBrightness> patches;  ///< patches of kPatchSide squared pixels, row by row
 };
 
-/// A step of Adam on some of the rows. Updates each Gaussian whose opacity derivative is not 0 and whose derivatives
-/// are all finite; others keep values and moments.
+/// A step of Adam on some of the rows. Updates each Gaussian whose opacity derivative is not 0 and
+/// whose derivatives are all finite; others keep values and moments.
 struct GaussianUpdate {
   AdamStep step;  ///< learning_rate is not used
   /// Learning rates by row of a Gaussian; the rate of kPositionRow is multiplied by the Gaussian's

@@ -29,7 +29,7 @@ constexpr float kPointSize = 0.5f;
 /// Opacity of points that may be floaters: points of image tracks near occlusion boundaries, and
 /// points above returns. Training fits the background through them and removes them.
 constexpr float kUncertainOpacity = 0.1f;
-constexpr float kUnseenOpacity = 0.9f;  ///< no image will tell
+constexpr float kUnseenOpacity = 0.9f;   ///< no image will tell
 constexpr float kTrackPointSize = 0.3f;  ///< smaller than kPointSize for the same reason
 
 Points points_of(const PointCloud& cloud) {
@@ -293,8 +293,7 @@ GaussianList initial_gaussians(const TrainingSet& data, const InitialGaussianOpt
   GaussianList list;
   std::vector<float> distances;
   const auto add = [&](const Points& points, float voxel, float size, float opacity) {
-    const Points kept =
-        thinned(points, cameras, voxel, kShareOfMost * options.max_gaussians, pool);
+    const Points kept = thinned(points, cameras, voxel, kShareOfMost * options.max_gaussians, pool);
     append_discs(kept, cameras, size, opacity, pool, &list);
     for (const Point& point : kept) distances.push_back(cameras.distance(point.position.data()));
     return kept;

@@ -23,7 +23,6 @@ struct InitialGaussianOptions {
 /// Returns the first Gaussians, in random order, and the number of those that no image sees, which
 /// are beyond max_gaussians. Deterministic in seed; the number of threads changes nothing.
 GaussianList initial_gaussians(const TrainingSet& data, const InitialGaussianOptions& options,
-                               std::uint64_t seed, ThreadPool& pool,
-                               std::size_t* unseen);
+                               std::uint64_t seed, ThreadPool& pool, std::size_t* unseen);
 
 }  // namespace redrive

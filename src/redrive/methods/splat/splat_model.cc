@@ -12,17 +12,17 @@
 #include "redrive/methods/splat/actors/actor_gaussians.h"
 #include "redrive/methods/splat/gaussian_points.h"
 #include "redrive/methods/splat/image_windows.h"
-#include "redrive/methods/splat/range_pixels.h"
-#include "redrive/methods/splat/surface_planes.h"
 #include "redrive/methods/splat/lidar/scan_step.h"
 #include "redrive/methods/splat/lidar/trace_gaussians.h"
+#include "redrive/methods/splat/range_pixels.h"
+#include "redrive/methods/splat/surface_planes.h"
 #include "redrive/recording/core/actor_kind.h"
 
 namespace redrive {
 namespace {
 
-constexpr float kGainsFrom = 0.05f;                                   // progress
-constexpr float kMotionsFrom = 0.05f;                                 // progress
+constexpr float kGainsFrom = 0.05f;     // progress
+constexpr float kMotionsFrom = 0.05f;   // progress
 constexpr double kShareOfActors = 0.5;  // maximum share of all Gaussians at the start
 
 /// Working memory of a run's steps.

@@ -40,8 +40,8 @@ struct SplatModel final : Trainee, FieldGaussians {
   float position_rate = 0.008f, scale_rate = 0.4f, rotation_rate = 0.16f, colour_rate = 0.3f,
         harmonics_rate = 0.01f, lidar_rate = 1;
   float l1_weight = 0.8f, ssim_weight = 0.2f;
-  float range_weight = 0.1f;     ///< weight of LiDAR returns in images
-  int scan_every = 4;            ///< steps after which a part of a LiDAR scan is rendered; 0: never
+  float range_weight = 0.1f;  ///< weight of LiDAR returns in images
+  int scan_every = 4;         ///< steps after which a part of a LiDAR scan is rendered; 0: never
   ScanWeights scan_weights;
   float surface_rate = 0.5f;     ///< part of the way to a LiDAR plane in a call
   float opacity_weight = 0.02f;  ///< weight of transmittance, unless a background is given
@@ -58,8 +58,8 @@ struct SplatModel final : Trainee, FieldGaussians {
   float beta2 = 0.99f, epsilon = 1e-15f;  ///< Adam's
   ImageGains gains;
   // State:
-  int gaussians = 0;        ///< number of Gaussians of the world
-  int first_gaussians = 0;  ///< number at the start, with the actors'
+  int gaussians = 0;         ///< number of Gaussians of the world
+  int first_gaussians = 0;   ///< number at the start, with the actors'
   int unseen_gaussians = 0;  ///< of them those of LiDAR returns that no image sees
   /// One per actor: MovingObject::id, and the end of its blocks (GaussianLayout).
   std::vector<std::int64_t> actor_ids, actor_ends;

@@ -106,8 +106,9 @@ void SplatModel::visit_hyperparameters(HyperparameterVisitor& visit) {
   visit({"ssim_weight", "weight of (1 - SSIM) / 2", 0, 100}, ssim_weight);
   visit({"range_weight", "weight of the error of LiDAR returns' log distances", 0, 1000},
         range_weight);
-  visit({"scan_every", "steps after which a part of a LiDAR scan is rendered, too; 0: never", 0, 1e6},
-        scan_every);
+  visit(
+      {"scan_every", "steps after which a part of a LiDAR scan is rendered, too; 0: never", 0, 1e6},
+      scan_every);
   visit({"scan.range", "weight of the error of a scan's log distances", 0, 1000},
         scan_weights.range);
   visit({"scan.returns", "weight of the squared error of a ray's probability to return", 0, 1000},

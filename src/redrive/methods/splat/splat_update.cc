@@ -53,9 +53,8 @@ void SplatModel::update(kernels::Backend& backend, double learning_rate, std::in
   const std::span<float> others = parameters.span().subspan(blocks_size());
   if (gradients.size() == gradients_size(/*with_update=*/false))
     backend.gaussians().update_gaussians(
-        gaussian_update({learning_rate, step, parameters, adam}, rows_of_step(step - 1)),
-                                         all().n, gradients.first(blocks_size()),
-                                         gradients.last(errors()));
+        gaussian_update({learning_rate, step, parameters, adam}, rows_of_step(step - 1)), all().n,
+        gradients.first(blocks_size()), gradients.last(errors()));
   else
     REDRIVE_CHECK_OP(gradients.size(), ==, others.size());
   bound_actor_colours();

@@ -46,8 +46,8 @@ bool is_on_moving(const std::vector<MovingBox>& boxes, const Eigen::Vector3d& in
   ++out->on_moving;
   const Eigen::Vector3d in_box = box->box_from_world * in_world;
   if (is_on_object(*box, in_box))
-    out->on_objects.push_back({box->id, one.t_ns, in_box.cast<float>(), one.direction, one.range_m,
-                               one.intensity});
+    out->on_objects.push_back(
+        {box->id, one.t_ns, in_box.cast<float>(), one.direction, one.range_m, one.intensity});
   return true;
 }
 

@@ -7,8 +7,8 @@
 #include "redrive/base/error.h"
 #include "redrive/field/gaussian_blocks.h"
 #include "redrive/methods/splat/actors/fill_hidden.h"
-#include "redrive/methods/splat/splat_model.h"
 #include "redrive/methods/splat/lidar/trace_gaussians.h"
+#include "redrive/methods/splat/splat_model.h"
 #include "redrive/scene/moving_objects.h"
 
 namespace redrive {
@@ -172,8 +172,7 @@ void SplatModel::trace_actors(kernels::Backend& backend, const kernels::Rays& ra
     const RenderedRays own = trace_gaussians(
         backend.gaussians(), backend.pool(), {blocks.size() / kGaussianRows, blocks},
         {static_cast<int>(met.index.size()), met.origin, met.direction});
-    for (std::size_t m = 0; m < met.index.size(); ++m)
-      add_surface(own, m, rendered, met.index[m]);
+    for (std::size_t m = 0; m < met.index.size(); ++m) add_surface(own, m, rendered, met.index[m]);
   }
 }
 

@@ -26,8 +26,7 @@ std::vector<std::int64_t> key_times(const RayGroup& group, std::span<const std::
     squares += a * a;
     products += a * t;
   }
-  const double n = static_cast<double>(group.rays.size()),
-               spread = squares - azimuth * azimuth / n,
+  const double n = static_cast<double>(group.rays.size()), spread = squares - azimuth * azimuth / n,
                slope = spread > 1e-9 * n ? (products - azimuth * time / n) / spread : 0;
   std::vector<std::int64_t> out;
   for (const float at : key_azimuths)
@@ -66,8 +65,8 @@ void SplatModel::step_scan(kernels::Backend& backend, const TrainingSet& data,
                              [this](std::int64_t id) { return actor_index(id).has_value(); });
   const ScanWindows& windows = *buffers->windows;
   if (windows.size() == 0) return;
-  const auto drawn = static_cast<std::uint64_t>(
-      request.world_size * (request.step / scan_every) + request.rank);
+  const auto drawn =
+      static_cast<std::uint64_t>(request.world_size * (request.step / scan_every) + request.rank);
   const ScanWindow window =
       windows[drawn_window(random_key(request.seed, kStreamScans), drawn, windows.size())];
   std::vector<MovingObject> moved = data.scene.actors;

@@ -34,8 +34,8 @@ GaussianList wall(double away_m, float intensity) {
   return list;
 }
 
-/// A wall at kWall_m in four scans: intensity 0.2 behind the sensor, 0.6 ahead; rays above 2 degrees
-/// are lost.
+/// A wall at kWall_m in four scans: intensity 0.2 behind the sensor, 0.6 ahead; rays above 2
+/// degrees are lost.
 struct ScannedWall : SplatScene {
   ScannedWall() {
     add_camera("FRONT", "opencv_pinhole", {60, 60, 19.5, 14.5, 0, 0, 0, 0, 0}, 40, 30);
@@ -53,8 +53,7 @@ struct ScannedWall : SplatScene {
         const Eigen::Vector3d in_world(std::cos(azimuth) * std::cos(elevation),
                                        std::sin(azimuth) * std::cos(elevation),
                                        std::sin(elevation));
-        const Eigen::Vector3f direction =
-            (sensor_from_world.linear() * in_world).cast<float>();
+        const Eigen::Vector3f direction = (sensor_from_world.linear() * in_world).cast<float>();
         if (elevation > 2 * std::numbers::pi / 180) {
           lidar.lost.push_back({direction, t_ns});
           continue;

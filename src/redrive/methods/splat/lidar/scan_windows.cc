@@ -93,8 +93,7 @@ ScanWindow ScanWindows::operator[](std::size_t which) const {
   for (std::size_t i = 0; i < n; ++i) {
     if (i == 0 || rays[i].t_ns != rays[i - 1].t_ns)
       world_from_sensor = scene_.world_from_body(rays[i].t_ns) * lidar_.body_from_sensor;
-    const Eigen::Vector3d direction =
-        world_from_sensor.linear() * rays[i].direction.cast<double>();
+    const Eigen::Vector3d direction = world_from_sensor.linear() * rays[i].direction.cast<double>();
     for (std::size_t k = 0; k < 3; ++k) {
       out.origin[k * n + i] = static_cast<float>(world_from_sensor.translation()[Eigen::Index(k)]);
       out.direction[k * n + i] = static_cast<float>(direction[Eigen::Index(k)]);

@@ -27,8 +27,8 @@ struct ScanWindow {
 
 class ScanWindows {
  public:
-  /// `scene` and `lidar` must outlive this. `drawn`: whether a moving object is drawn, by its id; rays to others
-  /// are left out.
+  /// `scene` and `lidar` must outlive this. `drawn`: whether a moving object is drawn, by its id;
+  /// rays to others are left out.
   ScanWindows(const Scene& scene, const LidarReturns& lidar,
               std::function<bool(std::int64_t)> drawn);
   /// 0 for point clouds.

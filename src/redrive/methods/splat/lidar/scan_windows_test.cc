@@ -37,8 +37,7 @@ struct TwoScans : SplatScene {
       }
       lidar.on_objects.push_back({7, t_ns(scan, 2), {0, 0, 0}, direction(2), 3, 255});
       lidar.lost.push_back({direction(kRays - 1), t_ns(scan, kRays - 1)});
-      lidar.scan_ends.push_back(
-          {lidar.range_m.size(), lidar.on_objects.size(), lidar.lost.size()});
+      lidar.scan_ends.push_back({lidar.range_m.size(), lidar.on_objects.size(), lidar.lost.size()});
     }
     lidar.n = lidar.range_m.size();
     for (int k = 0; k < 3; ++k)
