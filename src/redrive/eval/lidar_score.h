@@ -29,7 +29,7 @@ struct RangeScore {
 struct LostRayScore {
   std::int64_t rays = 0;  ///< lost and returned
   double accuracy = 0;    ///< share of the rays that are lost, or returned, as recorded
-  double f1 = 0;          ///< of the lost ones: 2 TP / (2 TP + FP + FN); NaN where none is
+  double f1 = 0;          ///< 2 TP / (2 TP + FP + FN) of the lost rays; NaN where none is
 };
 
 /// Over all returns but those on moving objects that the run does not draw.

@@ -68,8 +68,8 @@ constexpr std::size_t gaussian_slot(std::size_t i, int row) {
 }
 
 constexpr float kScreenVariance = 0.15f;  ///< pixels^2
-/// Pixels^2: slopes of the distance of Gaussians that are smaller count less.
-constexpr float kSlopeVariance = 0.01f;
+/// Pixels^2: in a scan the distance of smaller Gaussians changes less from ray to ray.
+constexpr float kLidarSlopeVariance = 0.01f;
 constexpr float kMinAlpha = 1.0f / 255;  ///< less is not blended
 constexpr float kMaxAlpha = 0.99f;
 constexpr float kMinTransmittance = 1e-3f;  ///< blending ends below
@@ -112,7 +112,7 @@ struct ProjectedGaussian {
   Real transparency;  ///< 1 - opacity, without its rounding
   Real alpha;         ///< opacity at the mean: times the filter's compensation
   Real direction[3];  ///< direction of the mean from the camera, world, unit
-  Real incidence;     ///< of a LiDAR: cosine of the angle to the normal, the shortest axis
+  Real incidence;     ///< LiDAR alone: cosine of the angle to the normal, the shortest axis
   Real colour[3];     ///< before the clamp at 0; of a LiDAR by LidarSlot, then 0
 };
 
@@ -266,8 +266,8 @@ REDRIVE_LANES void project_gaussian(const C& camera, const GaussianPose<M>& pose
   out->conic[0] = out->variance[1] * inverse;
   out->conic[1] = -xy * inverse;
   out->conic[2] = out->variance[0] * inverse;
-  // A plane is as steep as before the filter.
-  const Real steady = M::constant(kSlopeVariance),
+  // For a LiDAR a plane is as steep as before the filter.
+  const Real steady = M::constant(kIsLidar<C> ? kLidarSlopeVariance : kScreenVariance),
              of_slope = one / (out->det + steady * (xx + yy) + steady * steady);
   out->slope[0] = ((yy + steady) * with_distance[0] - xy * with_distance[1]) * of_slope;
   out->slope[1] = ((xx + steady) * with_distance[1] - xy * with_distance[0]) * of_slope;

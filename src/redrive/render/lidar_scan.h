@@ -39,7 +39,7 @@ enum class PointAxes { kSensor, kBody, kWorld };
 struct ScanOptions {
   double min_range_m = kMinReturn_m, max_range_m = kMaxReturn_m;
   PointAxes axes = PointAxes::kSensor;
-  /// draws rays with a return by their probability; nothing: those of kMinReturnOpacity
+  /// draws rays with a return by their probability; nothing: kMinReturnOpacity decides
   std::optional<std::uint64_t> seed;
 };
 

@@ -148,7 +148,7 @@ class MadeField : public Field {
                     RenderedRays* rendered) const override {
     if (!actors.empty()) rendered->depth[0] = 5;
   }
-  std::vector<float> lost;  ///< of every ray; empty: not modelled
+  std::vector<float> lost;  ///< every ray's; empty: not modelled
 };
 
 TEST_F(LidarScanTest, PointsHaveWhatTheFieldAndTheSensorKnow) {

@@ -59,7 +59,7 @@ double elevation_of(const Eigen::Vector3d& in_sensor) {
 
 /// The rays of a scan as cells of an image.
 struct RangeImage {
-  std::vector<double> elevations_rad;  ///< of rows, from the lowest
+  std::vector<double> elevations_rad;  ///< elevations of rows, from the lowest
   int columns = kWidth_px;
 };
 

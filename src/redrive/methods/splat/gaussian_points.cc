@@ -47,9 +47,10 @@ Points one_per_voxel(const Points& points, const NearestCamera& cameras, float v
     for (const std::uint32_t i : voxels[v]) {
       sum.position += points[i].position;
       sum.rgb += points[i].rgb;
+      sum.intensity += points[i].intensity;
     }
     const auto n = static_cast<float>(voxels[v].size());
-    out.push_back({sum.position / n, sum.rgb / n, sum.seen_from});
+    out.push_back({sum.position / n, sum.rgb / n, sum.seen_from, sum.intensity / n});
   }
   return out;
 }

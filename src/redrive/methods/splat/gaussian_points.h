@@ -32,7 +32,7 @@ class NearestCamera {
 /// A coloured point.
 struct Point {
   Eigen::Vector3f position, rgb, seen_from;  ///< rgb in [0, 1]; position of a sensor that saw it
-  float intensity = 0;                       ///< of a LiDAR return
+  float intensity = 0;                       ///< 0..1, as a LiDAR measured it
   float returns = 1;                         ///< probability that a LiDAR has a return
 };
 using Points = std::vector<Point>;

@@ -29,7 +29,7 @@ constexpr float kPointSize = 0.5f;
 /// Opacity of points that may be floaters: points of image tracks near occlusion boundaries, and
 /// points above returns. Training fits the background through them and removes them.
 constexpr float kUncertainOpacity = 0.1f;
-constexpr float kUnseenOpacity = 0.9f;   ///< no image will tell
+constexpr float kUnseenOpacity = 0.9f;   ///< opacity of returns that no image sees
 constexpr float kTrackPointSize = 0.3f;  ///< smaller than kPointSize for the same reason
 
 Points points_of(const PointCloud& cloud) {

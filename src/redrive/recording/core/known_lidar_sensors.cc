@@ -62,7 +62,7 @@ std::vector<LidarBeam> pandar64_beams() {
   return sorted(beams);
 }
 
-/// Lasers of the lower block are 1/2 degree apart, those of the upper one 1/3 (Velodyne, "HDL-64E
+/// Lasers of the lower block are 1/2 degree apart, lasers of the upper one 1/3 (Velodyne, "HDL-64E
 /// S2 user's manual"). Each unit is calibrated and differs from this.
 std::vector<LidarBeam> hdl64_beams() {
   constexpr int kOfBlock = 32;

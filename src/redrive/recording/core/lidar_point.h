@@ -37,7 +37,7 @@ struct LidarRecord {
   std::int64_t t_ns = 0;
   float intensity = 0;  ///< 0..1 of the full scale
   std::uint8_t ring = kNoRing;
-  float azimuth_rad = 0;          ///< of its ray, to the left of the sensor's heading
+  float azimuth_rad = 0;          ///< azimuth of its ray, to the left of the sensor's heading
   float range_m = 0;              ///< from the sensor
   std::int32_t actor = kNoActor;  ///< id of the moving object that it is on
   float loss = 0;                 ///< probability that its ray has no return

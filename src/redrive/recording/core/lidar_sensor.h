@@ -51,7 +51,7 @@ struct LidarSensor {
   bool clockwise = true;         ///< seen from above
   double min_range_m = 0.5, max_range_m = 200;  ///< ranges of returns
   double divergence_rad = 0;                    ///< full angle of a beam; 0: unknown
-  std::vector<LidarPulse> pattern;              ///< by time
+  std::vector<LidarPulse> pattern;              ///< ascending by time
 
   /// Returns a revolution that begins behind and looks ahead at t_ns, like KITTI's.
   LidarFirings revolution(std::int64_t t_ns) const;

@@ -13,7 +13,7 @@ namespace redrive {
 namespace {
 
 constexpr double kTurn_rad = 2 * std::numbers::pi;
-constexpr double kMostTurns = 2;        // of a revolution's times
+constexpr double kMostTurns = 2;        // a revolution's times
 constexpr double kMostMisplaced = 0.1;  // share of returns that time puts elsewhere
 constexpr double kSameRay = 0.2;        // share of a step between the returns of one ray
 
@@ -21,7 +21,7 @@ constexpr double kSameRay = 0.2;        // share of a step between the returns o
 struct Fired {
   float turned_rad;
   float sine_of_elevation;
-  std::uint8_t ring;  // of the point, then the index of its beam
+  std::uint8_t ring;  // the point's ring, then the index of its beam
   std::int64_t t_ns;
 };
 
@@ -123,7 +123,7 @@ double unwrap_by_gap(int steps, std::vector<Fired>* returns) {
   return phase_rad;
 }
 
-/// Times of the columns, one step wide, between those of the first and the last with returns.
+/// Times of the columns, one step wide, from the first to the last with returns.
 class Columns {
  public:
   /// A column with returns of few beams is none: these are strays.
@@ -167,7 +167,7 @@ class Columns {
     return start_ns_ + std::llround(a.second + share * (b.second - a.second));
   }
 
-  double from_rad, to_rad;  ///< of the first and the last return in a column
+  double from_rad, to_rad;  ///< azimuths of the first and the last return in a column
 
  private:
   using Known = std::pair<double, double>;  // middle of a column and its time

@@ -12,7 +12,7 @@ namespace redrive {
 namespace {
 
 struct Rays {
-  double fired = 0, lost_share = 0;  // of a scan
+  double fired = 0, lost_share = 0;  // the mean over scans
 };
 
 std::vector<Rays> rays_of(const std::filesystem::path& root) {

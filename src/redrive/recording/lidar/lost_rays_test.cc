@@ -23,7 +23,7 @@ class LostRaysOf : public ::testing::Test {
     points_ = sensor.scan(number, &truth_);
     return lost_rays(points_, sensor.body_from_lidar, *structure, &why_);
   }
-  /// Expects that the directions are those of the rays that were left out.
+  /// Expects the directions of the rays that were left out.
   void expect_found(const LostRays& found, double within_rad = 0.5 * kStep_rad) {
     EXPECT_EQ(why_, "");
     EXPECT_EQ(found.size(), truth_.size());

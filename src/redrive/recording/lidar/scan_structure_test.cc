@@ -52,7 +52,7 @@ TEST(ScanStructure, RingsGiveBeamsWhoseElevationsAreNoisy) {
 TEST(ScanStructure, RingsOfFewReturnsAreNoBeams) {
   const Spinning sensor{.has_rings = true};
   std::vector<std::vector<LidarPoint>> scans = {sensor.scan(0)};
-  std::size_t left = 10;  // of the beam in the middle
+  std::size_t left = 10;  // returns of the beam in the middle
   std::erase_if(scans[0], [&](const LidarPoint& point) {
     return point.ring == 8 && (left == 0 || left-- == 0);
   });

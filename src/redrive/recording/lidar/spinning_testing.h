@@ -17,7 +17,7 @@ namespace redrive {
 struct Spinning {
   double rate_hz = 10, lost = 0.1, second = 0.2, noise_rad = 0;
   bool clockwise = true, has_rings = false, has_times = true;
-  double jitter = 0;  ///< of azimuths, steps
+  double jitter = 0;  ///< noise of azimuths, steps
   Rigid3d body_from_lidar = Eigen::Translation3d(1, 0.2, 1.7) *
                             Rigid3d(Eigen::AngleAxisd(0.4, Eigen::Vector3d(1, 2, 2) / 3));
 

@@ -163,6 +163,10 @@ void SplatModel::trace_actors(kernels::Backend& backend, const kernels::Rays& ra
                               std::span<const std::int64_t> t_ns,
                               const std::vector<MovingObject>& actors,
                               RenderedRays* rendered) const {
+  if (rendered->lost.empty()) {
+    rendered->intensity.assign(rendered->depth.size(), 0);
+    for (const float opacity : rendered->opacity) rendered->lost.push_back(1 - opacity);
+  }
   for (const MovingObject& actor : actors) {
     const std::span<const float> blocks =
         blocks_of(actor.body.value_or(actor.id), actor.imported.get());

@@ -26,7 +26,7 @@ class RayRaster {
   /// Refers to this and to `parts`, each with one pose for each of key_azimuths().
   kernels::GaussianCamera camera(std::span<const kernels::GaussianPart> parts = {}) const;
   kernels::RasterSize size() const;
-  /// Azimuths of the keys of the sensor's pose: of the first and the last ray, or of one.
+  /// Azimuths at which the sensor's pose is given: the first and the last ray's, or one.
   std::span<const float> key_azimuths() const { return {key_azimuths_.data(), poses_.size()}; }
   Rigid3d world_from_key(std::size_t key) const { return rigid(poses_[key]); }
   /// Index in a plane of the raster for each ray of the group.

@@ -12,8 +12,9 @@
 namespace redrive {
 namespace {
 
-constexpr std::size_t kLeastParts = 4, kMostRays = 32768;  // of a window
-constexpr std::int64_t kOneTime_ns = 1'000'000;            // shorter scans have one time
+constexpr std::size_t kLeastParts = 4;           // number of windows of a scan
+constexpr std::size_t kMostRays = 32768;         // rays of a window, about
+constexpr std::int64_t kOneTime_ns = 1'000'000;  // shorter scans have one time
 
 /// A ray in the sensor's axes.
 struct FiredRay {
@@ -42,9 +43,18 @@ ScanWindows::ScanWindows(const Scene& scene, const LidarReturns& lidar,
     for (std::size_t i = begin.lost; i < end.lost; ++i) count(lidar.lost[i].t_ns);
     const std::size_t rays = end.returns - begin.returns + end.lost - begin.lost,
                       parts = std::max(kLeastParts, (rays + kMostRays - 1) / kMostRays);
-    for (std::size_t part = 0; rays > 0 && part < parts; ++part)
-      windows_.push_back({scans_.size(), static_cast<float>(part) / static_cast<float>(parts),
-                          static_cast<float>(part + 1) / static_cast<float>(parts)});
+    std::vector<bool> used(parts);
+    const auto use = [&](std::int64_t t_ns, const Eigen::Vector3f& direction) {
+      used[static_cast<std::size_t>(part_of(scan, t_ns, direction) * static_cast<float>(parts))] =
+          true;
+    };
+    for (std::size_t i = begin.returns; i < end.returns; ++i)
+      use(lidar.t_ns[i], lidar.direction_in_sensor(i).cast<float>());
+    for (std::size_t i = begin.lost; i < end.lost; ++i)
+      use(lidar.lost[i].t_ns, lidar.lost[i].direction);
+    for (std::size_t part = 0; part < parts; ++part)
+      if (used[part])
+        windows_.push_back({scans_.size(), static_cast<int>(part), static_cast<int>(parts)});
     scans_.push_back(scan);
     begin = end;
   }
@@ -54,7 +64,7 @@ float ScanWindows::part_of(const Scan& scan, std::int64_t t_ns,
                            const Eigen::Vector3f& direction) const {
   const std::int64_t lasts_ns = scan.last_ns - scan.first_ns;
   if (lasts_ns > kOneTime_ns)
-    return static_cast<float>(double(t_ns - scan.first_ns) / double(lasts_ns + 1));
+    return 0.999999f * static_cast<float>(double(t_ns - scan.first_ns) / double(lasts_ns));
   return 0.5f + std::atan2(direction.y(), direction.x()) * 0.4999999f / std::numbers::pi_v<float>;
 }
 
@@ -64,8 +74,8 @@ ScanWindow ScanWindows::operator[](std::size_t which) const {
   std::vector<FiredRay> rays;
   const auto add = [&](const Eigen::Vector3f& direction, float range_m, std::uint16_t intensity,
                        std::int64_t t_ns) {
-    const float part = part_of(scan, t_ns, direction);
-    if (part < window.begin || part >= window.end) return;
+    const float part = part_of(scan, t_ns, direction) * static_cast<float>(window.parts);
+    if (static_cast<int>(part) != window.part) return;
     rays.push_back({direction, range_m > 0 ? std::log(range_m) : kernels::kNoRange,
                     static_cast<float>(intensity) / full_intensity_, t_ns});
   };

@@ -38,13 +38,13 @@ class ScanWindows {
  private:
   struct Window {
     std::size_t scan;
-    float begin, end;  ///< of the scan, 0..1
+    int part, parts;  ///< index and number of the scan's parts
   };
   struct Scan {
     LidarReturns::ScanEnd begin, end;
     std::int64_t first_ns, last_ns;
   };
-  /// Which part of its scan a ray belongs to, 0..1.
+  /// Returns where in its scan a ray belongs, from 0 to below 1.
   float part_of(const Scan& scan, std::int64_t t_ns, const Eigen::Vector3f& direction) const;
 
   const Scene& scene_;
