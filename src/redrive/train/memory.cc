@@ -18,8 +18,9 @@ namespace {
 
 // Measured with minimal runs.
 constexpr std::uint64_t kProgram = std::uint64_t{56} << 20, kThread = std::uint64_t{4} << 20;
-constexpr std::uint64_t kReturn = 4 * sizeof(float) + sizeof(std::int64_t) +
-                                  sizeof(std::uint16_t);  // scene/lidar/lidar_returns.h
+// A lost ray for four returns.
+constexpr std::uint64_t kReturn = 4 * sizeof(float) + sizeof(std::int64_t) + sizeof(std::uint16_t) +
+                                  sizeof(LidarReturns::LostRay) / 4;
 constexpr std::uint64_t kSortedRay = 32;
 
 std::uint64_t pixels(const Camera& camera) { return std::uint64_t(camera.width) * camera.height; }

@@ -116,7 +116,11 @@ TEST_F(MemoryEstimateTest, CountsWhatSplatsDeriveFromReturns) {
   options.method = "splat";
   apply_preset(&options, {});
   options.cameras = {"FRONT"};
+  const MemoryEstimate with_scans = of(options);
+  options.set("scan_every", 0);
   const MemoryEstimate all = of(options);
+  EXPECT_GT(with_scans.of_lidar, all.of_lidar + kReturns / 8 * kGaussianRows * 8);
+  EXPECT_LT(with_scans.of_lidar, all.of_lidar + kReturns / 8 * 1000);
   options.set("range_weight", 0);
   const MemoryEstimate planes = of(options);
   EXPECT_EQ(planes.of_lidar, surface_planes_bytes(kReturns));

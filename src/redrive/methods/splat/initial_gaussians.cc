@@ -305,7 +305,7 @@ GaussianList initial_gaussians(const TrainingSet& data, const InitialGaussianOpt
     const float full = data.lidar.full_intensity();
     for (std::size_t i = 0; i < cloud.n; ++i)
       points[i].intensity = static_cast<float>(data.lidar.intensity[cloud.source[i]]) / full;
-    if (!data.lidar.scan_ends.empty()) {
+    if (!data.lidar.scan_ends.empty() && options.max_unseen > 0) {
       const Points kept = thinned(unseen_returns(data, cloud), cameras, options.voxel,
                                   static_cast<double>(options.max_unseen), pool);
       append_discs(kept, cameras, kPointSize, kUnseenOpacity, pool, &list);

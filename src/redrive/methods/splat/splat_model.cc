@@ -183,7 +183,7 @@ void SplatModel::initialize_from(const TrainingSet& data, std::uint64_t seed, Th
   InitialGaussianOptions options = initial;
   unseen_gaussians = 0;
   options.max_gaussians = most_gaussians();
-  options.max_unseen = max_gaussians;
+  options.max_unseen = scan_every > 0 ? max_gaussians : 0;
   std::vector<GaussianList> lists(1);
   std::size_t of_actors = 0;
   for (const MovingObject& actor : data.scene.actors) {

@@ -20,6 +20,11 @@ constexpr std::int64_t kPixelsPerGaussian = 64;
 constexpr std::size_t kMostPhotoCameras = 16;
 constexpr std::int64_t kLeastPixelLimit = 20'000;
 
+/// Records, keys and, with a sixteenth to spare, two pairs and their sums.
+constexpr std::uint64_t kStepBytesPerGaussian = 64 + 8 + 2 * (16 + 64) * 17 / 16;
+/// Numbers, moments and error.
+constexpr std::uint64_t kBytesPerGaussian = (2 * kGaussianRows + 1) * sizeof(float);
+
 constexpr double kUsual_s = 120, kGrowth = 0.35;  // max_gaussians over time
 
 /// More Gaussians cost time a step: a short run converges better with fewer.
@@ -292,16 +297,21 @@ std::string SplatModel::describe_schedule(std::int64_t) const {
 }
 
 std::uint64_t SplatModel::step_bytes() const {
-  // Records, keys and, with a sixteenth to spare, two pairs and their sums.
-  constexpr std::uint64_t kBytesPerGaussian = 64 + 8 + 2 * (16 + 64) * 17 / 16;
   constexpr std::uint64_t kBytesPerPixel = 48 * sizeof(float);
-  return kBytesPerGaussian * static_cast<std::uint64_t>(most_gaussians()) +
+  return kStepBytesPerGaussian * static_cast<std::uint64_t>(most_gaussians()) +
          kBytesPerPixel * static_cast<std::uint64_t>(window_pixels);
 }
 
 std::uint64_t SplatModel::lidar_bytes(const Scene& scene, std::uint64_t returns) const {
   if (lidar_rays == 0 || scene.frames.empty()) return 0;
-  return (surface_rate > 0 ? surface_planes_bytes(returns) : 0) +
+  constexpr std::uint64_t kReturnsPerUnseen = 8;
+  const std::uint64_t unseen =
+      scan_every == 0 || unseen_gaussians > 0
+          ? 0
+          : std::min<std::uint64_t>(returns / kReturnsPerUnseen,
+                                    static_cast<std::uint64_t>(max_gaussians));
+  return unseen * (kBytesPerGaussian + kStepBytesPerGaussian) +
+         (surface_rate > 0 ? surface_planes_bytes(returns) : 0) +
          (range_weight > 0 ? shown_return_bytes(scene, returns) : 0);
 }
 

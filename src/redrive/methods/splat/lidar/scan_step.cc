@@ -61,8 +61,9 @@ void SplatModel::step_scan(kernels::Backend& backend, const TrainingSet& data,
                            const StepRequest& request, std::span<float> gradients,
                            ScanBuffers* buffers, StepSums* sums) const {
   if (!buffers->windows)
-    buffers->windows.emplace(data.scene, data.lidar,
-                             [this](std::int64_t id) { return actor_index(id).has_value(); });
+    buffers->windows.emplace(data.scene, data.lidar, [ids = actor_ids](std::int64_t id) {
+      return std::ranges::find(ids, id) != ids.end();
+    });
   const ScanWindows& windows = *buffers->windows;
   if (windows.size() == 0) return;
   const auto drawn =
