@@ -52,7 +52,7 @@ constexpr redrive::Command kRenderCommands[] = {
      redrive::configure_render_lidar,
      "  redrive render lidar RUN --frame 1028 --out scan.las     # the recorded rays\n"
      "  redrive render lidar RUN --sensor hdl-64e --frame 1028 --out scan.pcd\n"
-     "  redrive render lidar RUN --sensor vlp-16 --mount 0,0,2,0,0,0 --out velodyne_points",
+     "  redrive render lidar RUN --sensor vlp-16 --mount 0,0,2,0,0,0 --out velodyne",
      "rendering"},
 };
 

@@ -76,7 +76,8 @@ TEST_F(SplatTrainingTest, TrainsWhileItsGaussiansBecomeMore) {
   EXPECT_LT(rows.back().loss, 0.7 * rows.front().loss);
   EXPECT_THAT(rows.back().losses,
               testing::UnorderedElementsAre(testing::Key("l1"), testing::Key("dssim"),
-                                            testing::Key("opacity"), testing::Key("lidar")));
+                                            testing::Key("opacity"), testing::Key("lidar"),
+                                            testing::Key("scans")));
   EXPECT_TRUE(same_weights(load_checkpoint(run.paths.checkpoint()), run.state));
 }
 

@@ -11,9 +11,9 @@ namespace redrive {
 
 /// Weights of the means over the rays.
 struct ScanWeights {
-  float range = 1;         ///< RasterImage::range_error of rays with a return
-  float returns = 1;       ///< squared error of the probability of a return
-  float intensity = 0.5f;  ///< squared error of the intensity of rays with a return
+  float range = 0.1f;       ///< RasterImage::range_error of rays with a return
+  float returns = 0.1f;     ///< squared error of the probability of a return
+  float intensity = 0.05f;  ///< squared error of the intensity of rays with a return
 };
 
 /// Planes of what was measured; a place without a ray has `weight` 0.
