@@ -106,7 +106,8 @@ TEST_F(Scan, RendersScoresAndExports) {
       rendered({"--sensor", "estimated", "--frame", "1001", "--out", ply.string()});
   ASSERT_EQ(estimated.exit_code, kExitOk) << estimated.err;
   EXPECT_THAT(estimated.out, HasSubstr("steps a turn"));
-  EXPECT_GT(read_ply(ply).size(), points.size() / 2) << estimated.out;
+  // After 40 steps few rays but the recorded ones meet a surface.
+  EXPECT_GT(read_ply(ply).size(), points.size() / 3) << estimated.out;
 
   // All frames as KITTI has them.
   const ProgramResult all = rendered({"--out", velodyne_.string()});
