@@ -250,7 +250,7 @@ int export_las(const ExportCommandOptions& options) {
   ThreadPool pool(options.backend.threads > 0 ? options.backend.threads : hardware_threads());
   const LidarReturns returns = static_returns(source, pool);
   LidarPoses poses(run.scene, returns);
-  const auto scale = static_cast<float>(intensity_scale(std::ranges::max(returns.intensity)));
+  const float scale = returns.full_intensity();
   std::vector<LidarRecord> points(returns.n);
   for (std::size_t i = 0; i < returns.n; ++i) {
     points[i].position_m = poses.in_world(i);

@@ -110,7 +110,7 @@ void check_lidar(ThreadPool& pool, Inspection* result) {
     result->findings.push_back({"lidar of frame " + std::to_string(middle), check.why});
 }
 
-/// Estimates the beams of the LiDAR and judges them.
+/// Estimates the LiDAR's beams and adds a finding where they do not fit the returns.
 void find_beams(Inspection* result) {
   const Recording& recording = result->recording;
   if (!recording.body_from_lidar || recording.lidar_files.empty()) return;

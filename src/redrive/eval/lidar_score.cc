@@ -94,7 +94,8 @@ LidarReturns lost_rays_of(const LidarReturns& scan) {
 
 /// Adds up what is scored besides ranges.
 struct SignalErrors {
-  double squares = 0, intensities = 0;  // the number of these
+  double squares = 0;      // sum over the intensities of rendered returns
+  double intensities = 0;  // their number
   double returned = 0, right_returned = 0, lost = 0, right_lost = 0;
 
   void add(const Run& run, kernels::Backend& backend, const LidarReturns& scan,

@@ -43,7 +43,7 @@ struct RenderedRays {
   std::vector<float> depth;    ///< [n], metres from the origin along the ray, median
   std::vector<float> opacity;  ///< [n]
   // Empty where a method does not model them:
-  std::vector<float> intensity;  ///< [n] of a return, 0..1 in the recording's scale
+  std::vector<float> intensity;  ///< [n] intensity of the return, 0..1 of full scale
   std::vector<float> lost;       ///< [n] probability that nothing comes back
 
   /// Returns the probability that something comes back along ray i.

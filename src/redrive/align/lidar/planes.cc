@@ -136,7 +136,7 @@ std::vector<LidarSample> lidar_samples(const Recording& recording, const LidarRe
   std::vector<LidarSample> samples;
   samples.reserve(returns.n);
   if (returns.n == 0) return samples;
-  const float unit = 255.0f / intensity_scale(std::ranges::max(returns.intensity));
+  const float unit = 255 / returns.full_intensity();
   for (std::size_t i = 0; i < returns.n; ++i) {
     const std::int64_t t_ns = returns.t_ns[i];
     if (t_ns < recording.frames.front().t_ns || t_ns > recording.frames.back().t_ns) continue;

@@ -43,7 +43,7 @@ Points points_of(const PointCloud& cloud) {
   return points;
 }
 
-/// Returns of which no image has a colour.
+/// Finds the LiDAR returns that no image shows: they have no colour.
 Points unseen_returns(const TrainingSet& data, const PointCloud& seen) {
   Points points;
   const float full = data.lidar.full_intensity();

@@ -60,7 +60,7 @@ struct SplatModel final : Trainee, FieldGaussians {
   // State:
   int gaussians = 0;         ///< number of Gaussians of the world
   int first_gaussians = 0;   ///< number at the start, with the actors'
-  int unseen_gaussians = 0;  ///< number of LiDAR returns among them that no image sees
+  int unseen_gaussians = 0;  ///< number at the start that no image sees
   /// One per actor: MovingObject::id, and the end of its blocks (GaussianLayout).
   std::vector<std::int64_t> actor_ids, actor_ends;
   /// one per actor: the end of its track's keys (actor_motion.h)

@@ -277,10 +277,10 @@ std::vector<ModelTensor> SplatModel::tensors() const {
 }
 
 std::vector<LossTerm> SplatModel::loss_terms(const StepSums& sums) const {
-  return {{"l1", sums.terms[0]},
-          {"dssim", sums.terms[1]},
-          {"opacity", sums.terms[2]},
-          {"lidar", sums.terms[3]},
+  return {{"l1", sums.terms[kL1Loss]},
+          {"dssim", sums.terms[kSsimLoss]},
+          {"opacity", sums.terms[kOpacityLoss]},
+          {"lidar", sums.terms[kRangeLoss]},
           {"scans", sums.terms[kScanLoss], /*in_loss=*/false}};
 }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// LiDAR sensors by their data sheets and manuals. A sensor whose table of directions is not
-// published is left out; divergence is unknown where its sheet names none.
+// Known LiDAR sensors. Directions follow the manuals named below, or drivers that quote them.
+// Ranges, cycles and divergences are nominal and were not checked against data sheets. A sensor
+// whose table of directions is not published is left out.
 #include <algorithm>
 
 #include "redrive/math/angles.h"
