@@ -20,8 +20,10 @@ export function findBrowser(modules) {
   if (!fs.existsSync(path.join(modules, "puppeteer-core")))
     skip("npm could not install puppeteer-core when this was built");
   const puppeteer = createRequire(path.resolve(modules, "x.js"))("puppeteer-core");
+  // The first start reads hundreds of megabytes from a disk that may be cold and busy: ctest's
+  // limit is the one that counts.
   return (flags) => puppeteer.launch({
-    executablePath: chromium, headless: true,
+    executablePath: chromium, headless: true, timeout: 0,
     args: ["--no-sandbox", "--disable-dev-shm-usage", ...flags]});
 }
 
