@@ -10,15 +10,11 @@
 
 namespace {
 
-/// Lists of hyperparameters, a formula with its derivatives, a step that takes one window through
-/// all losses; the last three are still to be cut.
+/// Lists of hyperparameters, a formula with its derivatives, and a step that takes one window
+/// through all losses.
 const std::set<std::string> kLonger = {"GridModel::visit_hyperparameters",
                                        "SplatModel::visit_hyperparameters",
-                                       "project_gaussian_adjoint",
-                                       "SplatModel::step_window",
-                                       "align_in_windows",
-                                       "evaluate",
-                                       "make_glb"};
+                                       "project_gaussian_adjoint", "SplatModel::step_window"};
 
 bool is_exempt(const std::string& signature) {
   for (const std::string& name : kLonger)

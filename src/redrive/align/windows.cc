@@ -179,6 +179,59 @@ std::vector<Correction> corrections_of(const RigModel& initial, const JoinedTraj
   return corrections;
 }
 
+/// Returns what the figures of the windows do not say by themselves.
+std::vector<std::string> remarks_on(const AlignResult& result, const AlignOptions& options,
+                                    std::size_t windows, const JoinedTrajectory& joined,
+                                    bool any_lidar) {
+  std::vector<std::string> remarks;
+  char text[300];
+  std::snprintf(text, sizeof text,
+                "aligned in %zu windows of at most %d frames; where two overlap, they agree to "
+                "%.2f cm and %.4f degrees RMS",
+                windows, options.window, 100 * joined.seam_m, joined.seam_rad * kDegreesPerRadian);
+  remarks.emplace_back(text);
+  if (!any_lidar)
+    remarks.emplace_back(
+        "no LiDAR: the scale of the drive, and a rotation and time offset common to all cameras, "
+        "are the egomotion's");
+  for (std::size_t c = 0; c < result.camera_corrections.size(); ++c) {
+    const CameraCorrection& k = result.camera_corrections[c];
+    if (result.bundle.cameras[c].used == 0)
+      remarks.push_back(
+          k.name +
+          ": no image point to use; its extrinsics and time offset keep their initial "
+          "values");
+    else if (!k.offset_sigma_s)
+      remarks.push_back(k.name +
+                        ": the time offset is unobservable in every window: it keeps its "
+                        "initial value");
+    if (options.bundle.estimates_readout(c) && !k.readout_sigma_s)
+      remarks.push_back(k.name +
+                        ": the readout is unobservable in every window: it keeps its "
+                        "initial value");
+  }
+  return remarks;
+}
+
+AlignOptions with_fixed_cameras(AlignOptions options) {
+  options.bundle.fixed_cameras = true;
+  options.bundle.readouts.clear();
+  options.bundle.intrinsics = false;
+  return options;
+}
+
+/// Makes room for the figures of windows, which add_bundle() adds.
+BundleResult empty_bundle(std::size_t cameras, int frames) {
+  BundleResult bundle;
+  bundle.cameras.resize(cameras);
+  bundle.ties_of_camera.assign(cameras, 0);
+  bundle.offset_index.resize(cameras);
+  bundle.readout_index.resize(cameras);
+  bundle.observations_in_frame.assign(frames, 0);
+  bundle.converged = true;
+  return bundle;
+}
+
 }  // namespace
 
 std::optional<NumberEstimate> combine_estimates(const std::vector<NumberEstimate>& windows,
@@ -260,18 +313,9 @@ AlignResult align_in_windows(const Recording& recording, const AlignOptions& opt
         sums[c].combined(options.bundle.priors, frames_in_windows / n, &model.cameras[c]));
     result.cameras.push_back(model.corrected_calibration(static_cast<int>(c)));
   }
-  AlignOptions fixed = options;
-  fixed.bundle.fixed_cameras = true;
-  fixed.bundle.readouts.clear();
-  fixed.bundle.intrinsics = false;
+  const AlignOptions fixed = with_fixed_cameras(options);
   const Rigid3d world_from_global = model.global_from_world.inverse(Eigen::Isometry);
-  BundleResult& bundle = result.bundle;
-  bundle.cameras.resize(n_cameras);
-  bundle.ties_of_camera.assign(n_cameras, 0);
-  bundle.offset_index.resize(n_cameras);
-  bundle.readout_index.resize(n_cameras);
-  bundle.observations_in_frame.assign(n, 0);
-  bundle.converged = true;
+  result.bundle = empty_bundle(n_cameras, n);
   std::vector<WindowTrajectory> trajectories;
   for (std::size_t k = 0; k < windows.size(); ++k) {
     Recording part = part_of(recording, windows[k]);
@@ -284,39 +328,13 @@ AlignResult align_in_windows(const Recording& recording, const AlignOptions& opt
     trajectories.push_back(window_trajectory(windows[k], aligned.frames, aligned.bundle.covariance,
                                              aligned.bundle.robust_covariance, before, after,
                                              world_from_global));
-    add_bundle(aligned.bundle, windows[k], cameras, &bundle);
+    add_bundle(aligned.bundle, windows[k], cameras, &result.bundle);
   }
   const JoinedTrajectory joined = join_trajectories(trajectories, world_from_global);
   result.frames = joined.frames;
   result.corrections = corrections_of(model, joined, shape_sigma);
 
-  char text[300];
-  std::snprintf(text, sizeof text,
-                "aligned in %zu windows of at most %d frames; where two overlap, they agree to "
-                "%.2f cm and %.4f degrees RMS",
-                windows.size(), options.window, 100 * joined.seam_m,
-                joined.seam_rad * kDegreesPerRadian);
-  result.remarks.emplace_back(text);
-  if (!any_lidar)
-    result.remarks.emplace_back(
-        "no LiDAR: the scale of the drive, and a rotation and time offset common to all cameras, "
-        "are the egomotion's");
-  for (std::size_t c = 0; c < n_cameras; ++c) {
-    const CameraCorrection& k = result.camera_corrections[c];
-    if (bundle.cameras[c].used == 0)
-      result.remarks.push_back(
-          k.name +
-          ": no image point to use; its extrinsics and time offset keep their initial "
-          "values");
-    else if (!k.offset_sigma_s)
-      result.remarks.push_back(k.name +
-                               ": the time offset is unobservable in every window: it keeps its "
-                               "initial value");
-    if (options.bundle.estimates_readout(c) && !k.readout_sigma_s)
-      result.remarks.push_back(k.name +
-                               ": the readout is unobservable in every window: it keeps its "
-                               "initial value");
-  }
+  result.remarks = remarks_on(result, options, windows.size(), joined, any_lidar);
   register_with_ground_truth(recording, &result);
   result.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   return result;

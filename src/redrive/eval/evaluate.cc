@@ -123,6 +123,86 @@ Score score_image(kernels::Backend& backend, const RenderedImage& rendered,
           static_cast<std::int64_t>(mask.size()),      scored};
 }
 
+namespace {
+
+/// Means of a run's scores, as a whole and by the blocks of its drive.
+class Scores {
+ public:
+  Scores(const Run& run, kernels::Backend& backend, const EvalOptions& options, Progress* progress)
+      : run_(run), backend_(backend), options_(options), progress_(progress) {}
+
+  /// Scores the views of each camera; `scene` has their poses.
+  void add_views(const Scene& scene, const std::vector<std::vector<std::size_t>>& by_camera,
+                 const Exclusions& left_out, Evaluation* evaluation) {
+    ScoreMean overall;
+    MovingScores moving(run_, backend_);
+    for (std::size_t c = 0; c < by_camera.size(); ++c) {
+      if (by_camera[c].empty()) continue;
+      const RayTable table = make_ray_table(scene.rig[c].camera, backend_.pool());
+      ScoreMean mean;
+      for (const std::size_t v : by_camera[c]) {
+        const View& view = scene.views[v];
+        Image8 ground_truth = load_view(scene, view);  // fails before rendering
+        const RenderedImage rendered = render_image(
+            backend_, *run_.field(), table, scene.shutter_poses(view), scene.exposure(view));
+        moving.add(scene, view, left_out.masks[c], rendered, ground_truth);
+        apply_mask(view_mask(scene, view, left_out.masks[c], left_out.moving), &ground_truth);
+        const Score score = score_image(backend_, rendered, ground_truth);
+        mean.add(score);
+        overall.add(score);
+        if (options_.scored) options_.scored(view, score);
+        if (Part* const part = part_of(scene.frames[view.frame].id)) part->overall.add(score);
+        progress_->count();
+      }
+      evaluation->cameras[run_.scene.rig[c].name] = mean.mean();
+    }
+    evaluation->overall = overall.mean();
+    evaluation->moving = moving.mean();
+  }
+
+  void add_novel(const NovelGroundTruth& ground_truth, std::span<const std::size_t> chosen,
+                 Evaluation* evaluation) {
+    ScoreMean mean;
+    for (const std::size_t i : chosen) {
+      const GroundTruthView view = ground_truth.load(i);
+      const Score score = score_image(
+          backend_, render_image(backend_, *run_.field(), view.camera, view.poses, view.exposure),
+          view.image, view.depth_m);
+      mean.add(score);
+      if (Part* const part = part_of(ground_truth.request(i).frame_id))
+        part->novel[ground_truth.name()].add(score);
+      progress_->count();
+    }
+    evaluation->novel[ground_truth.name()] = mean.mean();
+  }
+
+  void write_parts(Evaluation* evaluation) const {
+    for (const auto& [name, part] : parts_) {
+      PartEvaluation& scores = evaluation->parts[name];
+      scores.overall = part.overall.mean();
+      for (const auto& [novel, mean] : part.novel) scores.novel[novel] = mean.mean();
+    }
+  }
+
+ private:
+  struct Part {
+    ScoreMean overall;
+    std::map<std::string, ScoreMean> novel;
+  };
+  /// Returns nothing for a drive that is not in blocks.
+  Part* part_of(std::int64_t frame_id) {
+    return run_.blocks.empty() ? nullptr : &parts_[block_of_frame(run_.blocks, frame_id).name];
+  }
+
+  const Run& run_;
+  kernels::Backend& backend_;
+  const EvalOptions& options_;
+  Progress* progress_;
+  std::map<std::string, Part> parts_;
+};
+
+}  // namespace
+
 Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions& options) {
   Evaluation evaluation;
   Scene scene = run.scene;
@@ -158,58 +238,11 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
   total += scans.size();
   Progress progress("scoring images", static_cast<std::int64_t>(total));
 
-  struct Part {
-    ScoreMean overall;
-    std::map<std::string, ScoreMean> novel;
-  };
-  std::map<std::string, Part> parts;
-  const auto block = [&](std::int64_t frame_id) -> Part& {
-    return parts[block_of_frame(run.blocks, frame_id).name];
-  };
-  ScoreMean overall;
-  MovingScores moving(run, backend);
-  for (std::size_t c = 0; c < by_camera.size(); ++c) {
-    if (by_camera[c].empty()) continue;
-    const RayTable table = make_ray_table(scene.rig[c].camera, backend.pool());
-    ScoreMean mean;
-    for (const std::size_t v : by_camera[c]) {
-      const View& view = views[v];
-      Image8 ground_truth = load_view(scene, view);  // fails before rendering
-      const RenderedImage rendered = render_image(backend, *run.field(), table,
-                                                  scene.shutter_poses(view), scene.exposure(view));
-      moving.add(scene, view, left_out.masks[c], rendered, ground_truth);
-      apply_mask(view_mask(scene, view, left_out.masks[c], left_out.moving), &ground_truth);
-      const Score score = score_image(backend, rendered, ground_truth);
-      mean.add(score);
-      overall.add(score);
-      if (options.scored) options.scored(view, score);
-      if (!run.blocks.empty()) block(scene.frames[view.frame].id).overall.add(score);
-      progress.count();
-    }
-    evaluation.cameras[run.scene.rig[c].name] = mean.mean();
-  }
-  evaluation.overall = overall.mean();
-  evaluation.moving = moving.mean();
-
-  for (const NovelGroundTruth& ground_truth : ground_truths) {
-    ScoreMean mean;
-    for (const std::size_t i : chosen_of(ground_truth)) {
-      const GroundTruthView view = ground_truth.load(i);
-      const Score score = score_image(
-          backend, render_image(backend, *run.field(), view.camera, view.poses, view.exposure),
-          view.image, view.depth_m);
-      mean.add(score);
-      if (!run.blocks.empty())
-        block(ground_truth.request(i).frame_id).novel[ground_truth.name()].add(score);
-      progress.count();
-    }
-    evaluation.novel[ground_truth.name()] = mean.mean();
-  }
-  for (const auto& [name, part] : parts) {
-    PartEvaluation& scores = evaluation.parts[name];
-    scores.overall = part.overall.mean();
-    for (const auto& [novel, mean] : part.novel) scores.novel[novel] = mean.mean();
-  }
+  Scores scores(run, backend, options, &progress);
+  scores.add_views(scene, by_camera, left_out, &evaluation);
+  for (const NovelGroundTruth& ground_truth : ground_truths)
+    scores.add_novel(ground_truth, chosen_of(ground_truth), &evaluation);
+  scores.write_parts(&evaluation);
   if (!scans.empty())
     evaluation.lidar = score_lidar(run, backend, scans, left_out.moving, &progress);
   return evaluation;

@@ -75,10 +75,9 @@ class RangeErrors {
 /// Renders rays of a scan.
 RenderedRays rendered_rays(const Run& run, kernels::Backend& backend, const LidarReturns& scan) {
   const LidarRays in_world = rays_in_world(run.scene, scan, backend.pool());
-  const kernels::Rays rays{static_cast<int>(scan.n), in_world.origin, in_world.direction};
-  RenderedRays rendered = run.field()->trace(backend, rays);
-  run.field()->trace_actors(backend, rays, scan.t_ns, run.scene.actors, &rendered);
-  return rendered;
+  return run.field()->trace(
+      backend, {static_cast<int>(scan.n), in_world.origin, in_world.direction, scan.t_ns},
+      run.scene.actors);
 }
 
 /// Returns the lost rays of a scan in place of its returns.

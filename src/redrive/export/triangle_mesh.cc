@@ -38,6 +38,71 @@ void append(const T& value, std::string* bytes) {
   bytes->append(reinterpret_cast<const char*>(&value), sizeof value);
 }
 
+/// Returns a position in glTF's axes.
+Eigen::Vector3f turned(const Eigen::Vector3f& p) { return {p.y(), p.z(), p.x()}; }
+
+/// Sizes of a GLB's arrays, which follow each other.
+struct GlbBytes {
+  std::size_t positions, colours, indices;
+  std::size_t all() const { return positions + colours + indices; }
+};
+
+/// Returns what a GLB's JSON says about its arrays.
+nlohmann::json describe_glb(const TriangleMesh& mesh, const GlbBytes& bytes) {
+  Eigen::Vector3f low = turned(mesh.vertices[0].position), high = low;
+  for (const PlyPoint& vertex : mesh.vertices) {
+    low = low.cwiseMin(turned(vertex.position));
+    high = high.cwiseMax(turned(vertex.position));
+  }
+  constexpr int kFloat = 5126, kUnsignedShort = 5123, kUnsignedInt = 5125;
+  constexpr int kArrayBuffer = 34962, kElementArrayBuffer = 34963, kTriangles = 4;
+  return {{"asset", {{"version", "2.0"}, {"generator", "redrive"}}},
+          {"extensionsUsed", {"KHR_materials_unlit"}},
+          {"scene", 0},
+          {"scenes", {{{"nodes", {0}}}}},
+          {"nodes", {{{"mesh", 0}}}},
+          {"meshes",
+           {{{"primitives",
+              {{{"attributes", {{"POSITION", 0}, {"COLOR_0", 1}}},
+                {"indices", 2},
+                {"material", 0},
+                {"mode", kTriangles}}}}}}},
+          {"materials",
+           {{{"pbrMetallicRoughness", {{"metallicFactor", 0}, {"roughnessFactor", 1}}},
+             {"doubleSided", true},
+             {"extensions", {{"KHR_materials_unlit", nlohmann::json::object()}}}}}},
+          {"accessors",
+           {{{"bufferView", 0},
+             {"componentType", kFloat},
+             {"count", mesh.vertices.size()},
+             {"type", "VEC3"},
+             {"min", {low.x(), low.y(), low.z()}},
+             {"max", {high.x(), high.y(), high.z()}}},
+            {{"bufferView", 1},
+             {"componentType", kUnsignedShort},
+             {"normalized", true},
+             {"count", mesh.vertices.size()},
+             {"type", "VEC4"}},
+            {{"bufferView", 2},
+             {"componentType", kUnsignedInt},
+             {"count", 3 * mesh.triangles.size()},
+             {"type", "SCALAR"}}}},
+          {"bufferViews",
+           {{{"buffer", 0},
+             {"byteOffset", 0},
+             {"byteLength", bytes.positions},
+             {"target", kArrayBuffer}},
+            {{"buffer", 0},
+             {"byteOffset", bytes.positions},
+             {"byteLength", bytes.colours},
+             {"target", kArrayBuffer}},
+            {{"buffer", 0},
+             {"byteOffset", bytes.positions + bytes.colours},
+             {"byteLength", bytes.indices},
+             {"target", kElementArrayBuffer}}}},
+          {"buffers", {{{"byteLength", bytes.all()}}}}};
+}
+
 }  // namespace
 
 void remove_small_pieces(std::size_t least, TriangleMesh* mesh) {
@@ -96,65 +161,14 @@ std::string make_obj(const TriangleMesh& mesh) {
 std::string make_glb(const TriangleMesh& mesh) {
   REDRIVE_CHECK(!mesh.triangles.empty());
   const std::size_t n = mesh.vertices.size();
-  const std::size_t positions = n * 3 * sizeof(float), colours = n * 4 * sizeof(std::uint16_t),
-                    indices = mesh.triangles.size() * sizeof(Triangle);
-  if (positions + colours + indices > std::numeric_limits<std::uint32_t>::max() - 4096)
+  const GlbBytes sizes{n * 3 * sizeof(float), n * 4 * sizeof(std::uint16_t),
+                       mesh.triangles.size() * sizeof(Triangle)};
+  if (sizes.all() > std::numeric_limits<std::uint32_t>::max() - 4096)
     throw UsageError("--voxel", "", "must be larger: a GLB holds 4 GiB");
-  const auto turned = [](const Eigen::Vector3f& p) { return Eigen::Vector3f(p.y(), p.z(), p.x()); };
-  Eigen::Vector3f low = turned(mesh.vertices[0].position), high = low;
-  for (const PlyPoint& vertex : mesh.vertices) {
-    low = low.cwiseMin(turned(vertex.position));
-    high = high.cwiseMax(turned(vertex.position));
-  }
-  constexpr int kFloat = 5126, kUnsignedShort = 5123, kUnsignedInt = 5125;
-  constexpr int kArrayBuffer = 34962, kElementArrayBuffer = 34963, kTriangles = 4;
-  const nlohmann::json gltf = {
-      {"asset", {{"version", "2.0"}, {"generator", "redrive"}}},
-      {"extensionsUsed", {"KHR_materials_unlit"}},
-      {"scene", 0},
-      {"scenes", {{{"nodes", {0}}}}},
-      {"nodes", {{{"mesh", 0}}}},
-      {"meshes",
-       {{{"primitives",
-          {{{"attributes", {{"POSITION", 0}, {"COLOR_0", 1}}},
-            {"indices", 2},
-            {"material", 0},
-            {"mode", kTriangles}}}}}}},
-      {"materials",
-       {{{"pbrMetallicRoughness", {{"metallicFactor", 0}, {"roughnessFactor", 1}}},
-         {"doubleSided", true},
-         {"extensions", {{"KHR_materials_unlit", nlohmann::json::object()}}}}}},
-      {"accessors",
-       {{{"bufferView", 0},
-         {"componentType", kFloat},
-         {"count", n},
-         {"type", "VEC3"},
-         {"min", {low.x(), low.y(), low.z()}},
-         {"max", {high.x(), high.y(), high.z()}}},
-        {{"bufferView", 1},
-         {"componentType", kUnsignedShort},
-         {"normalized", true},
-         {"count", n},
-         {"type", "VEC4"}},
-        {{"bufferView", 2},
-         {"componentType", kUnsignedInt},
-         {"count", 3 * mesh.triangles.size()},
-         {"type", "SCALAR"}}}},
-      {"bufferViews",
-       {{{"buffer", 0}, {"byteOffset", 0}, {"byteLength", positions}, {"target", kArrayBuffer}},
-        {{"buffer", 0},
-         {"byteOffset", positions},
-         {"byteLength", colours},
-         {"target", kArrayBuffer}},
-        {{"buffer", 0},
-         {"byteOffset", positions + colours},
-         {"byteLength", indices},
-         {"target", kElementArrayBuffer}}}},
-      {"buffers", {{{"byteLength", positions + colours + indices}}}}};
-  std::string json = gltf.dump();
+  std::string json = describe_glb(mesh, sizes).dump();
   json.resize((json.size() + 3) / 4 * 4, ' ');
 
-  const std::uint32_t bin_bytes = static_cast<std::uint32_t>(positions + colours + indices),
+  const std::uint32_t bin_bytes = static_cast<std::uint32_t>(sizes.all()),
                       json_bytes = static_cast<std::uint32_t>(json.size());
   std::string bytes;
   bytes.reserve(28 + json.size() + bin_bytes);

@@ -3,6 +3,7 @@
 // of arrays.
 #pragma once
 
+#include <cstdint>
 #include <span>
 
 namespace redrive::kernels {
@@ -11,6 +12,7 @@ namespace redrive::kernels {
 struct Rays {
   int n = 0;
   std::span<const float> origin, direction;
+  std::span<const std::int64_t> t_ns = {};  ///< [n] times; empty: nothing that moves is met
 };
 
 /// Samples along rays: distance t [n_rays, per_ray] from the origin in metres, ascending; interval

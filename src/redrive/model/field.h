@@ -52,14 +52,11 @@ class Field {
     render_to(backend, rays, world_from_camera, exposure, &image);
     return image;
   }
-  /// Renders single rays in world metres, each with its own origin, such as a LiDAR's beams.
-  virtual RenderedRays trace(kernels::Backend& backend, const kernels::Rays& rays) const = 0;
-  /// Adds moving objects to rays that trace() has rendered: each is where it is at the ray's own
-  /// time, t_ns [rays.n]. Fields that draw none add nothing.
-  virtual void trace_actors(kernels::Backend& /*backend*/, const kernels::Rays& /*rays*/,
-                            std::span<const std::int64_t> /*t_ns*/,
-                            const std::vector<MovingObject>& /*actors*/,
-                            RenderedRays* /*rendered*/) const {}
+  /// Renders single rays in world metres, each with its own origin, such as a LiDAR's beams. Moving
+  /// objects are where they are at the rays' times, which must be given if there are any; fields
+  /// that draw none leave them out.
+  virtual RenderedRays trace(kernels::Backend& backend, const kernels::Rays& rays,
+                             const std::vector<MovingObject>& actors = {}) const = 0;
 
   /// Returns the field as the Gaussians that it consists of; null: it consists of something else.
   virtual const FieldGaussians* as_gaussians() const { return nullptr; }

@@ -148,48 +148,33 @@ std::vector<DividedField::BlockRays> DividedField::divided(const kernels::Rays& 
     parts[drive_.way.block_at(
               drive_.way.place({rays.origin[i], rays.origin[n + i], rays.origin[2 * n + i]}))]
         .chosen.push_back(i);
-  for (BlockRays& part : parts)
+  for (BlockRays& part : parts) {
     for (int k = 0; k < 3; ++k)
       for (const std::size_t i : part.chosen) {
         part.origin.push_back(rays.origin[k * n + i]);
         part.direction.push_back(rays.direction[k * n + i]);
       }
+    if (rays.t_ns.empty()) continue;
+    for (const std::size_t i : part.chosen) part.t_ns.push_back(rays.t_ns[i]);
+  }
   return parts;
 }
 
-RenderedRays DividedField::trace(kernels::Backend& backend, const kernels::Rays& rays) const {
+RenderedRays DividedField::trace(kernels::Backend& backend, const kernels::Rays& rays,
+                                 const std::vector<MovingObject>& actors) const {
   const auto n = static_cast<std::size_t>(rays.n);
   RenderedRays all{std::vector<float>(n), std::vector<float>(n)};
   const std::vector<BlockRays> parts = divided(rays);
-  for (int b = 0; b < drive_.way.blocks(); ++b)
-    if (!parts[b].chosen.empty())
-      parts[b].put(cache_.get(b)->model->trace(backend, parts[b].rays()), &all);
-  return all;
-}
-
-void DividedField::trace_actors(kernels::Backend& backend, const kernels::Rays& rays,
-                                std::span<const std::int64_t> t_ns,
-                                const std::vector<MovingObject>& actors,
-                                RenderedRays* rendered) const {
-  if (actors.empty()) return;
-  const std::vector<BlockRays> parts = divided(rays);
   for (int b = 0; b < drive_.way.blocks(); ++b) {
     if (parts[b].chosen.empty()) continue;
-    std::vector<std::int64_t> times;
-    const std::vector<float> none(parts[b].chosen.size());
-    RenderedRays some{none, none, {}, {}};
-    for (const std::size_t i : parts[b].chosen) {
-      some.put(times.size(), *rendered, i);
-      times.push_back(t_ns[i]);
-    }
     const auto block = cache_.get(b);
     std::vector<MovingObject> here = actors;
     for (MovingObject& actor : here)
       if (!actor.imported)
         actor.imported = borrowed(b, *block->model, actor.body.value_or(actor.id), &actor.gain);
-    block->model->trace_actors(backend, parts[b].rays(), times, here, &some);
-    parts[b].put(some, rendered);
+    parts[b].put(block->model->trace(backend, parts[b].rays(), here), &all);
   }
+  return all;
 }
 
 }  // namespace redrive

@@ -54,10 +54,8 @@ class DividedField final : public Field, public FieldGaussians {
                  const ShutterPoses& world_from_camera, const Exposure& exposure,
                  RenderedImage* image) const override;
   /// Renders each ray by the block that holds its origin.
-  RenderedRays trace(kernels::Backend& backend, const kernels::Rays& rays) const override;
-  void trace_actors(kernels::Backend& backend, const kernels::Rays& rays,
-                    std::span<const std::int64_t> t_ns, const std::vector<MovingObject>& actors,
-                    RenderedRays* rendered) const override;
+  RenderedRays trace(kernels::Backend& backend, const kernels::Rays& rays,
+                     const std::vector<MovingObject>& actors = {}) const override;
 
   const FieldGaussians* as_gaussians() const override {
     return like_->as_gaussians() ? this : nullptr;
@@ -80,8 +78,11 @@ class DividedField final : public Field, public FieldGaussians {
   struct BlockRays {
     std::vector<std::size_t> chosen;  ///< indices
     std::vector<float> origin, direction;
+    std::vector<std::int64_t> t_ns;  ///< empty: none are given
 
-    kernels::Rays rays() const { return {static_cast<int>(chosen.size()), origin, direction}; }
+    kernels::Rays rays() const {
+      return {static_cast<int>(chosen.size()), origin, direction, t_ns};
+    }
     void put(const RenderedRays& some, RenderedRays* all) const {
       for (std::size_t i = 0; i < chosen.size(); ++i) all->put(chosen[i], some, i);
     }

@@ -158,8 +158,7 @@ TEST_F(DividedFieldWithObject, IsDrawnAndTracedInABlockThatDidNotTrainOnIt) {
   object.keys[0].velocity_in_world_m_per_s.setZero();
   const std::vector<float> origin = {5, 30, 0, 0, 0, 0}, direction = {0, 0, 0, 0, 1, 1};
   const std::vector<std::int64_t> t_ns(2, 0);
-  RenderedRays rays{std::vector<float>(2), std::vector<float>(2)};
-  field_->trace_actors(*backend_, {2, origin, direction}, t_ns, {object}, &rays);
+  const RenderedRays rays = field_->trace(*backend_, {2, origin, direction, t_ns}, {object});
   EXPECT_EQ(rays.opacity[0], 0);
   EXPECT_GT(rays.opacity[1], 0.5f);
 }

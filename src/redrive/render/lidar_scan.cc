@@ -20,31 +20,10 @@ Rigid3d SensorMotion::world_from_sensor(std::int64_t t_ns) const {
 
 namespace {
 
-/// Finds the moving objects that rays meet, by the boxes at their times.
-class ActorsOfRays {
- public:
-  explicit ActorsOfRays(const std::vector<MovingObject>& actors) : objects_(actors) {}
-
-  /// Call in the order of time, for speed.
-  std::int32_t at(const Eigen::Vector3d& in_world, std::int64_t t_ns) {
-    if (t_ns_ != t_ns) boxes_ = objects_.at(t_ns);
-    t_ns_ = t_ns;
-    const auto box = std::ranges::find_if(
-        boxes_, [&](const MovingBox& other) { return other.contains(in_world); });
-    return box == boxes_.end() ? kNoActor : static_cast<std::int32_t>(box->id);
-  }
-
- private:
-  MovingObjects objects_;
-  std::optional<std::int64_t> t_ns_;
-  std::vector<MovingBox> boxes_;
-};
-
 /// Rays in the world, and what the field renders along them.
 struct TracedRays {
   std::vector<float> origin, direction;  ///< [3, n]
   RenderedRays rendered;
-  std::vector<float> static_depth;  ///< [n] without moving objects; empty without these
 
   Eigen::Vector3d at(std::size_t i) const {
     const std::size_t n = rendered.depth.size();
@@ -72,10 +51,42 @@ TracedRays trace(kernels::Backend& backend, const Field& model, const LidarFirin
       out.direction[k * n + i] = static_cast<float>(in_world[k]);
     }
   }
-  const kernels::Rays all{static_cast<int>(n), out.origin, out.direction};
-  out.rendered = model.trace(backend, all);
-  if (!motion.scene.actors.empty()) out.static_depth = out.rendered.depth;
-  model.trace_actors(backend, all, firings.t_ns, motion.scene.actors, &out.rendered);
+  out.rendered = model.trace(
+      backend, {static_cast<int>(n), out.origin, out.direction, firings.t_ns}, motion.scene.actors);
+  return out;
+}
+
+/// Returns the moving object that each ray meets: the one whose box holds the rendered point, if
+/// the world alone would be met elsewhere.
+std::vector<std::int32_t> met_actors(kernels::Backend& backend, const Field& model,
+                                     const LidarFirings& firings, const SensorMotion& motion,
+                                     const TracedRays& traced) {
+  constexpr float kSame_m = 0.05f;
+  const std::size_t n = firings.size();
+  std::vector<std::int32_t> out(n, kNoActor);
+  if (motion.scene.actors.empty()) return out;
+  const MovingObjects objects(motion.scene.actors);
+  std::vector<MovingBox> boxes;
+  std::vector<std::size_t> in_box;
+  for (std::size_t i = 0; i < n; ++i) {
+    if (i == 0 || firings.t_ns[i] != firings.t_ns[i - 1]) boxes = objects.at(firings.t_ns[i]);
+    const auto box = std::ranges::find_if(
+        boxes, [&](const MovingBox& other) { return other.contains(traced.at(i)); });
+    if (box == boxes.end()) continue;
+    out[i] = static_cast<std::int32_t>(box->id);
+    in_box.push_back(i);
+  }
+  std::vector<float> origin, direction;
+  for (std::size_t k = 0; k < 3; ++k)
+    for (const std::size_t i : in_box) {
+      origin.push_back(traced.origin[k * n + i]);
+      direction.push_back(traced.direction[k * n + i]);
+    }
+  const RenderedRays alone =
+      model.trace(backend, {static_cast<int>(in_box.size()), origin, direction});
+  for (std::size_t k = 0; k < in_box.size(); ++k)
+    if (std::abs(alone.depth[k] - traced.rendered.depth[in_box[k]]) <= kSame_m)
+      out[in_box[k]] = kNoActor;
   return out;
 }
 
@@ -85,7 +96,7 @@ LidarScan render_scan(kernels::Backend& backend, const Field& model, const Lidar
                       const SensorMotion& motion, const ScanOptions& options) {
   const TracedRays traced = trace(backend, model, firings, motion);
   const RenderedRays& rays = traced.rendered;
-  ActorsOfRays actors(motion.scene.actors);
+  const std::vector<std::int32_t> actors = met_actors(backend, model, firings, motion, traced);
   LidarScan scan;
   scan.has_intensity = !rays.intensity.empty();
   Rigid3d axes_from_sensor = Rigid3d::Identity();
@@ -118,8 +129,7 @@ LidarScan render_scan(kernels::Backend& backend, const Field& model, const Lidar
     point.ring = firings.ring[i];
     point.azimuth_rad = static_cast<float>(std::atan2(direction.y(), direction.x()));
     point.range_m = static_cast<float>(range_m);
-    if (!traced.static_depth.empty() && traced.static_depth[i] != rays.depth[i])
-      point.actor = actors.at(traced.at(i), t_ns);
+    point.actor = actors[i];
     point.loss = 1 - probability;
     scan.points.push_back(point);
   }

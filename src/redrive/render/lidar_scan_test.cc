@@ -135,18 +135,15 @@ class MadeField : public Field {
   std::string describe() const override { return "made"; }
   void render_to(kernels::Backend&, const RayTable&, const ShutterPoses&, const Exposure&,
                  RenderedImage*) const override {}
-  RenderedRays trace(kernels::Backend&, const kernels::Rays& rays) const override {
+  RenderedRays trace(kernels::Backend&, const kernels::Rays& rays,
+                     const std::vector<MovingObject>& actors = {}) const override {
     const auto n = static_cast<std::size_t>(rays.n);
     RenderedRays out{std::vector<float>(n, 10), std::vector<float>(n, 1)};
+    if (!actors.empty()) out.depth[0] = 5;
     if (lost.empty()) return out;
     out.lost.assign(n, lost[0]);
     out.intensity.assign(n, 0.25f);
     return out;
-  }
-  void trace_actors(kernels::Backend&, const kernels::Rays&, std::span<const std::int64_t>,
-                    const std::vector<MovingObject>& actors,
-                    RenderedRays* rendered) const override {
-    if (!actors.empty()) rendered->depth[0] = 5;
   }
   std::vector<float> lost;  ///< every ray's; empty: not modelled
 };

@@ -96,21 +96,13 @@ RigCamera make_rig_camera(const CameraCalibration& calibration, const SceneOptio
 ShutterPoses add_actors(ShutterPoses poses, const std::vector<MovingObject>& actors,
                         std::int64_t exposed_ns, std::int64_t readout_ns) {
   const std::size_t keys = poses.keys().size();
-  std::vector<ShutterPoses::Actor> seen;
-  for (const MovingObject& actor : actors) {
-    ShutterPoses::Actor here{actor.body.value_or(actor.id), actor.gain, {}, actor.imported};
-    for (std::size_t key = 0; key < keys; ++key) {
-      const double part =
-          keys == 1 ? 0 : static_cast<double>(key) / static_cast<double>(keys - 1) - 0.5;
-      const auto world_from_actor =
-          actor.world_from_box(exposed_ns + std::llround(part * static_cast<double>(readout_ns)));
-      if (!world_from_actor) break;
-      here.actor_from_camera.push_back(
-          plain(world_from_actor->inverse(Eigen::Isometry) * rigid(poses.keys()[key])));
-    }
-    if (here.actor_from_camera.size() == keys) seen.push_back(std::move(here));
+  std::vector<std::int64_t> t_ns;
+  for (std::size_t key = 0; key < keys; ++key) {
+    const double part =
+        keys == 1 ? 0 : static_cast<double>(key) / static_cast<double>(keys - 1) - 0.5;
+    t_ns.push_back(exposed_ns + std::llround(part * static_cast<double>(readout_ns)));
   }
-  poses.set_actors(std::move(seen));
+  poses.set_actors(seen_actors(actors, poses.keys(), t_ns));
   return poses;
 }
 

@@ -6,6 +6,7 @@
 #include <array>
 #include <cstdint>
 #include <memory>
+#include <span>
 #include <utility>
 #include <vector>
 
@@ -15,6 +16,7 @@
 namespace redrive {
 
 struct ActorBody;
+struct MovingObject;
 
 class ShutterPoses {
  public:
@@ -45,5 +47,10 @@ class ShutterPoses {
   std::vector<PlainPose> keys_;
   std::vector<Actor> actors_;
 };
+
+/// Returns the objects that exist at all of these times, at which the sensor has these poses.
+std::vector<ShutterPoses::Actor> seen_actors(const std::vector<MovingObject>& actors,
+                                             std::span<const PlainPose> world_from_sensor,
+                                             std::span<const std::int64_t> t_ns);
 
 }  // namespace redrive

@@ -142,7 +142,8 @@ struct StripModel final : Trainee {
       image->rgb[i] = parameters[slot_of(static_cast<int>(i % 3),
                                          static_cast<int>(i / 3 % rays.width), rays.width)];
   }
-  RenderedRays trace(kernels::Backend&, const kernels::Rays& rays) const override {
+  RenderedRays trace(kernels::Backend&, const kernels::Rays& rays,
+                     const std::vector<MovingObject>& = {}) const override {
     const std::size_t n = rays.n;
     return {std::vector<float>(n, 1), std::vector<float>(n, 1)};
   }

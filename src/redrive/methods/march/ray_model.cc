@@ -161,7 +161,8 @@ void RayModel::render_to(kernels::Backend& backend, const RayTable& table,
   }
 }
 
-RenderedRays RayModel::trace(kernels::Backend& backend, const kernels::Rays& rays) const {
+RenderedRays RayModel::trace(kernels::Backend& backend, const kernels::Rays& rays,
+                             const std::vector<MovingObject>& /*actors*/) const {
   const std::size_t n = rays.n, most = max_tile_rays(*this);
   RenderedRays out{std::vector<float>(n), std::vector<float>(n)};
   RayBatch batch;

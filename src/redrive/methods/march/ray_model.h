@@ -60,7 +60,8 @@ struct RayModel : Trainee {
                  const ShutterPoses& world_from_camera, const Exposure& exposure,
                  RenderedImage* image) const override;
   /// Traces like the rays of LiDAR returns in training, with kLidarBeamAngle_rad.
-  RenderedRays trace(kernels::Backend& backend, const kernels::Rays& rays) const override;
+  RenderedRays trace(kernels::Backend& backend, const kernels::Rays& rays,
+                     const std::vector<MovingObject>& actors = {}) const override;
   std::uint64_t step_bytes() const override;
 
  protected:

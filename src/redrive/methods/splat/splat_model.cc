@@ -355,7 +355,7 @@ void SplatModel::step_window(kernels::Backend& backend, const TrainingSet& data,
   const View& view = data.scene.views[window.view];
   const Image8& image = step.image;
   const ShutterPoses poses = shutter_poses(data.scene, view);
-  const DrawnActors actors = drawn_actors(poses);  // as trained
+  const DrawnGaussians actors = this->drawn(poses.actors());  // as trained
   const kernels::GaussianCamera camera = camera_of(step.whole, window, poses, actors.parts);
   find_tiles(image, window, &own.tiles);
   kernels::RasterOptions options;
@@ -448,10 +448,10 @@ void SplatModel::render_to(kernels::Backend& backend, const RayTable& rays,
   kernels::RasterOptions options;
   options.depth = true;
   std::ranges::copy(background, options.background);
-  const DrawnActors actors = drawn_actors(world_from_camera);
+  const DrawnGaussians shown = drawn(world_from_camera.actors());
   const kernels::Raster raster = backend.gaussians().rasterise(
-      camera_of(camera, {0, 0, 0, rays.width, rays.height}, world_from_camera, actors.parts),
-      actors.gaussians, options);
+      camera_of(camera, {0, 0, 0, rays.width, rays.height}, world_from_camera, shown.parts),
+      shown.gaussians, options);
   image->resize(rays.width, rays.height);
   constexpr std::size_t kRowsPerRange = 16;
   backend.pool().run_ranges(rays.height, kRowsPerRange, [&](std::size_t begin, std::size_t end) {
@@ -466,8 +466,12 @@ void SplatModel::render_to(kernels::Backend& backend, const RayTable& rays,
   });
 }
 
-RenderedRays SplatModel::trace(kernels::Backend& backend, const kernels::Rays& rays) const {
-  return trace_gaussians(backend.gaussians(), backend.pool(), world_gaussians(), rays);
+RenderedRays SplatModel::trace(kernels::Backend& backend, const kernels::Rays& rays,
+                               const std::vector<MovingObject>& actors) const {
+  REDRIVE_CHECK(actors.empty() || !rays.t_ns.empty());
+  return trace_gaussians(backend.gaussians(), backend.pool(), rays, [&](const RayRaster& raster) {
+    return drawn(seen_actors(actors, raster.key_poses(), raster.key_times()));
+  });
 }
 
 }  // namespace redrive

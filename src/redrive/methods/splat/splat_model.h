@@ -15,6 +15,7 @@
 #include "redrive/edit/actor_body.h"
 #include "redrive/kernels/gaussian/gaussian_stages.h"
 #include "redrive/methods/splat/actors/actor_motion.h"
+#include "redrive/methods/splat/actors/drawn_gaussians.h"
 #include "redrive/methods/splat/densify_gaussians.h"
 #include "redrive/methods/splat/image_gains.h"
 #include "redrive/methods/splat/initial_gaussians.h"
@@ -25,7 +26,6 @@ namespace redrive {
 
 constexpr float kBeyondBox_m = 0.2f;  ///< an actor's Gaussians may be this far outside its box
 
-class RayRaster;
 class SurfacePlanes;
 struct ScanBuffers;
 
@@ -114,13 +114,8 @@ struct SplatModel final : Trainee, FieldGaussians {
   void render_to(kernels::Backend& backend, const RayTable& rays,
                  const ShutterPoses& world_from_camera, const Exposure& exposure,
                  RenderedImage* image) const override;
-  /// Traces only the world.
-  RenderedRays trace(kernels::Backend& backend, const kernels::Rays& rays) const override;
-  /// An object is traced in its own axes, by the rays that meet its box. Of two surfaces on a ray
-  /// the nearer one counts unless it is more transparent than opaque.
-  void trace_actors(kernels::Backend& backend, const kernels::Rays& rays,
-                    std::span<const std::int64_t> t_ns, const std::vector<MovingObject>& actors,
-                    RenderedRays* rendered) const override;
+  RenderedRays trace(kernels::Backend& backend, const kernels::Rays& rays,
+                     const std::vector<MovingObject>& actors = {}) const override;
   const FieldGaussians* as_gaussians() const override { return this; }
   WorldGaussians world() const override {
     return {world_gaussians(), {}, {background[0], background[1], background[2]}};
@@ -145,14 +140,8 @@ struct SplatModel final : Trainee, FieldGaussians {
                                : layout().blocks() * kGaussianBlock,
             parameters.span().first(blocks_size())};
   }
-  /// Gaussians to draw and their parts.
-  struct DrawnActors {
-    kernels::Gaussians gaussians;
-    std::vector<kernels::GaussianPart> parts;
-    Buffer<float> copied;  ///< the numbers, where a body is shown twice or recoloured
-  };
-  /// `poses` must outlive the result.
-  DrawnActors drawn_actors(const ShutterPoses& poses) const;
+  /// Returns all Gaussians with one part for each of actor_ids where objects look as trained.
+  DrawnGaussians drawn(std::vector<ShutterPoses::Actor> actors) const;
   /// How far ahead of an actor's box its Gaussians may be: farther in the dark.
   float ahead_m() const;
   /// Sets the background to the mean colour of the images.
@@ -184,11 +173,6 @@ struct SplatModel final : Trainee, FieldGaussians {
   /// Adds the loss of a part of a scan, and gradients, or updates the Gaussians.
   void step_scan(kernels::Backend& backend, const TrainingSet& data, const StepRequest& request,
                  std::span<float> gradients, ScanBuffers* buffers, StepSums* sums) const;
-  /// Returns the poses of the sensor in the axes of each of actor_ids at the times of a raster's
-  /// keys; none where the object is not there at all of them.
-  std::vector<std::vector<PlainPose>> actors_from_sensor(const std::vector<MovingObject>& actors,
-                                                         std::span<const std::int64_t> t_ns,
-                                                         const RayRaster& drawn) const;
   /// Returns the gradients with respect to the parameters behind the Gaussians.
   template <class T>
   std::span<T> others_of(std::span<T> gradients) const {

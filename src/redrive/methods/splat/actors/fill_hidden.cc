@@ -37,8 +37,9 @@ kernels::GaussianCamera camera_of(const FillView& view,
 }
 
 bool has_objects(const FillView& view) {
-  return std::ranges::any_of(
-      view.parts, [](const kernels::GaussianPart& part) { return !part.part_from_camera.empty(); });
+  return std::ranges::any_of(view.drawn.parts, [](const kernels::GaussianPart& part) {
+    return !part.part_from_camera.empty();
+  });
 }
 
 /// Sums blending weights over images.
@@ -161,7 +162,7 @@ void add_seen(const FillView& view, const kernels::Gaussians& all, const kernels
       seen->without_objects[i] |= without[i] >= kSeenPixels;
     }
   }
-  const std::span<const float> with = sums->over(view, all, view.parts);
+  const std::span<const float> with = sums->over(view, all, view.drawn.parts);
   for (std::size_t i = 0; i < world.n; ++i) {
     const float weight = with[i];
     seen->with_objects[i] |= weight >= kSeenPixels && weight >= share * without[i];
@@ -272,7 +273,8 @@ HiddenPlaces find_hidden(kernels::GaussianStages& stages, const FillViews& views
   for (std::size_t v = 0; v < views.n && !hidden.gaussians.empty(); ++v) {
     if (std::ranges::binary_search(searched, v)) continue;
     const FillView view = views.view(v);
-    if (most_of(stages.rasterise(camera_of(view, view.parts), {all.n, marked}, {})) < kSeenShare)
+    if (most_of(stages.rasterise(camera_of(view, view.drawn.parts), {all.n, marked}, {})) <
+        kSeenShare)
       continue;
     add_seen(view, all, of_world, kSeenShare, &sums, &seen);
     std::erase_if(hidden.gaussians, [&](std::size_t i) {

@@ -12,6 +12,7 @@
 
 #include "redrive/camera/camera.h"
 #include "redrive/kernels/gaussian/gaussian_stages.h"
+#include "redrive/methods/splat/actors/drawn_gaussians.h"
 #include "redrive/scene/shutter_poses.h"
 
 namespace redrive {
@@ -20,12 +21,11 @@ namespace redrive {
 struct FillView {
   Camera camera;
   ShutterPoses poses;
-  /// The moving objects (GaussianCamera::parts); they refer to `poses`.
-  std::vector<kernels::GaussianPart> parts;
+  DrawnGaussians drawn;
   std::vector<std::uint8_t> used;  ///< [height, width], 0: masked; empty: no pixel is
 };
 
-/// The training images: their number, and each of them. Its parts follow the current Gaussians.
+/// The training images: their number, and each of them with the current Gaussians.
 struct FillViews {
   std::size_t n = 0;
   std::function<FillView(std::size_t)> view;

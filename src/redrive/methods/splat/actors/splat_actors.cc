@@ -7,82 +7,22 @@
 #include "redrive/base/error.h"
 #include "redrive/field/gaussian_blocks.h"
 #include "redrive/methods/splat/actors/fill_hidden.h"
-#include "redrive/methods/splat/lidar/trace_gaussians.h"
 #include "redrive/methods/splat/splat_model.h"
 #include "redrive/scene/moving_objects.h"
 
 namespace redrive {
-namespace {
-
-/// Rays that meet an object's box, in its axes.
-struct RaysOfActor {
-  std::vector<std::size_t> index;        ///< among all rays
-  std::vector<float> origin, direction;  ///< [3, n]
-};
-
-RaysOfActor rays_of_actor(const kernels::Rays& rays, std::span<const std::int64_t> t_ns,
-                          const MovingObject& actor) {
-  const auto n = static_cast<std::size_t>(rays.n);
-  const auto in_world = [&](std::span<const float> xyz, std::size_t i) {
-    return Eigen::Vector3d(xyz[i], xyz[n + i], xyz[2 * n + i]);
-  };
-  const Eigen::Vector3d half_m = actor.size_m / 2 + Eigen::Vector3d::Constant(kBeyondBox_m);
-  RaysOfActor met;
-  std::vector<Eigen::Vector3f> origins, directions;
-  std::optional<MovingBox> box;
-  for (std::size_t i = 0; i < n; ++i) {
-    if (i == 0 || t_ns[i] != t_ns[i - 1]) {
-      box.reset();
-      if (const auto world_from_actor = actor.world_from_box(t_ns[i]))
-        box = MovingBox{actor.id, world_from_actor->inverse(Eigen::Isometry), half_m};
-    }
-    const Eigen::Vector3d origin = in_world(rays.origin, i),
-                          direction = in_world(rays.direction, i);
-    if (!box || !box->intersects(origin, direction)) continue;
-    met.index.push_back(i);
-    origins.push_back((box->box_from_world * origin).cast<float>());
-    directions.push_back((box->box_from_world.linear() * direction).cast<float>());
-  }
-  for (int k = 0; k < 3; ++k)
-    for (std::size_t m = 0; m < met.index.size(); ++m) {
-      met.origin.push_back(origins[m][k]);
-      met.direction.push_back(directions[m][k]);
-    }
-  return met;
-}
-
-/// Adds what ray j meets of another object to ray i.
-void add_surface(const RenderedRays& from, std::size_t j, RenderedRays* to, std::size_t i) {
-  constexpr float kOpaque = 0.5f;  // as for the median depth
-  const float depth = from.depth[j], opacity = from.opacity[j];
-  const bool nearer = depth > 0 && (!(to->depth[i] > 0) || depth < to->depth[i]);
-  const float front = nearer ? opacity : to->opacity[i], behind = nearer ? to->opacity[i] : opacity;
-  const bool front_counts = front >= kOpaque || front >= behind;
-  // What comes back from behind is seen through the front.
-  const float front_returns = 1 - (nearer ? from.lost[j] : to->lost[i]),
-              back_returns = 1 - (nearer ? to->lost[i] : from.lost[j]);
-  if (nearer == front_counts) {
-    to->depth[i] = depth;
-    to->intensity[i] = from.intensity[j];
-  }
-  to->lost[i] = 1 - front_returns - (1 - front) * back_returns;
-  to->opacity[i] = 1 - (1 - to->opacity[i]) * (1 - opacity);
-}
-
-}  // namespace
-
 std::optional<std::size_t> SplatModel::actor_index(std::int64_t id) const {
   const auto found = std::ranges::find(actor_ids, id);
   if (found == actor_ids.end()) return std::nullopt;
   return static_cast<std::size_t>(found - actor_ids.begin());
 }
 
-SplatModel::DrawnActors SplatModel::drawn_actors(const ShutterPoses& poses) const {
-  DrawnActors out{all(), {}, {}};
+DrawnGaussians SplatModel::drawn(std::vector<ShutterPoses::Actor> actors) const {
+  DrawnGaussians out{all(), {}, std::move(actors), {}};
   const GaussianLayout layout = this->layout();
   std::vector<bool> shown(actor_ids.size());
   bool as_trained = true;
-  for (const ShutterPoses::Actor& actor : poses.actors()) {
+  for (const ShutterPoses::Actor& actor : out.actors) {
     as_trained &= !actor.imported;
     const auto body = actor_index(actor.body);
     if (!body || actor.imported) continue;
@@ -91,15 +31,15 @@ SplatModel::DrawnActors SplatModel::drawn_actors(const ShutterPoses& poses) cons
   }
   if (as_trained) {
     for (std::size_t a = 0; a < actor_ids.size(); ++a) {
-      const auto seen = std::ranges::find(poses.actors(), actor_ids[a], &ShutterPoses::Actor::body);
+      const auto seen = std::ranges::find(out.actors, actor_ids[a], &ShutterPoses::Actor::body);
       out.parts.push_back({layout.first_block(a), {}});
-      if (seen != poses.actors().end()) out.parts.back().part_from_camera = seen->actor_from_camera;
+      if (seen != out.actors.end()) out.parts.back().part_from_camera = seen->actor_from_camera;
     }
     return out;
   }
   std::vector<std::pair<const ShutterPoses::Actor*, std::span<const float>>> shows;
   std::size_t at = layout.world_blocks() * kBlockSize, size = at;
-  for (const ShutterPoses::Actor& actor : poses.actors())
+  for (const ShutterPoses::Actor& actor : out.actors)
     if (const std::span<const float> blocks = blocks_of(actor.body, actor.imported.get());
         !blocks.empty()) {
       shows.emplace_back(&actor, blocks);
@@ -159,27 +99,6 @@ ActorBody SplatModel::body(const MovingObject& actor) const {
   return out;
 }
 
-void SplatModel::trace_actors(kernels::Backend& backend, const kernels::Rays& rays,
-                              std::span<const std::int64_t> t_ns,
-                              const std::vector<MovingObject>& actors,
-                              RenderedRays* rendered) const {
-  if (rendered->lost.empty()) {
-    rendered->intensity.assign(rendered->depth.size(), 0);
-    for (const float opacity : rendered->opacity) rendered->lost.push_back(1 - opacity);
-  }
-  for (const MovingObject& actor : actors) {
-    const std::span<const float> blocks =
-        blocks_of(actor.body.value_or(actor.id), actor.imported.get());
-    if (blocks.empty()) continue;
-    const RaysOfActor met = rays_of_actor(rays, t_ns, actor);
-    if (met.index.empty()) continue;
-    const RenderedRays own = trace_gaussians(
-        backend.gaussians(), backend.pool(), {blocks.size() / kGaussianRows, blocks},
-        {static_cast<int>(met.index.size()), met.origin, met.direction});
-    for (std::size_t m = 0; m < met.index.size(); ++m) add_surface(own, m, rendered, met.index[m]);
-  }
-}
-
 std::pair<std::size_t, std::size_t> SplatModel::motions_of(std::size_t actor) const {
   const std::int64_t first = actor == 0 ? 0 : actor_keys[actor - 1];
   return {gains.size() + bounds_size() + kMotionSize * static_cast<std::size_t>(first),
@@ -229,7 +148,7 @@ void SplatModel::finish_training(kernels::Backend& backend, const TrainingSet& d
     int factor = 1;
     while (rig.camera.width / factor * (rig.camera.height / factor) > kFillPixels) ++factor;
     FillView out{rig.camera.downscaled(factor), shutter_poses(data.scene, of), {}, {}};
-    out.parts = drawn_actors(out.poses).parts;
+    out.drawn = drawn(out.poses.actors());
     const ImagePointer image = data.images[training[i * every]];
     for (int y = 0; !image->used.empty() && y < out.camera.height; ++y)
       for (int x = 0; x < out.camera.width; ++x) {

@@ -257,12 +257,10 @@ struct PlateScene {
       t_ns.push_back(std::min(i, 10) * 47'000'000ll);
     }
   }
-  kernels::Rays rays() const { return {static_cast<int>(t_ns.size()), origin, direction}; }
+  kernels::Rays rays() const { return {static_cast<int>(t_ns.size()), origin, direction, t_ns}; }
   RenderedRays traced(const std::vector<MovingObject>& actors) const {
     const auto backend = fast_backend();
-    RenderedRays out = model.trace(*backend, rays());
-    model.trace_actors(*backend, rays(), t_ns, actors, &out);
-    return out;
+    return model.trace(*backend, rays(), actors);
   }
 };
 

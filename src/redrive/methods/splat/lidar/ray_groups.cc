@@ -36,55 +36,69 @@ Eigen::Vector3f vector_at(std::span<const float> xyz, std::size_t n, std::size_t
   return {xyz[i], xyz[n + i], xyz[2 * n + i]};
 }
 
-/// Sets the origin's line by least squares. Returns the axis of the world along which rays are
-/// farthest off it, or nothing where all are near.
-std::optional<int> fit_origin(const kernels::Rays& all, RayGroup* group) {
+/// Where and when a ray begins, from another ray's: units of kOffTrack_m and kOffTime_ns.
+using Start = Eigen::Vector4d;
+
+Start start_of(const kernels::Rays& all, int ray, int first) {
+  Start start = Start::Zero();
+  start.head<3>() = (vector_at(all.origin, all.n, ray).cast<double>() -
+                     vector_at(all.origin, all.n, first).cast<double>()) /
+                    kOffTrack_m;
+  if (!all.t_ns.empty()) start[3] = double(all.t_ns[ray] - all.t_ns[first]) / kOffTime_ns;
+  return start;
+}
+
+/// Sets the lines of origins and times by least squares. Returns the component of Start along which
+/// rays are farthest off them, or nothing where all are near.
+std::optional<int> fit_starts(const kernels::Rays& all, RayGroup* group) {
   const std::size_t n = group->rays.size();
-  const auto origin = [&](std::size_t k) {
-    return vector_at(all.origin, all.n, group->rays[k]).cast<double>().eval();
-  };
-  const Eigen::Vector3d first = origin(0);
+  const int first = group->rays[0];
   double azimuth = 0, squares = 0;
-  Eigen::Vector3d sum = Eigen::Vector3d::Zero(), products = sum;
+  Start sum = Start::Zero(), products = sum;
   for (std::size_t k = 0; k < n; ++k) {
     const double at = group->azimuth[k];
-    const Eigen::Vector3d from_first = origin(k) - first;
+    const Start start = start_of(all, group->rays[k], first);
     azimuth += at;
     squares += at * at;
-    sum += from_first;
-    products += at * from_first;
+    sum += start;
+    products += at * start;
   }
   const double count = static_cast<double>(n), mean = azimuth / count,
                spread = squares - mean * azimuth;
-  group->by_azimuth_m = spread > 1e-9 * count ? Eigen::Vector3d((products - mean * sum) / spread)
-                                              : Eigen::Vector3d::Zero();
-  group->origin_m = first + sum / count - mean * group->by_azimuth_m;
-  Eigen::Vector3d most = Eigen::Vector3d::Zero();
+  const Start by_azimuth =
+      spread > 1e-9 * count ? Start((products - mean * sum) / spread) : Start::Zero();
+  const Start at_zero = sum / count - mean * by_azimuth;
+  group->by_azimuth_m = kOffTrack_m * by_azimuth.head<3>();
+  group->origin_m =
+      vector_at(all.origin, all.n, first).cast<double>() + kOffTrack_m * at_zero.head<3>();
+  if (!all.t_ns.empty()) group->first_ns = all.t_ns[first];
+  group->after_ns = kOffTime_ns * at_zero[3];
+  group->by_azimuth_ns = kOffTime_ns * by_azimuth[3];
+  Start most = Start::Zero();
   for (std::size_t k = 0; k < n; ++k)
-    most = most.cwiseMax((origin(k) - group->origin_at(group->azimuth[k])).cwiseAbs());
-  int axis = 0;
-  if (most.maxCoeff(&axis) <= kOffTrack_m) return std::nullopt;
-  return axis;
+    most = most.cwiseMax(
+        (start_of(all, group->rays[k], first) - at_zero - double(group->azimuth[k]) * by_azimuth)
+            .cwiseAbs());
+  int component = 0;
+  if (most.maxCoeff(&component) <= 1) return std::nullopt;
+  return component;
 }
 
-/// Adds the group to `out`, cut into parts by the position of origins until each has a line.
+/// Adds the group to `out`, cut into parts by where and when rays begin until each has a line.
 void add_parts(const kernels::Rays& all, RayGroup group, std::vector<RayGroup>* out) {
-  const std::optional<int> axis = fit_origin(all, &group);
-  if (!axis) {
+  const std::optional<int> component = fit_starts(all, &group);
+  if (!component) {
     out->push_back(std::move(group));
     return;
   }
-  const std::span<const float> along = all.origin.subspan(std::size_t(*axis) * all.n, all.n);
-  float low = along[group.rays[0]], high = low;
-  for (const int ray : group.rays) {
-    low = std::min(low, along[ray]);
-    high = std::max(high, along[ray]);
-  }
-  const float middle = low + (high - low) / 2;
+  std::vector<double> along;
+  for (const int ray : group.rays) along.push_back(start_of(all, ray, group.rays[0])[*component]);
+  const auto [low, high] = std::ranges::minmax(along);
+  const double middle = low + (high - low) / 2;
   RayGroup parts[2];
   for (RayGroup& part : parts) part.world_from_axes = group.world_from_axes;
   for (std::size_t k = 0; k < group.rays.size(); ++k) {
-    RayGroup& part = parts[along[group.rays[k]] > middle];
+    RayGroup& part = parts[along[k] > middle];
     part.rays.push_back(group.rays[k]);
     part.azimuth.push_back(group.azimuth[k]);
     part.elevation.push_back(group.elevation[k]);

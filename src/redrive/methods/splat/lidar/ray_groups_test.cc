@@ -71,6 +71,25 @@ TEST(RayGroups, TheEndOfATurnIsNotMixedWithItsBegin) {
       EXPECT_LT((group.origin_at(group.azimuth[k]) - sensor.origins[group.rays[k]]).norm(), 1e-4);
 }
 
+// Two turns of a sensor at rest, 0.1 s each: only times tell them apart.
+TEST(RayGroups, TurnsAreToldApartByTime) {
+  MovingSensor sensor;
+  for (int turn = 0; turn < 2; ++turn)
+    sensor.add_revolution({100, 2, 3}, {0, 0, 0}, std::numbers::pi * 0.75, 0.1);
+  std::vector<std::int64_t> t_ns;
+  for (std::size_t i = 0; i < sensor.origins.size(); ++i)
+    t_ns.push_back(1'600'000'000'000'000'000 + static_cast<std::int64_t>(i) * 138'889);
+  kernels::Rays rays = sensor.view();
+  rays.t_ns = t_ns;
+  ThreadPool pool(2);
+  const std::vector<RayGroup> groups = group_rays(rays, pool);
+  EXPECT_EQ(groups.size(), 8u);
+  expect_rays(sensor, groups);
+  for (const RayGroup& group : groups)
+    for (std::size_t k = 0; k < group.rays.size(); ++k)
+      EXPECT_NEAR(double(group.time_at(group.azimuth[k]) - t_ns[group.rays[k]]), 0, 2000);
+}
+
 TEST(RayGroups, SensorsThatTurnTogetherAreToldApart) {
   MovingSensor sensor;
   sensor.add_revolution({0, 0, 1.5}, {1, 0, 0}, std::numbers::pi, 0.1);

@@ -91,8 +91,9 @@ RayRaster::RayRaster(const RayGroup& group, double beam_rad)
     pose.linear() = group.world_from_axes;
     pose.translation() = group.origin_at(double(azimuth));
     poses_.push_back(plain(pose));
+    times_.push_back(group.time_at(double(azimuth)));
+    if (left == right) break;
   }
-  if (left == right) poses_.resize(1);
 }
 
 kernels::RasterSize RayRaster::size() const {

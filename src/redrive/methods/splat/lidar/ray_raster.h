@@ -23,12 +23,12 @@ class RayRaster {
   /// beam_rad: > 0, full width of the rays; a Gaussian that is narrower covers a part of them.
   explicit RayRaster(const RayGroup& group, double beam_rad = kBeam_rad);
 
-  /// Refers to this and to `parts`, each with one pose for each of key_azimuths().
+  /// Refers to this and to `parts`, each with one pose for each of key_poses().
   kernels::GaussianCamera camera(std::span<const kernels::GaussianPart> parts = {}) const;
   kernels::RasterSize size() const;
-  /// Azimuths at which the sensor's pose is given: the first and the last ray's, or one.
-  std::span<const float> key_azimuths() const { return {key_azimuths_.data(), poses_.size()}; }
-  Rigid3d world_from_key(std::size_t key) const { return rigid(poses_[key]); }
+  /// The sensor's poses at the first and the last ray's azimuth, or one, and their times.
+  const std::vector<PlainPose>& key_poses() const { return poses_; }
+  const std::vector<std::int64_t>& key_times() const { return times_; }
   /// Index in a plane of the raster for each ray of the group.
   const std::vector<std::uint32_t>& places() const { return place_; }
 
@@ -39,6 +39,7 @@ class RayRaster {
   std::vector<std::uint32_t> place_;
   std::array<float, 2> key_azimuths_;
   std::vector<PlainPose> poses_;
+  std::vector<std::int64_t> times_;
 };
 
 }  // namespace redrive

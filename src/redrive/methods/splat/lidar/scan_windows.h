@@ -22,7 +22,7 @@ struct ScanWindow {
   /// Columns: x, y, z, with y down and z towards the middle of the rays.
   Eigen::Matrix3d world_from_axes = Eigen::Matrix3d::Identity();
 
-  kernels::Rays rays() const { return {static_cast<int>(t_ns.size()), origin, direction}; }
+  kernels::Rays rays() const { return {static_cast<int>(t_ns.size()), origin, direction, t_ns}; }
 };
 
 class ScanWindows {

@@ -9,16 +9,17 @@ namespace redrive {
 namespace {
 
 /// Draws a group's rays.
-void trace_group(kernels::GaussianStages& stages, const kernels::Gaussians& gaussians,
-                 const kernels::Rays& rays, const RayGroup& group, const RayRaster& drawn,
+void trace_group(kernels::GaussianStages& stages, const DrawnGaussians& drawn,
+                 const kernels::Rays& rays, const RayGroup& group, const RayRaster& of_rays,
                  RenderedRays* out) {
   kernels::RasterOptions options;
   options.depth = true;
-  const kernels::Raster raster = stages.rasterise(drawn.camera(), gaussians, options);
+  const kernels::Raster raster =
+      stages.rasterise(of_rays.camera(drawn.parts), drawn.gaussians, options);
   const kernels::RasterImage& image = raster.image();
   const std::size_t plane = image.size.plane();
   for (std::size_t k = 0; k < group.rays.size(); ++k) {
-    const std::size_t ray = group.rays[k], place = drawn.places()[k];
+    const std::size_t ray = group.rays[k], place = of_rays.places()[k];
     const Eigen::Vector3d drawn_from = group.origin_at(double(group.azimuth[k]));
     double ahead = 0;  // the drawn origin before the ray's own
     for (std::size_t axis = 0; axis < 3; ++axis)
@@ -37,7 +38,8 @@ void trace_group(kernels::GaussianStages& stages, const kernels::Gaussians& gaus
 }  // namespace
 
 RenderedRays trace_gaussians(kernels::GaussianStages& stages, ThreadPool& pool,
-                             const kernels::Gaussians& gaussians, const kernels::Rays& rays,
+                             const kernels::Rays& rays,
+                             const std::function<DrawnGaussians(const RayRaster&)>& drawn,
                              double beam_rad) {
   const std::vector<float> none(rays.n);
   RenderedRays out{none, none, none, none};
@@ -46,7 +48,7 @@ RenderedRays trace_gaussians(kernels::GaussianStages& stages, ThreadPool& pool,
   pool.run(static_cast<int>(groups.size()),
            [&](int g) { rasters[g].emplace(groups[g], beam_rad); });
   for (std::size_t g = 0; g < groups.size(); ++g)
-    trace_group(stages, gaussians, rays, groups[g], *rasters[g], &out);
+    trace_group(stages, drawn(*rasters[g]), rays, groups[g], *rasters[g], &out);
   return out;
 }
 

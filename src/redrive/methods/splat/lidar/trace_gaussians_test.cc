@@ -146,8 +146,9 @@ TEST(TraceGaussians, ANarrowGaussianCoversAPartOfTheBeam) {
   rays.directions.emplace_back(1, 0, 0);
   const auto backend = fast_backend();
   const auto opacity = [&](double beam_rad) {
-    return trace_gaussians(backend->gaussians(), backend->pool(), model.world().gaussians,
-                           rays.view(), beam_rad)
+    return trace_gaussians(
+               backend->gaussians(), backend->pool(), rays.view(),
+               [&](const RayRaster&) { return DrawnGaussians{model.world().gaussians}; }, beam_rad)
         .opacity[0];
   };
   // sigma: 0.05 mrad of the thread, a quarter of the width of the beam.

@@ -1,0 +1,20 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <vector>
+
+#include "redrive/base/buffer.h"
+#include "redrive/kernels/gaussian/gaussian_stages.h"
+#include "redrive/scene/shutter_poses.h"
+
+namespace redrive {
+
+/// Gaussians to rasterise, the world's and those of the moving objects that a sensor sees.
+struct DrawnGaussians {
+  kernels::Gaussians gaussians;
+  std::vector<kernels::GaussianPart> parts;  ///< refer to `actors`
+  std::vector<ShutterPoses::Actor> actors;
+  Buffer<float> copied;  ///< the numbers, where a body is shown twice or recoloured
+};
+
+}  // namespace redrive
