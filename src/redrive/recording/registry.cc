@@ -11,6 +11,7 @@
 #include "redrive/recording/formats/kitti/kitti.h"
 #include "redrive/recording/formats/kitti360/kitti360.h"
 #include "redrive/recording/formats/nuscenes/nuscenes.h"
+#include "redrive/recording/formats/pandaset/pandaset.h"
 #include "redrive/recording/formats/photographs/colmap.h"
 #include "redrive/recording/formats/photographs/transforms.h"
 #include "redrive/recording/formats/repeated_images.h"
@@ -38,6 +39,8 @@ constexpr Format kFormats[] = {
      kitti::looks_like_odometry, kitti::open_odometry},
     {"nuscenes", "v1.0-mini, v1.0-trainval or v1.0-test with its tables", nuscenes::looks_like,
      nuscenes::open},
+    {"pandaset", "camera with lidar/poses.json or front_camera/poses.json", pandaset::looks_like,
+     pandaset::open},
     {"blender", "transforms_train.json", transforms::looks_like_blender, transforms::open_blender},
     {"transforms", "transforms.json", transforms::looks_like, transforms::open},
     {"colmap", "cameras and images, .bin or .txt, in sparse/0, sparse or the folder itself",

@@ -85,6 +85,8 @@ class Records {
   void leave_out_damaged_files() {
     list_checks();
     look();
+    for (Finding& finding : recording_.reader->box_findings())
+      recording_.findings.push_back(std::move(finding));
     std::set<fs::path> damaged;
     for (const RecordCheck& check : checks_) {
       if (check.record.why.empty()) continue;

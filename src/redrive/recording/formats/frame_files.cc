@@ -18,8 +18,13 @@ namespace fs = std::filesystem;
 /// Returns the id of <prefix><id><extension>, or -1.
 std::int64_t frame_id_from_name(const fs::path& path, const std::string& prefix,
                                 std::initializer_list<std::string_view> extensions) {
-  const std::string stem = path.stem().string();
-  if (!has_extension(path, extensions) || !stem.starts_with(prefix)) return -1;
+  std::string stem = path.filename().string();
+  std::ranges::transform(stem, stem.begin(), [](unsigned char c) { return std::tolower(c); });
+  const auto extension = std::ranges::find_if(
+      extensions, [&](std::string_view other) { return stem.ends_with(other); });
+  if (extension == extensions.end()) return -1;
+  stem = path.filename().string().substr(0, stem.size() - extension->size());
+  if (!stem.starts_with(prefix)) return -1;
   const char *const begin = stem.data() + prefix.size(), *const end = stem.data() + stem.size();
   if (begin == end || !std::all_of(begin, end, [](unsigned char c) { return std::isdigit(c); }))
     return -1;
@@ -61,14 +66,15 @@ std::vector<fs::path> list_folder(const fs::path& folder) {
 
 std::vector<FrameFile> list_frame_files(const fs::path& folder, const std::string& prefix,
                                         std::initializer_list<std::string_view> extensions,
-                                        const std::string& subject,
-                                        std::vector<Finding>* findings) {
+                                        const std::string& subject, std::vector<Finding>* findings,
+                                        std::initializer_list<std::string_view> besides) {
   std::vector<FrameFile> files;
   std::vector<std::string> unexpected;
   for (const fs::path& path : list_folder(folder)) {
     const std::int64_t id = frame_id_from_name(path, prefix, extensions);
+    const std::string name = path.filename().string();
     if (id < 0) {
-      unexpected.push_back(path.filename().string());
+      if (std::ranges::find(besides, name) == besides.end()) unexpected.push_back(name);
     } else {
       files.push_back({id, path});
     }

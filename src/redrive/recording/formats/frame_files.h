@@ -22,11 +22,12 @@ bool is_folder(const std::filesystem::path& path);
 std::vector<std::filesystem::path> list_folder(const std::filesystem::path& folder);
 
 /// Returns the files <prefix><id><extension> of a folder by id, one per frame. A finding about
-/// `subject` lists files of other names. InputError for two files of one frame.
+/// `subject` lists files of other names, but `besides`. InputError for two files of one frame.
 std::vector<FrameFile> list_frame_files(const std::filesystem::path& folder,
                                         const std::string& prefix,
                                         std::initializer_list<std::string_view> extensions,
-                                        const std::string& subject, std::vector<Finding>* findings);
+                                        const std::string& subject, std::vector<Finding>* findings,
+                                        std::initializer_list<std::string_view> besides = {});
 
 /// Whether one of the files, by id, is of the frame.
 bool has_file_of(const std::vector<FrameFile>& files, std::int64_t frame_id);

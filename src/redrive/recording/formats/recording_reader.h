@@ -46,13 +46,16 @@ class RecordingReader {
   /// is given. InputError for a damaged file.
   virtual std::vector<LidarPoint> read_lidar(const FrameFile& file,
                                              std::size_t* left_out = nullptr) const;
-  /// Number of points that read_lidar returns, without reading them; 0 if the file is damaged.
+  /// Number of points that read_lidar returns at most, without reading them; 0 if the file is
+  /// damaged.
   virtual std::uint64_t lidar_point_count(const FrameFile& file) const;
   /// Points of Recording::points_file, which must not be empty: by default a PLY in the body axes
   /// of the first frame, without tracks. InputError for a damaged file.
   virtual std::vector<StaticPoint> read_points(const Recording& recording) const;
   /// Boxes of one of Recording::box_files, each object once. InputError for a damaged file.
   virtual std::vector<Box> read_boxes(const FrameFile& file) const;
+  /// Findings about single boxes that read_boxes left out of the files that were read so far.
+  virtual std::vector<Finding> box_findings() const { return {}; }
 
   /// Names of the files that make_pose_files returns.
   virtual std::vector<std::filesystem::path> pose_file_names() const;
