@@ -52,12 +52,13 @@ struct NumberType {
 struct Array {
   NumberType type;
   std::vector<std::size_t> shape = {};
-  bool by_columns = false;              ///< Fortran's order: the first index runs first
-  std::string_view bytes = {};          ///< of numbers
+  bool by_columns = false;               ///< Fortran's order: the first index runs first
+  std::string_view bytes = {};           ///< numbers
   const PickleValue* objects = nullptr;  ///< a list
 
-  std::size_t size() const { return shape.empty() ? 0 : shape.size() == 1 ? shape[0]
-                                                                          : shape[0] * shape[1]; }
+  std::size_t size() const {
+    return shape.empty() ? 0 : shape.size() == 1 ? shape[0] : shape[0] * shape[1];
+  }
 };
 
 std::int64_t integer_at(const Array& array, std::size_t i) {
@@ -129,8 +130,7 @@ class DataFrameReader {
   /// pandas from 1.3 on: a call with (blocks, axes).
   void read_new_manager(const PickleValue& arguments, DataFrame* table) {
     const PickleValue& blocks = pickle_.item(arguments, 0);
-    const std::vector<std::string> names =
-        names_of(pickle_.item(pickle_.item(arguments, 1), 0));
+    const std::vector<std::string> names = names_of(pickle_.item(pickle_.item(arguments, 1), 0));
     for (std::size_t b = 0; b < blocks.items.size(); ++b) {
       const PickleValue& block = pickle_.item(blocks, b);
       if (!pickle_.is_object(block, "_unpickle_block")) fail("has a block of another kind");
@@ -213,8 +213,7 @@ class DataFrameReader {
       if (data->kind != Kind::kList || data->items.size() != array.size())
         fail("has an array of objects with another number of them than its shape says");
       array.objects = data;
-    } else if (data->kind != Kind::kBytes ||
-               data->text.size() != array.size() * array.type.bytes) {
+    } else if (data->kind != Kind::kBytes || data->text.size() != array.size() * array.type.bytes) {
       pickle_.fail("array", std::to_string(data->text.size()) + " bytes",
                    "its shape needs " + std::to_string(array.size() * array.type.bytes));
     } else {
@@ -237,8 +236,7 @@ class DataFrameReader {
       const std::int64_t begin = integer_of(pickle_.item(bounds, 0), "begin of a slice");
       const PickleValue& by = pickle_.item(bounds, 2);
       const std::int64_t step = by.kind == Kind::kNone ? 1 : integer_of(by, "step of a slice");
-      if (begin < 0 || begin > std::int64_t(names) || step < 1 ||
-          step > std::int64_t(names))
+      if (begin < 0 || begin > std::int64_t(names) || step < 1 || step > std::int64_t(names))
         fail("has a slice that does not run upwards through the columns");
       for (std::size_t i = 0; i < count; ++i) add(begin + std::int64_t(i) * step);
     } else {
@@ -256,8 +254,8 @@ class DataFrameReader {
     const std::size_t count = values.shape[0], rows = values.shape[1];
     if (count == 0) return;
     if (!table->columns_.empty() && rows != table->rows_)
-      pickle_.fail("rows", std::to_string(rows), "other columns have " +
-                                                     std::to_string(table->rows_));
+      pickle_.fail("rows", std::to_string(rows),
+                   "other columns have " + std::to_string(table->rows_));
     table->rows_ = rows;
     const std::vector<std::size_t> columns = columns_of(where, count, names.size());
     for (std::size_t c = 0; c < count; ++c) {

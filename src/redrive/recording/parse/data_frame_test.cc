@@ -76,7 +76,9 @@ TEST(DataFrame, RefusesAllOtherObjects) {
   EXPECT_THAT(error_of(call("os", "system")),
               AllOf(HasSubstr("t.pkl: opcode 0x93 at byte 14"), HasSubstr("os system"),
                     HasSubstr("a pickle is read as data")));
-  EXPECT_THAT(error_of("\x80\x02" "cbuiltins\neval\n."), HasSubstr("builtins eval"));
+  EXPECT_THAT(error_of("\x80\x02"
+                       "cbuiltins\neval\n."),
+              HasSubstr("builtins eval"));
   EXPECT_THAT(error_of(call("pandas.core.indexes.base", "Index")), HasSubstr("is no DataFrame"));
 }
 
@@ -87,7 +89,9 @@ TEST(DataFrame, NamesOpcodeAndByteOfWhatCannotBe) {
   EXPECT_THAT(error_of("\x80\x03."), HasSubstr("takes a value from an empty stack"));
   EXPECT_THAT(error_of("\x80\x03Nt."), HasSubstr("has no mark before it"));
   EXPECT_THAT(error_of("\x80\x03(0."), HasSubstr("takes a value from an empty stack"));
-  EXPECT_THAT(error_of("\x80\x03" "a."), HasSubstr("empty stack"));
+  EXPECT_THAT(error_of("\x80\x03"
+                       "a."),
+              HasSubstr("empty stack"));
   EXPECT_THAT(error_of("\x80\x03NNa."), HasSubstr("needs a list on the stack"));
   EXPECT_THAT(error_of("\x80\x03}(Nu."), HasSubstr("has a key without a value"));
   EXPECT_THAT(error_of("\x80\x03h\x07."), HasSubstr("no value was kept under this number"));

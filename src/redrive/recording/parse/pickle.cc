@@ -20,14 +20,47 @@ constexpr std::string_view kEncode = "_codecs encode";
 
 /// Opcodes as pickletools.py names them.
 enum Opcode : std::uint8_t {
-  kMark = '(', kStop = '.', kPop = '0', kNone = 'N', kBinInt = 'J', kBinInt1 = 'K', kBinInt2 = 'M',
-  kBinFloat = 'G', kBinUnicode = 'X', kBinBytes = 'B', kShortBinBytes = 'C', kEmptyTuple = ')',
-  kTuple = 't', kEmptyList = ']', kAppend = 'a', kAppends = 'e', kEmptyDict = '}', kSetItem = 's',
-  kSetItems = 'u', kBinPut = 'q', kLongBinPut = 'r', kBinGet = 'h', kLongBinGet = 'j',
-  kGlobal = 'c', kReduce = 'R', kBuild = 'b', kProto = 0x80, kNewObj = 0x81, kTuple1 = 0x85,
-  kTuple2 = 0x86, kTuple3 = 0x87, kNewTrue = 0x88, kNewFalse = 0x89, kLong1 = 0x8a,
-  kShortBinUnicode = 0x8c, kBinUnicode8 = 0x8d, kBinBytes8 = 0x8e, kStackGlobal = 0x93,
-  kMemoize = 0x94, kFrame = 0x95, kByteArray8 = 0x96
+  kMark = '(',
+  kStop = '.',
+  kPop = '0',
+  kNone = 'N',
+  kBinInt = 'J',
+  kBinInt1 = 'K',
+  kBinInt2 = 'M',
+  kBinFloat = 'G',
+  kBinUnicode = 'X',
+  kBinBytes = 'B',
+  kShortBinBytes = 'C',
+  kEmptyTuple = ')',
+  kTuple = 't',
+  kEmptyList = ']',
+  kAppend = 'a',
+  kAppends = 'e',
+  kEmptyDict = '}',
+  kSetItem = 's',
+  kSetItems = 'u',
+  kBinPut = 'q',
+  kLongBinPut = 'r',
+  kBinGet = 'h',
+  kLongBinGet = 'j',
+  kGlobal = 'c',
+  kReduce = 'R',
+  kBuild = 'b',
+  kProto = 0x80,
+  kNewObj = 0x81,
+  kTuple1 = 0x85,
+  kTuple2 = 0x86,
+  kTuple3 = 0x87,
+  kNewTrue = 0x88,
+  kNewFalse = 0x89,
+  kLong1 = 0x8a,
+  kShortBinUnicode = 0x8c,
+  kBinUnicode8 = 0x8d,
+  kBinBytes8 = 0x8e,
+  kStackGlobal = 0x93,
+  kMemoize = 0x94,
+  kFrame = 0x95,
+  kByteArray8 = 0x96
 };
 
 std::string in_hex(std::uint8_t byte) {
@@ -129,9 +162,7 @@ class PickleMachine {
       case kPop: pop(); return true;
       case kNone: push({}); return true;
       case kNewTrue:
-      case kNewFalse:
-        push({.kind = Kind::kBool, .integer = opcode_ == kNewTrue});
-        return true;
+      case kNewFalse: push({.kind = Kind::kBool, .integer = opcode_ == kNewTrue}); return true;
       case kBinInt: push_integer(take<std::int32_t>()); return true;
       case kBinInt1: push_integer(take<std::uint8_t>()); return true;
       case kBinInt2: push_integer(take<std::uint16_t>()); return true;
@@ -241,8 +272,9 @@ class PickleMachine {
     const std::string both = std::string(module) + " " + std::string(name);
     const auto known = std::ranges::find(globals_, both);
     if (known == globals_.end() && both != kEncode)
-      fail(both.substr(0, 100),
-           "a pickle is read as data: objects of pandas and numpy tables are all that may be in it");
+      fail(
+          both.substr(0, 100),
+          "a pickle is read as data: objects of pandas and numpy tables are all that may be in it");
     push({.kind = Kind::kGlobal, .text = known == globals_.end() ? kEncode : *known});
   }
 

@@ -14,11 +14,22 @@
 namespace redrive {
 
 struct PickleValue {
-  enum class Kind { kNone, kBool, kInteger, kNumber, kText, kBytes, kTuple, kList, kDict, kGlobal,
-                    kObject };
+  enum class Kind {
+    kNone,
+    kBool,
+    kInteger,
+    kNumber,
+    kText,
+    kBytes,
+    kTuple,
+    kList,
+    kDict,
+    kGlobal,
+    kObject
+  };
   Kind kind = Kind::kNone;
-  std::int64_t integer = 0;  ///< kInteger, kBool
-  double number = 0;         ///< kNumber
+  std::int64_t integer = 0;    ///< kInteger, kBool
+  double number = 0;           ///< kNumber
   std::string_view text = {};  ///< kText, kBytes; kGlobal: "module name"
   /// Indices of values. kTuple, kList: elements; kDict: keys and values in turn; kObject: what was
   /// called, its arguments and, where it has one, its state.

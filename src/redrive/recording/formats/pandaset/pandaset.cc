@@ -76,8 +76,8 @@ class Reader : public RecordingReader {
   void read_all_boxes() const {
     std::map<std::int64_t, std::vector<Cuboid>> cuboids;
     for (const FrameFile& file : box_files) try {
-        cuboids[file.frame_id] = parse_cuboids(unpack(read_file(file.path), file.path), file.path,
-                                               &impossible_);
+        cuboids[file.frame_id] =
+            parse_cuboids(unpack(read_file(file.path), file.path), file.path, &impossible_);
       } catch (const InputError& error) {
         faults_.emplace(file.frame_id, error);
       }
@@ -98,8 +98,8 @@ class Reader : public RecordingReader {
 struct Sensor {
   std::string name;
   fs::path folder;
-  Times times_ns;                ///< by frame
-  std::vector<FramePose> poses;  ///< by frame, world from sensor
+  Times times_ns;                ///< keyed by frame
+  std::vector<FramePose> poses;  ///< keyed by frame, world from sensor
 
   fs::path poses_file() const { return folder / "poses.json"; }
   fs::path times_file() const { return folder / "timestamps.json"; }
@@ -136,8 +136,8 @@ std::vector<Sensor> read_cameras(const fs::path& root, std::vector<DamagedRecord
   }
   if (!missing.empty())
     findings->push_back(
-        {"cameras", counted(missing.size(), "camera") + " of PandaSet without a folder here: " +
-                        first_few(missing, 6)});
+        {"cameras", counted(missing.size(), "camera") +
+                        " of PandaSet without a folder here: " + first_few(missing, 6)});
   if (cameras.empty()) throw InputError(root / "camera", "", "", "there is no camera");
   const auto first = std::ranges::find(cameras, kFirstCamera, &Sensor::name);
   if (first != cameras.end()) std::rotate(cameras.begin(), first, first + 1);
@@ -149,8 +149,9 @@ std::vector<FramePose> read_body(const fs::path& root, std::vector<DamagedRecord
                                  std::vector<Finding>* findings) {
   const fs::path folder = root / "lidar";
   if (!is_there(folder / "poses.json")) {
-    findings->push_back({"lidar/poses.json", "missing: the places of the cameras on the car are "
-                                             "those that PandaSet publishes"});
+    findings->push_back({"lidar/poses.json",
+                         "missing: the places of the cameras on the car are "
+                         "those that PandaSet publishes"});
     return {};
   }
   const DamagedList list{"poses of the car", damaged};
@@ -183,9 +184,8 @@ Rigid3d place_camera(const std::vector<FramePose>& body, const Rigid3d& body_fro
 
 /// Median of the times of a camera's images after the first camera's. Frames at which it is off are
 /// records of `damaged`.
-std::int64_t time_offset_of(const Sensor& camera, const Sensor& first,
-                            const DamagedList& damaged) {
-  std::vector<std::pair<std::int64_t, double>> offsets;  // by frame
+std::int64_t time_offset_of(const Sensor& camera, const Sensor& first, const DamagedList& damaged) {
+  std::vector<std::pair<std::int64_t, double>> offsets;  // keyed by frame
   std::vector<double> all;
   for (std::size_t i = 0; i < std::min(camera.times_ns.size(), first.times_ns.size()); ++i) {
     if (!camera.times_ns[i] || !first.times_ns[i]) continue;
@@ -258,21 +258,21 @@ void add_scans_and_boxes(const Rigid3d& body_from_lidar, Reader* reader, Recordi
                                       " with images: " + first_few(missing)});
   if (!recording->lidar_files.empty()) {
     recording->other_sensors = {"Pandar64", "PandarGT"};
-    findings->push_back({"lidar", "scans are the Pandar64's; points of the PandarGT in the same "
-                                  "files are not used"});
+    findings->push_back({"lidar",
+                         "scans are the Pandar64's; points of the PandarGT in the same "
+                         "files are not used"});
   }
   recording->box_files =
       list_frame_files(annotations / "cuboids", "", {".pkl.gz"}, "boxes", findings);
   reader->box_files = recording->box_files;
   reader->body_from_lidar = body_from_lidar;
   std::vector<Finding> of_labels;
-  const std::size_t labels =
-      list_frame_files(annotations / "semseg", "", {".pkl.gz"}, "labels", &of_labels,
-                       {"classes.json"})
-          .size();
+  const std::size_t labels = list_frame_files(annotations / "semseg", "", {".pkl.gz"}, "labels",
+                                              &of_labels, {"classes.json"})
+                                 .size();
   if (labels > 0)
-    findings->push_back({"annotations/semseg", "not used: classes of the points of " +
-                                                   counted(labels, "scan")});
+    findings->push_back(
+        {"annotations/semseg", "not used: classes of the points of " + counted(labels, "scan")});
 }
 
 }  // namespace
@@ -314,9 +314,8 @@ Recording open(const fs::path& root, PoseSource source) {
   reader->frames = recording.frames;
   for (Sensor& camera : cameras)
     add_camera(camera, first,
-               &camera == &first
-                   ? body_from_first
-                   : place_camera(body, body_from_lidar, damaged, findings, &camera),
+               &camera == &first ? body_from_first
+                                 : place_camera(body, body_from_lidar, damaged, findings, &camera),
                &recording);
   std::ranges::sort(recording.cameras, {},
                     [](const RecordedCamera& camera) { return camera.calibration.name; });

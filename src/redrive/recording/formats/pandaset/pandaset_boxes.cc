@@ -17,13 +17,34 @@ namespace {
 constexpr std::int64_t kHalfRevolution_ns = 50'000'000;
 constexpr double kMaxSize_m = 100, kMaxCoordinate_m = 1e7;
 /// PandaSet's annotation instructions for cuboids, version of 2020.
-constexpr std::array<std::string_view, 28> kLabels = {
-    "Animals - Bird", "Animals - Other", "Bicycle", "Bus", "Car", "Cones", "Construction Signs",
-    "Emergency Vehicle", "Medium-sized Truck", "Motorcycle", "Motorized Scooter",
-    "Other Vehicle - Construction Vehicle", "Other Vehicle - Pedicab", "Other Vehicle - Uncommon",
-    "Pedestrian", "Pedestrian with Object", "Personal Mobility Device", "Pickup Truck", "Pylons",
-    "Road Barriers", "Rolling Containers", "Semi-truck", "Signs",
-    "Temporary Construction Barriers", "Towed Object", "Train", "Tram / Subway", "Trolley"};
+constexpr std::array<std::string_view, 28> kLabels = {"Animals - Bird",
+                                                      "Animals - Other",
+                                                      "Bicycle",
+                                                      "Bus",
+                                                      "Car",
+                                                      "Cones",
+                                                      "Construction Signs",
+                                                      "Emergency Vehicle",
+                                                      "Medium-sized Truck",
+                                                      "Motorcycle",
+                                                      "Motorized Scooter",
+                                                      "Other Vehicle - Construction Vehicle",
+                                                      "Other Vehicle - Pedicab",
+                                                      "Other Vehicle - Uncommon",
+                                                      "Pedestrian",
+                                                      "Pedestrian with Object",
+                                                      "Personal Mobility Device",
+                                                      "Pickup Truck",
+                                                      "Pylons",
+                                                      "Road Barriers",
+                                                      "Rolling Containers",
+                                                      "Semi-truck",
+                                                      "Signs",
+                                                      "Temporary Construction Barriers",
+                                                      "Towed Object",
+                                                      "Train",
+                                                      "Tram / Subway",
+                                                      "Trolley"};
 
 /// Name of the object that a cuboid and its sibling are.
 using Names = std::map<std::string, std::string>;
@@ -110,12 +131,12 @@ std::map<std::int64_t, std::vector<Box>> boxes_of_frames(
     for (const Cuboid& cuboid : of_frame) sorted.push_back(&cuboid);
     std::ranges::stable_sort(sorted, {}, [](const Cuboid* cuboid) { return cuboid->sensor; });
     for (const Cuboid* cuboid : sorted) {
-      const std::int64_t id = ids.try_emplace(names.at(cuboid->uuid), std::ssize(ids)).first->second;
+      const std::int64_t id =
+          ids.try_emplace(names.at(cuboid->uuid), std::ssize(ids)).first->second;
       std::int64_t t_ns = frame->t_ns;
       if (cuboid->sensor != static_cast<int>(Lidar::kPandarGt))
-        t_ns = kitti::time_of_direction(
-            {t_ns - kHalfRevolution_ns, t_ns + kHalfRevolution_ns},
-            lidar_from_world * cuboid->world_from_box.translation());
+        t_ns = kitti::time_of_direction({t_ns - kHalfRevolution_ns, t_ns + kHalfRevolution_ns},
+                                        lidar_from_world * cuboid->world_from_box.translation());
       if (!times_ns.try_emplace({frame_id, id}, t_ns).second) continue;
       Label label;
       label.frame_id = frame_id;

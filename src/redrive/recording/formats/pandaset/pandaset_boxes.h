@@ -18,8 +18,8 @@ struct Cuboid {
   std::string uuid, sibling;  ///< sibling: the same object as the other LiDAR saw it; may be empty
   std::string label;
   bool has_rider = false;
-  int sensor = -1;            ///< Lidar that saw it, where both may; else -1
-  Rigid3d world_from_box;     ///< axes as Box
+  int sensor = -1;         ///< Lidar that saw it, where both may; else -1
+  Rigid3d world_from_box;  ///< axes as Box
   Eigen::Vector3d size_m = Eigen::Vector3d::Zero();
 };
 

@@ -54,8 +54,7 @@ TEST_F(RealPandaSet, TheRoadIsAtHeightZero) {
 TEST_F(RealPandaSet, BeamsOfThePandar64HaveTheirElevations) {
   // A point's elevation at its own time repeats by beam, which it does not at the scan's time.
   std::map<int, int> histogram;
-  const std::vector<LidarPoint> points =
-      recording_.reader->read_lidar(recording_.lidar_files[1]);
+  const std::vector<LidarPoint> points = recording_.reader->read_lidar(recording_.lidar_files[1]);
   ASSERT_EQ(points.size(), 106'541u);
   const Rigid3d lidar_from_body = recording_.body_from_lidar->inverse();
   for (const LidarPoint& point : points) {
@@ -70,17 +69,15 @@ TEST_F(RealPandaSet, BeamsOfThePandar64HaveTheirElevations) {
 
 TEST_F(RealPandaSet, PointsLieInTheBoxes) {
   std::size_t inside = 0, boxes = 0;
-  const std::vector<LidarPoint> points =
-      recording_.reader->read_lidar(recording_.lidar_files[1]);
+  const std::vector<LidarPoint> points = recording_.reader->read_lidar(recording_.lidar_files[1]);
   for (const Box& box : recording_.reader->read_boxes(recording_.box_files[1])) {
     const Rigid3d global_from_box = pose_at(recording_.frames, box.t_ns) * box.body_from_box;
     if (box.body_from_box.translation().norm() > 25 || box.size_m.x() < 3) continue;
     ++boxes;
     const Rigid3d box_from_global = global_from_box.inverse();
     const auto hits = std::ranges::count_if(points, [&](const LidarPoint& point) {
-      const Eigen::Vector3d in_box =
-          box_from_global *
-          (pose_at(recording_.frames, point.t_ns) * point.in_body_m.cast<double>());
+      const Eigen::Vector3d in_box = box_from_global * (pose_at(recording_.frames, point.t_ns) *
+                                                        point.in_body_m.cast<double>());
       return (in_box.cwiseAbs().array() <= box.size_m.array() / 2 + 0.1).all();
     });
     inside += hits > 20;

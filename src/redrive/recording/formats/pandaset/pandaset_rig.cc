@@ -67,9 +67,8 @@ Rigid3d parse_pose(const JsonField& field) {
   const JsonField position = field.at("position"), heading = field.at("heading");
   Eigen::Vector3d translation;
   for (int k = 0; k < 3; ++k)
-    translation[k] =
-        number_within(position.at(std::string_view("xyz").substr(std::size_t(k), 1)),
-                      -kMaxCoordinate_m, kMaxCoordinate_m, "metres, at most 1e7");
+    translation[k] = number_within(position.at(std::string_view("xyz").substr(std::size_t(k), 1)),
+                                   -kMaxCoordinate_m, kMaxCoordinate_m, "metres, at most 1e7");
   const Eigen::Quaterniond rotation(heading.at("w").number(), heading.at("x").number(),
                                     heading.at("y").number(), heading.at("z").number());
   if (!is_rotation(rotation)) heading.fail("must be a quaternion of a rotation");
@@ -86,8 +85,7 @@ std::vector<std::optional<Rigid3d>> parse_poses(std::string_view text,
   if (!document.is_array()) root.fail("must be a list of poses");
   std::vector<std::optional<Rigid3d>> poses(root.size());
   for (std::size_t i = 0; i < poses.size(); ++i)
-    parse_record(damaged, static_cast<std::int64_t>(i),
-                 [&] { poses[i] = parse_pose(root.at(i)); });
+    parse_record(damaged, static_cast<std::int64_t>(i), [&] { poses[i] = parse_pose(root.at(i)); });
   return poses;
 }
 
@@ -114,10 +112,15 @@ void parse_intrinsics(std::string_view text, const std::filesystem::path& file,
   const nlohmann::json document = parse_json(text, file);
   const JsonField root(document, file);
   camera->model = "opencv_pinhole";
-  camera->parameters = {focal_length_from_json(root.at("fx")), focal_length_from_json(root.at("fy")),
+  camera->parameters = {focal_length_from_json(root.at("fx")),
+                        focal_length_from_json(root.at("fy")),
                         principal_point_from_json(root.at("cx"), camera->width),
                         principal_point_from_json(root.at("cy"), camera->height),
-                        0, 0, 0, 0, 0};
+                        0,
+                        0,
+                        0,
+                        0,
+                        0};
 }
 
 std::vector<FramePose> posed_times(const std::vector<std::optional<Rigid3d>>& poses,
@@ -146,16 +149,14 @@ std::optional<Rigid3d> camera_from_lidar(const std::string& camera) {
   const auto found = std::ranges::find(kCameras, camera, &Extrinsics::camera);
   if (found == kCameras.end()) return std::nullopt;
   const auto& [w, x, y, z] = found->rotation;
-  Rigid3d camera_from_lidar =
-      rigid({w, x, y, z}, Eigen::Vector3d(found->translation));
+  Rigid3d camera_from_lidar = rigid({w, x, y, z}, Eigen::Vector3d(found->translation));
   camera_from_lidar.linear() *= quarter_turn().transpose();  // the Pandar64's -y looks ahead
   return camera_from_lidar;
 }
 
 Rigid3d usual_body_from_lidar() {
-  const Eigen::Quaterniond rotation =
-      Eigen::AngleAxisd(0.0332, Eigen::Vector3d::UnitZ()) *
-      Eigen::AngleAxisd(-0.0157, Eigen::Vector3d::UnitY());
+  const Eigen::Quaterniond rotation = Eigen::AngleAxisd(0.0332, Eigen::Vector3d::UnitZ()) *
+                                      Eigen::AngleAxisd(-0.0157, Eigen::Vector3d::UnitY());
   return rigid(rotation, {0.811, 0, 1.855 + kAxleHeight_m});
 }
 

@@ -35,7 +35,7 @@ void parse_intrinsics(std::string_view text, const std::filesystem::path& file,
 std::vector<FramePose> posed_times(const std::vector<std::optional<Rigid3d>>& poses,
                                    const Times& times_ns);
 
-/// World from body of lidar/poses.json, whose poses are the car's at the ends of the scans: y
+/// Returns world_from_body of lidar/poses.json, whose poses are the car's at the ends of the scans: y
 /// forward, x right, z up, its origin in the middle of the rear axle.
 Rigid3d body_of_car(const Rigid3d& world_from_car);
 
@@ -46,9 +46,9 @@ std::optional<Rigid3d> camera_from_lidar(const std::string& camera);
 /// Body from the Pandar64 as measured in sequence 001, for excerpts without poses of the car.
 Rigid3d usual_body_from_lidar();
 
-/// Returns body_from_camera as the median over all images, whose poses are of times between those
-/// of the body. Images that are more than 0.3 m or 2 degrees away from it are records of `damaged`.
-/// Needs two poses of the body and one of the camera.
+/// Returns body_from_camera as the median over all images, which have poses and times of their own.
+/// Images that are more than 0.3 m or 2 degrees away from it are records of `damaged`. Needs two
+/// poses of the body and one of the camera.
 Rigid3d body_from_camera(const std::vector<FramePose>& body, const std::vector<FramePose>& camera,
                          const std::filesystem::path& file, const DamagedList& damaged);
 

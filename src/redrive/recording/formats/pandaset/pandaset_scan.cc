@@ -19,8 +19,8 @@ constexpr double kMaxRange_m = 1000, kMaxTime_s = 9e9;
 constexpr std::size_t kColumns = 5;
 constexpr const char* kNames[kColumns] = {"x", "y", "z", "i", "t"};
 
-/// Returns the beam of the Pandar64 that is nearest to an elevation; they are 0.17 degrees apart or
-/// more, and those of the sensor on the car within 0.05 degrees of the data sheet's.
+/// Returns the beam of the Pandar64 that is nearest to an elevation. Its beams are at least 0.17
+/// degrees apart; the car's LiDAR has them within 0.05 degrees of the data sheet.
 std::uint8_t ring_of(double elevation_rad) {
   static const std::vector<LidarBeam> beams = parse_lidar_sensor("pandar64")->beams;
   auto above = std::ranges::lower_bound(beams, elevation_rad, {}, &LidarBeam::elevation_rad);

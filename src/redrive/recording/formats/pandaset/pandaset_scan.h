@@ -31,7 +31,6 @@ std::string unpack(std::string_view bytes, const std::filesystem::path& file);
 /// table.
 std::vector<LidarPoint> parse_scan(std::string_view pickle, const std::filesystem::path& file,
                                    Lidar lidar, const std::vector<FramePose>& frames,
-                                   const Rigid3d& body_from_lidar,
-                                   std::size_t* left_out = nullptr);
+                                   const Rigid3d& body_from_lidar, std::size_t* left_out = nullptr);
 
 }  // namespace redrive::pandaset

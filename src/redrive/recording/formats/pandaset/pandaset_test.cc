@@ -28,7 +28,8 @@ class PandaSet : public ::testing::Test {
     folder_.write(file, json.dump());
   }
   static auto says(const std::string& subject, const std::string& what) {
-    return Contains(AllOf(Field(&Finding::subject, subject), Field(&Finding::what, HasSubstr(what))));
+    return Contains(
+        AllOf(Field(&Finding::subject, subject), Field(&Finding::what, HasSubstr(what))));
   }
   static auto damaged(const std::string& sensor, const std::string& why) {
     return Contains(
@@ -62,7 +63,8 @@ TEST_F(PandaSet, ReadsFramesAndCameras) {
     EXPECT_EQ(calibration.fy(), 194.25);
     EXPECT_EQ(calibration.time_offset_ns, drive_.offsets_ns.at(calibration.name));
   }
-  EXPECT_THAT(recording.findings, says("annotations/semseg", "not used: classes of the points of 1 scan"));
+  EXPECT_THAT(recording.findings,
+              says("annotations/semseg", "not used: classes of the points of 1 scan"));
 }
 
 TEST_F(PandaSet, RaysAreTheImages) {
@@ -94,8 +96,7 @@ TEST_F(PandaSet, PointsLieInTheWorldWhereTheFileHasThem) {
     std::vector<PandaSetDrive::Point> truth = PandaSetDrive::points(int(f));
     std::erase_if(truth, [](const auto& point) { return point.sensor == 1; });
     std::ranges::sort(truth, {}, &PandaSetDrive::Point::t_ns);
-    const std::vector<LidarPoint> points =
-        recording.reader->read_lidar(recording.lidar_files[f]);
+    const std::vector<LidarPoint> points = recording.reader->read_lidar(recording.lidar_files[f]);
     const std::vector<Eigen::Vector3d> placed = in_world(recording, f);
     ASSERT_EQ(points.size(), truth.size());
     for (std::size_t i = 0; i < points.size(); ++i) {
@@ -160,10 +161,10 @@ TEST_F(PandaSet, AnEntryThatCannotBeCostsItself) {
   const Recording recording = opened();
   ASSERT_EQ(recording.frames.size(), 3u);
   EXPECT_THAT(recording.damaged, damaged("poses of front_camera", "[1].heading"));
-  EXPECT_THAT(recording.damaged,
-              damaged("times of left_camera", "[2] = 0.093750 s after"));
+  EXPECT_THAT(recording.damaged, damaged("times of left_camera", "[2] = 0.093750 s after"));
   EXPECT_EQ(recording.find_camera("left_camera")->images.size(), 2u);
-  EXPECT_THAT(recording.damaged, damaged("poses of right_camera", "so far from the camera's place"));
+  EXPECT_THAT(recording.damaged,
+              damaged("poses of right_camera", "so far from the camera's place"));
   EXPECT_EQ(recording.find_camera("right_camera")->images.size(), 2u);
 }
 
@@ -180,7 +181,8 @@ TEST_F(PandaSet, TimesThatRunBackwardsAreNamed) {
   nlohmann::json times = drive_.times_of("front_camera");
   std::swap(times[1], times[2]);
   write("camera/front_camera/timestamps.json", times);
-  EXPECT_THAT(opened().damaged, Contains(Field(&DamagedRecord::why, HasSubstr("timestamps.json: [2] = "))));
+  EXPECT_THAT(opened().damaged,
+              Contains(Field(&DamagedRecord::why, HasSubstr("timestamps.json: [2] = "))));
 }
 
 TEST_F(PandaSet, NamesFileFieldAndValue) {
@@ -227,9 +229,9 @@ TEST_F(PandaSet, ACuboidThatCannotBeCostsItself) {
               HasSubstr("02.pkl.gz: is no whole gzip file"));
   require_few_damaged({}, &recording);
   EXPECT_EQ(recording.box_files.size(), 3u);
-  EXPECT_THAT(recording.findings,
-              says("boxes", "1 cuboid without a size, a place or a name, left out: "
-                            "01.pkl.gz row 2: dimensions.y = 0"));
+  EXPECT_THAT(recording.findings, says("boxes",
+                                       "1 cuboid without a size, a place or a name, left out: "
+                                       "01.pkl.gz row 2: dimensions.y = 0"));
   EXPECT_THAT(recording.findings, says("boxes", "does not list, taken for vehicles: Spaceship"));
 }
 

@@ -163,8 +163,7 @@ class PandaSetDrive {
     for (const auto& [name, values] : texts) table.add(name, values);
     for (const auto& [name, values] : numbers) table.add(name, values);
     table.add("cuboids.sensor_id", sensors);
-    folder.write("annotations/cuboids/0" + std::to_string(frame) + ".pkl.gz",
-                 gzip(table.pickle()));
+    folder.write("annotations/cuboids/0" + std::to_string(frame) + ".pkl.gz", gzip(table.pickle()));
   }
 
   static double seconds(std::int64_t t_ns) {
