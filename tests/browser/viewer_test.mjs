@@ -243,6 +243,28 @@ const tests = {
     await settled(page);
   },
 
+  async "shows a rendered LiDAR scan"(page) {
+    const kinds = () => page.evaluate(() => {
+      const {points} = window.redriveView.stage.image;
+      return [0, 1, 2].map((kind) => points.filter((value, i) => i % 6 === 5 && value === kind).length);
+    });
+    const [, recorded] = await kinds();
+    await set(page, "scan", "recorded");
+    await set(page, "scan-colour", "error");
+    const [, , rendered] = await kinds();
+    assert.ok(rendered > 0.8 * recorded && rendered < 1.1 * recorded, `${rendered}, ${recorded}`);
+    assert.match(await text(page, "caption"), /scan: \d+ of \d+ rays return, median error \d/);
+    assert.match(await text(page, "legend"), /error 1 cm/);
+    assert.match(page.url(), /scan=recorded%2Cerror/);
+    await set(page, "scan", "vlp-16"); // nobody recorded its ranges
+    assert.equal(await page.$eval("#scan-colour", (field) => field.value), "range");
+    assert.ok((await kinds())[2] > 500);
+    await set(page, "scan-colour", "intensity");
+    assert.match(await text(page, "legend"), /intensity 0/);
+    await set(page, "scan", "");
+    assert.equal((await kinds())[2], 0);
+  },
+
   async "comes back from its address"(page) {
     const address = page.url();
     await page.reload();

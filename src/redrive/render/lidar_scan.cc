@@ -132,6 +132,7 @@ LidarScan render_scan(kernels::Backend& backend, const Field& model, const Lidar
     point.actor = actors[i];
     point.loss = 1 - probability;
     scan.points.push_back(point);
+    scan.firing.push_back(static_cast<std::uint32_t>(i));
   }
   return scan;
 }

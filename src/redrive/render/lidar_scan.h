@@ -45,6 +45,7 @@ struct ScanOptions {
 
 struct LidarScan {
   std::vector<LidarRecord> points;         ///< as the firings; intensity 0 where the field has none
+  std::vector<std::uint32_t> firing;       ///< index of the firing of each point
   std::size_t lost = 0, out_of_range = 0;  ///< firings without a return, by reason
   bool has_intensity = false;              ///< whether the field models it
 };

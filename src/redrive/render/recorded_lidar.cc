@@ -64,6 +64,7 @@ std::optional<LidarFirings> recorded_firings(const Recording& recording, const S
   if (returns.n == 0) return std::nullopt;
   LidarFirings out;
   out.t_ns = returns.t_ns;
+  out.range_m = returns.range_m;
   for (std::size_t i = 0; i < returns.n; ++i)
     out.direction.push_back(returns.direction_in_sensor(i).normalized());
   out.ring = rings_of(recording.reader->read_lidar(*file), returns);

@@ -16,7 +16,6 @@ namespace {
 
 constexpr double kFrustumDepth_m = 0.6;
 constexpr double kOwnFrustum_m = 0.05;  // a frustum this near to the viewer is the camera's own
-constexpr double kNearest_m = 1, kFarthest_m = 100;  // range of the LiDAR points' colours
 constexpr std::size_t kKeptRevolutions = 4;
 
 /// Returns a pen that draws in the coordinates of OverlayLine.
@@ -151,12 +150,14 @@ std::shared_ptr<const Overlay::Points> Overlay::revolution(std::int64_t frame) {
   return revolutions_.front().second;
 }
 
-std::string Overlay::points(const RenderJob& job, const Overlays& which) {
+std::string Overlay::points(const RenderJob& job, const Overlays& which,
+                            const RenderedScan* rendered) {
   const Placement& placement = job.placement();
   const RenderedImage& image = job.image();
   const Rigid3d camera_from_world = placement.world_from_camera.inverse(Eigen::Isometry);
   std::string bytes;
-  const auto add = [&](const Eigen::Vector3f& in_world, char is_of_frame) {
+  const auto add = [&](const Eigen::Vector3f& in_world, char kind,
+                       std::optional<std::uint8_t> colour = {}) {
     const Eigen::Vector3d in_camera = camera_from_world * in_world.cast<double>();
     const double range_m = in_camera.norm();
     if (range_m < 0.1) return;
@@ -169,8 +170,6 @@ std::string Overlay::points(const RenderJob& job, const Overlays& which) {
                            static_cast<std::size_t>(u * image.width);
     // Behind a surface: by more than the depth of a thin splat and of the surface's slope.
     if (image.opacity[at] > 0.5f && range_m > 1.05 * image.depth[at] + 0.3) return;
-    const double unit = std::log(std::clamp(range_m, kNearest_m, kFarthest_m) / kNearest_m) /
-                        std::log(kFarthest_m / kNearest_m);
     const auto put = [&](double share) {
       const auto value = static_cast<std::uint16_t>(65535 * share);
       bytes += static_cast<char>(value & 255);
@@ -178,20 +177,25 @@ std::string Overlay::points(const RenderJob& job, const Overlays& which) {
     };
     put(u);
     put(v);
-    bytes += static_cast<char>(static_cast<unsigned char>(std::lround(255 * unit)));
-    bytes += is_of_frame;
+    bytes += static_cast<char>(colour.value_or(range_colour(range_m)));
+    bytes += kind;
   };
-  // Spreads over the cloud, so that the first points are evenly distributed: a step coprime to the
-  // number of points, since it is a larger prime.
+  // Adds points spread over all of `n`, so that the first ones are evenly distributed: by a step
+  // coprime to their number, since it is a larger prime.
   constexpr std::size_t kPrime = 1000003;
-  static_assert(kPrime > 2 * kCloudPoints);
-  if (which.cloud)
-    for (std::size_t i = 0; i < cloud_.size() && bytes.size() < 6 * kCloudPointsOfImage; ++i)
-      add(cloud_[i * kPrime % cloud_.size()], 0);
+  static_assert(kPrime > 2 * kCloudPoints && kPrime > kMostRays);
+  const auto add_spread = [&](std::size_t n, const auto& add_one) {
+    const std::size_t most = bytes.size() + 6 * kPointsOfImage;
+    for (std::size_t i = 0; i < n && bytes.size() < most; ++i) add_one(i * kPrime % n);
+  };
+  if (which.cloud) add_spread(cloud_.size(), [&](std::size_t i) { add(cloud_[i], 0); });
   if (which.lidar)
     for (const auto of_frame = revolution(placement.frame);
          const Eigen::Vector3f& point : *of_frame)
       add(point, 1);
+  if (rendered)
+    add_spread(rendered->in_world.size(),
+               [&](std::size_t i) { add(rendered->in_world[i], 2, rendered->colour[i]); });
   return bytes;
 }
 

@@ -11,6 +11,7 @@
 
 #include "redrive/perception/line_pen.h"
 #include "redrive/perception/masks.h"
+#include "redrive/view/rendered_scans.h"
 #include "redrive/view/view_renderer.h"
 
 namespace redrive::view {
@@ -27,10 +28,12 @@ class Overlay {
   std::vector<OverlayLine> lines(const Placement& placement, const Overlays& which) const;
 
   /// Returns the LiDAR points that no surface of the image hides, 6 bytes each: u and v in 1/65535
-  /// of the image (16 bits, little-endian), colour (0 near, 255 far, by the logarithm of the
-  /// range), 1 for the frame's scan or 0 for the cloud. At most kCloudPointsOfImage come from the
-  /// cloud. InputError for a damaged LiDAR file.
-  std::string points(const RenderJob& job, const Overlays& which);
+  /// of the image (16 bits, little-endian), colour (range_colour, or the rendered scan's), kind: 0
+  /// for the cloud, 1 for the frame's scan, 2 for the rendered one, which may be null. At most
+  /// kPointsOfImage come from the cloud, and as many from the rendered scan. InputError for a
+  /// damaged LiDAR file.
+  std::string points(const RenderJob& job, const Overlays& which,
+                     const RenderedScan* rendered = nullptr);
 
   /// Reads the next scan of the run's frames into the cloud. Returns whether there was one.
   /// InputError for a damaged file, which the next call skips.
@@ -38,7 +41,7 @@ class Overlay {
   /// Number of scans that read_cloud has read.
   std::size_t cloud_revolutions() const { return cloud_read_; }
 
-  static constexpr std::size_t kCloudPoints = 200000, kCloudPointsOfImage = 40000;
+  static constexpr std::size_t kCloudPoints = 200000, kPointsOfImage = 40000;
 
  private:
   using Points = std::vector<Eigen::Vector3f>;

@@ -45,7 +45,8 @@ class OverlayTest : public testing::Test {
   }
 
   /// Returns the sixth byte of each point over FRONT's image of the first frame.
-  std::vector<char> points(Overlay* overlay, const Overlays& which) {
+  std::vector<char> points(Overlay* overlay, const Overlays& which,
+                           const RenderedScan* rendered = nullptr) {
     ViewRenderer renderer(run_, backend_);
     ViewRequest request;
     request.camera = "FRONT";
@@ -53,7 +54,7 @@ class OverlayTest : public testing::Test {
     RenderJob job = renderer.begin(request, renderer.place(request), 1, 0, 1);
     while (!job.step()) {
     }
-    const std::string bytes = overlay->points(job, which);
+    const std::string bytes = overlay->points(job, which, rendered);
     EXPECT_EQ(bytes.size() % 6, 0u);
     std::vector<char> kinds;
     for (std::size_t i = 5; i < bytes.size(); i += 6) kinds.push_back(bytes[i]);
@@ -93,8 +94,18 @@ TEST_F(OverlayTest, CollectsTheRevolutionsOfAllFrames) {
   EXPECT_TRUE(overlay.read_cloud());
   EXPECT_FALSE(overlay.read_cloud());
   const auto kinds = points(&overlay, {.cloud = true});
-  EXPECT_EQ(kinds.size(), Overlay::kCloudPointsOfImage);
+  EXPECT_EQ(kinds.size(), Overlay::kPointsOfImage);
   EXPECT_THAT(kinds, Each(0));
+}
+
+TEST_F(OverlayTest, ProjectsARenderedScan) {
+  Overlay overlay(run_);
+  RenderedScan scan;
+  scan.in_world.assign(kPointsOfFile, {3.5f, 0.1f, 1.2f});
+  scan.colour.assign(kPointsOfFile, 7);
+  const auto kinds = points(&overlay, {}, &scan);
+  EXPECT_EQ(kinds.size(), Overlay::kPointsOfImage);
+  EXPECT_THAT(kinds, Each(2));
 }
 
 TEST_F(OverlayTest, LeavesOutADamagedRevolution) {

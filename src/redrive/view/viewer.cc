@@ -113,15 +113,18 @@ void Viewer::show(std::shared_ptr<const Run> run) {
   // Exceptions are thrown before anything changes.
   ViewRenderer renderer(*run, backend_);
   Overlay overlay(*run);
+  RenderedScans scans(*run, backend_);
   DriveMap map(run->scene);
   nlohmann::json described = renderer.describe();
   described["map"] = map.frames();
+  described["sensors"] = scans.sensors();
   described["edit"] = nullptr;
   if (parsed_first_edit_)
     described["edit"] = {{"text", first_edit_.text}, {"file", first_edit_.saved_as}};
   std::string hello = text_message(described);
   renderer_.emplace(std::move(renderer));
   overlay_.emplace(std::move(overlay));
+  scans_.emplace(std::move(scans));
   map_.emplace(std::move(map));
   hello_ = std::move(hello);
   const std::lock_guard lock(mutex_);
@@ -202,6 +205,7 @@ void Viewer::show_again() {
     if (client->sent_factor == 1) client->sent_factor = 2;
     client->search = std::nullopt;
     client->traffic = nullptr;  // tracks train along
+    client->scan = std::nullopt;
   }
 }
 
@@ -371,14 +375,13 @@ void Viewer::finish(ClientId id, Client& client) {
       job.factor(), job.seconds() + seconds_between(rendered, Clock::now()));
   const std::string jpeg = encode_jpeg(image, kQuality);
   std::string points, masked, trouble;
-  nlohmann::json lines = nlohmann::json::array();
+  nlohmann::json lines = nlohmann::json::array(), scan;
   try {
+    const Scene& traffic = traffic_of(client);
     if (!renderer_->has_field() && view.is_driven() && !renderer_->reference(view))
       trouble = "the recording has no image of " + view.camera + " at frame " +
                 std::to_string(view.frame);
-    points = overlay_->points(job, view.overlays);
     std::vector<OverlayLine> drawn = overlay_->lines(placement, view.overlays);
-    const Scene& traffic = traffic_of(client);
     if (const auto object = std::ranges::find(traffic.actors, view.object, &MovingObject::id);
         object != traffic.actors.end())
       std::ranges::move(object_lines(placement, *object), std::back_inserter(drawn));
@@ -386,6 +389,11 @@ void Viewer::finish(ClientId id, Client& client) {
     std::optional<Mask> mask;
     if (view.overlays.masks && view.is_driven()) mask = renderer_->mask(view);
     if (mask) masked = mask_runs(*mask);
+    if (view.scan) {
+      scans_->update(*view.scan, placement.frame, traffic, &client.scan);
+      scan = client.scan->described;
+    }
+    points = overlay_->points(job, view.overlays, view.scan ? &*client.scan : nullptr);
   } catch (const std::exception& error) {  // for example because the recording has moved
     trouble = error.what();
   }
@@ -408,6 +416,7 @@ void Viewer::finish(ClientId id, Client& client) {
                {"beside",
                 map_->beside(placement.camera_name, placement.world_from_camera.translation())},
                {"lines", lines},
+               {"scan", scan},
                {"trouble", trouble},
                {"jpeg", jpeg.size()},
                {"points", points.size()},

@@ -100,8 +100,9 @@ class Viewer : public ServerEvents {
 
   kernels::Backend& backend_;
   std::shared_ptr<const Run> run_;
-  std::optional<ViewRenderer> renderer_;  ///< renderer of run_, as are the next three
+  std::optional<ViewRenderer> renderer_;  ///< renderer of run_, as are the next four
   std::optional<Overlay> overlay_;
+  std::optional<RenderedScans> scans_;
   std::optional<DriveMap> map_;
   std::string hello_;
   const FirstEdit first_edit_;

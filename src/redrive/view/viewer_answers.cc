@@ -66,6 +66,7 @@ void Viewer::answer_edit(ClientId id, Client& client, const EditMessage& message
     Traffic traffic = edited_traffic(run_->scene, *edit, &bodies_);
     client.edit = std::move(edit);
     client.traffic = std::make_shared<const Scene>(std::move(traffic.scene));
+    client.scan = std::nullopt;
     answer["remarks"] = traffic.remarks;
   } catch (const std::exception& error) {
     answer["error"] = error.what();

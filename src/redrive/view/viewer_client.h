@@ -44,6 +44,7 @@ struct Viewer::Client {
   std::optional<DragMessage> drag;
   std::shared_ptr<const TrafficEdit> edit;  ///< null: none
   std::shared_ptr<const Scene> traffic;     ///< the run's as edited; null: not made yet
+  std::optional<RenderedScan> scan;         ///< the scan that was made last
   std::vector<ClientMessage> path_messages;
   std::vector<PathKey> path;
 
@@ -66,6 +67,7 @@ struct Viewer::Client {
     search = std::nullopt;
     job = last = std::nullopt;
     traffic = nullptr;
+    scan = std::nullopt;
   }
 
   /// Takes a message; the later one of a kind takes the earlier one's place.

@@ -27,6 +27,29 @@ TEST_F(ViewerTest, DescribesTheRun) {
   EXPECT_NEAR(hello["frames"][1]["t_s"].get<double>(), 1 / 15.0, 1e-6);
   EXPECT_EQ(hello["held_out"], (nlohmann::json{10, 12}));
   EXPECT_EQ(hello["lidar"], false);
+  EXPECT_EQ(hello["sensors"][0], "vlp-16");
+}
+
+TEST_F(ViewerTest, RendersAScan) {
+  const auto client = connect();
+  nlohmann::json request = view(1);
+  client->send_message(request.dump());
+  EXPECT_TRUE(full_image(*client, 1).header["scan"].is_null());
+  request["id"] = 2;
+  request["scan"] = {{"sensor", "vlp-16"}, {"colour", "range"}};
+  client->send_message(request.dump());
+  const nlohmann::json header = full_image(*client, 2).header;
+  EXPECT_EQ(header["trouble"], "");
+  EXPECT_EQ(header["scan"]["returns"], header["scan"]["rays"]);  // all 2 m away
+  request["id"] = 3;
+  request["scan"]["sensor"] = "recorded";
+  client->send_message(request.dump());
+  const nlohmann::json without = full_image(*client, 3).header;
+  EXPECT_THAT(without["trouble"].get<std::string>(), HasSubstr("no LiDAR revolution"));
+  EXPECT_TRUE(without["scan"].is_null());
+  request["scan"]["sensor"] = "none";
+  client->send_message(request.dump());
+  wait_for(*client, "closed");
 }
 
 TEST_F(ViewerTest, SendsTheImageThatRenderWrites) {

@@ -18,9 +18,14 @@ struct LidarFirings {
   std::vector<Eigen::Vector3d> direction;  ///< unit, in the sensor's axes
   std::vector<std::int64_t> t_ns;
   std::vector<std::uint8_t> ring;  ///< as LidarPoint::ring
+  std::vector<float> range_m;      ///< recorded ranges; empty where none were recorded
 
   std::size_t size() const { return t_ns.size(); }
 };
+
+/// Rays of one time that are nearer than this are one ray, whose sensor reports several surfaces:
+/// others are 0.2 degrees apart.
+constexpr double kSameRay_rad = 5e-4;
 
 /// A beam turns about the sensor's z axis at a fixed elevation.
 struct LidarBeam {

@@ -8,6 +8,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/progress.h"
+#include "redrive/recording/core/lidar_sensor.h"
 #include "redrive/recording/core/wording.h"
 #include "redrive/recording/formats/damaged_records.h"
 #include "redrive/recording/formats/recording_reader.h"
@@ -264,9 +265,8 @@ float LidarReturns::full_intensity() const {
 }
 
 bool LidarReturns::same_ray(std::size_t i) const {
-  constexpr double kApart_rad = 5e-4;  // rays of one time are 0.2 degrees apart
   return t_ns[i] == t_ns[i - 1] &&
-         (direction_in_sensor(i) - direction_in_sensor(i - 1)).norm() < kApart_rad;
+         (direction_in_sensor(i) - direction_in_sensor(i - 1)).norm() < kSameRay_rad;
 }
 
 const Rigid3d& LidarPoses::at(std::size_t i) {

@@ -35,6 +35,10 @@ export function captionOf(hello: Hello, state: State, shown: Shown): string {
   if (state.compare !== "off" && shown.noReference) words.push(shown.noReference);
   else if (state.compare !== "off" && !driven)
     words.push("the recorded image is that of the frame's own pose");
+  const scan = header?.scan;
+  if (scan)
+    words.push(`rendered scan: ${scan.returns} of ${scan.rays} rays return` +
+      (scan.error_m === null ? "" : `, median error ${(100 * scan.error_m).toFixed(1)} cm`));
   if (state.overlays.has("masks"))
     words.push(driven && !state.novel
       ? `${(100 * shown.maskedShare).toFixed(1)} % masked`

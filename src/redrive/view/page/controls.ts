@@ -5,8 +5,8 @@ import {cameraOf, mountAt, MountPanel, usualLens} from "./mount";
 import {rememberClosedParts, saveImage, toggleFullScreen} from "./panels";
 import type {Hello, Picked, SeenBy} from "./protocol";
 import {
-  compares, isDriven, layers, moves, overlays, setMove, toCommand, type Compare, type Layer,
-  type Move, type State,
+  compares, isDriven, layers, moves, overlays, setMove, setScan, toCommand, type Compare,
+  type Layer, type Move, type ScanColour, type State,
 } from "./state";
 
 export function element<T extends HTMLElement>(id: string): T {
@@ -79,6 +79,7 @@ export class Controls {
       this.changed();
     });
     this.listTruth();
+    this.listSensors();
     this.makeSliders();
     const on = (id: string, event: string, change: (input: HTMLInputElement) => void) =>
       element<HTMLInputElement>(id).addEventListener(event, () => {
@@ -90,6 +91,9 @@ export class Controls {
     on("compare", "change", ({value}) => (state.compare = value as Compare));
     on("share", "input", ({value}) => (state.share = Number(value)));
     on("layer", "change", ({value}) => (state.layer = value as Layer));
+    on("scan", "change", ({value}) => setScan(state, value, state.scan?.colour ?? "range"));
+    on("scan-colour", "change",
+      ({value}) => setScan(state, state.scan?.sensor ?? "", value as ScanColour));
     on("frame", "input", ({value}) => this.selectFrame(hello.frames[Number(value)].id));
     on("exposure", "change", ({value}) =>
       (state.exposure = value === "fixed" ? `${state.camera}:${state.frame}` : value));
@@ -214,6 +218,11 @@ export class Controls {
     set("share", String(state.share));
     element("share-row").hidden = state.compare !== "wipe" && state.compare !== "blend";
     set("layer", state.layer);
+    set("scan", state.scan?.sensor ?? "");
+    element("scan-row").hidden = !state.scan;
+    if (state.scan) set("scan-colour", state.scan.colour);
+    element<HTMLSelectElement>("scan-colour").options[2].disabled =
+      state.scan?.sensor !== "recorded";
     const fixed = state.exposure !== "own" && state.exposure !== "none";
     set("exposure", fixed ? "fixed" : state.exposure);
     element("exposure-row").hidden = !fixed;
@@ -295,6 +304,16 @@ export class Controls {
     if (novel) return `novel/${novel.index}/${novel.set}`;
     const held_out = this.hello.held_out.includes(frame) && isDriven(this.state);
     return held_out ? `held-out/${frame}` : "";
+  }
+
+  private listSensors(): void {
+    const list = element<HTMLSelectElement>("scan");
+    const names: Record<string, string> =
+      {recorded: "recorded rays", estimated: "estimated beams"};
+    list.replaceChildren(option("", "none"),
+      ...this.hello.sensors.map((name) => option(name, names[name] ?? name)));
+    list.disabled = this.hello.sensors.length === 0;
+    if (list.disabled) list.title = "Needs a run, and a recording with a LiDAR";
   }
 
   private listTruth(): void {

@@ -4,7 +4,12 @@ import type {Hello} from "./protocol";
 import type {State} from "./state";
 import {lidarLevels} from "./stage";
 
-const lidar_m = [1, 100]; // as ../overlay.cc colours points
+const lidar_m = [1, 100]; // as ../rendered_scans.cc colours points
+const scanBars = { // likewise
+  range: ["range", "1 m", "100 m, logarithmic"],
+  intensity: ["intensity", "0", "1, by its root"],
+  error: ["error", "1 cm", "1 m or lost, logarithmic"],
+};
 
 function swatch(colour: string, text: string): HTMLElement {
   const item = document.createElement("span");
@@ -31,7 +36,7 @@ function lengths(values: number[], unit: string): string[] {
 export function showLegend(place: HTMLElement, hello: Hello, state: State): void {
   const unit = hello.metric ? " m" : "";
   const items: HTMLElement[] = [];
-  const {layer, overlays} = state;
+  const {layer, overlays, scan} = state;
   if (layer === "depth" && hello.depth) {
     const [near, far] = lengths([hello.depth.near_m, hello.depth.far_m], unit);
     items.push(bar(hello.depth.colours, near, `${far}, logarithmic`, "depth"));
@@ -45,6 +50,12 @@ export function showLegend(place: HTMLElement, hello: Hello, state: State): void
     const [near, far] = lengths(lidar_m, unit);
     items.push(bar(lidarLevels.filter((_, i) => i % 15 === 0), near, `${far}, logarithmic`,
       "LiDAR"));
+  }
+  if (scan) {
+    const [name, from, to] = scanBars[scan.colour];
+    const colours = lidarLevels.filter((_, i) => i % 15 === 0);
+    items.push(bar(scan.colour === "range" ? colours : colours.reverse(), from, to,
+      `rendered scan, ${name}`));
   }
   if (overlays.has("masks")) items.push(swatch("#ff303080", "not in training or scores"));
   place.replaceChildren(...items);

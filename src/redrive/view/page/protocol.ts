@@ -32,6 +32,7 @@ export interface Hello {
   metric: boolean;
   ecef: boolean;
   lidar: boolean;
+  sensors: string[]; // sensors whose scans can be rendered
   boxes: boolean;
   cameras: CameraInfo[];
   frames: {id: number; t_s: number}[];
@@ -135,6 +136,8 @@ export interface ImageHeader {
   at: [number, number, number, number]; // the camera's place on the map and its direction there
   beside: number;  // distance from the driven way
   lines: Line[];
+  // the rendered scan: its rays and returns, and the median error of recorded ranges
+  scan: {rays: number; returns: number; error_m: number | null} | null;
   trouble: string;  // what part of the overlays could not be read
   jpeg: number;
   points: number;

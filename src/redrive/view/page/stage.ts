@@ -27,7 +27,7 @@ const colours = {
   trajectory: "#ffd23f", frustum: "#4fd1ff", box: "#ff6ad5", object: "#7dff6a", handle: "#7dff6a",
 };
 
-/** Colours of the LiDAR points: red near, blue far. */
+/** Colours of LiDAR points: from red, which is near, bright or wrong, to blue. */
 export const lidarLevels = Array.from({length: 256}, (_, i) => `hsl(${(i * 240) / 255} 100% 55%)`);
 
 export class Stage {
@@ -198,12 +198,14 @@ export class Stage {
     const shape = this.maskOf(picture);
     if (shape) context.drawImage(shape, to.x, to.y, to.width, to.height);
     const {points} = picture;
-    const large = Math.max(3, Math.round(to.width / 400));
+    // Few points are larger: a tenth of their distance, up to 8 pixels.
+    const apart = Math.sqrt((6 * to.width * to.height) / Math.max(1, points.length));
+    const large = Math.round(Math.max(3, to.width / 400, Math.min(8, apart / 10)));
     for (let i = 0; i + 5 < points.length; i += 6) {
       const u = (points[i] + 256 * points[i + 1]) / 65535;
       const v = (points[i + 2] + 256 * points[i + 3]) / 65535;
       context.fillStyle = lidarLevels[points[i + 4]];
-      // size of a point in the frame's scan, or in the cloud
+      // size of a point in a scan, or in the cloud
       const size = points[i + 5] ? large : large - 1;
       context.fillRect(to.x + u * to.width - size / 2, to.y + v * to.height - size / 2, size, size);
     }

@@ -6,11 +6,13 @@ import type {Hello} from "./protocol";
 export const compares = ["off", "beside", "wipe", "blend", "difference"] as const;
 export const layers = ["image", "depth", "normals", "opacity", "coverage"] as const;
 export const overlays = ["trajectory", "frusta", "lidar", "cloud", "boxes", "masks"] as const;
+export const scanColours = ["range", "intensity", "error"] as const;
 export const moves = ["left", "forward", "up", "yaw", "pitch"] as const;
 
 export type Compare = (typeof compares)[number];
 export type Layer = (typeof layers)[number];
 export type OverlayName = (typeof overlays)[number];
+export type ScanColour = (typeof scanColours)[number];
 export type Move = (typeof moves)[number];
 
 export interface State {
@@ -27,6 +29,7 @@ export interface State {
   share: number;  // share of the recorded image in wipe and blend
   layer: Layer;
   overlays: Set<OverlayName>;
+  scan: {sensor: string; colour: ScanColour} | null; // the rendered LiDAR scan that is drawn
   exposure: string; // own, none, CAMERA:FRAME
   // Not in the address:
   object: number | null; // the moving object that is selected
@@ -48,6 +51,7 @@ export function initialState(hello: Hello): State {
     share: 0.5,
     layer: "image",
     overlays: new Set(),
+    scan: null,
     exposure: "own",
     object: null,
     edit: "",
@@ -63,6 +67,12 @@ export function setMove(state: State, move: Move, value: number): void {
   const step = move === "yaw" || move === "pitch" ? 100 : 1000;
   const bound = 1e4;
   state[move] = Math.round(Math.min(bound, Math.max(-bound, value)) * step) / step || 0;
+}
+
+/** Selects the rendered scan; an empty sensor is none. Errors are those of the recorded scan. */
+export function setScan(state: State, sensor: string, colour: ScanColour): void {
+  state.scan = sensor
+    ? {sensor, colour: colour === "error" && sensor !== "recorded" ? "range" : colour} : null;
 }
 
 export function isDriven(state: State): boolean {
@@ -93,6 +103,7 @@ export function toHash(state: State, hello: Hello): string {
   for (const key of ["compare", "layer", "exposure", "share"] as const)
     if (state[key] !== initial[key]) values.set(key, String(state[key]));
   if (state.overlays.size > 0) values.set("over", [...state.overlays].join(","));
+  if (state.scan) values.set("scan", `${state.scan.sensor},${state.scan.colour}`);
   return values.toString();
 }
 
@@ -121,6 +132,9 @@ export function fromHash(hash: string, hello: Hello): State {
   if (layer && hello.method) state.layer = layer;
   for (const name of (values.get("over") ?? "").split(","))
     for (const known of overlays) if (name === known) state.overlays.add(known);
+  const [sensor, colour] = (values.get("scan") ?? "").split(",");
+  if (hello.sensors.includes(sensor))
+    setScan(state, sensor, scanColours.find((name) => name === colour) ?? "range");
   const share = Number(values.get("share") ?? NaN);
   if (share >= 0 && share <= 1) state.share = share;
   const exposure = values.get("exposure");
@@ -146,6 +160,7 @@ export function toRequest(state: State, id: number): object {
     novel: state.novel,
     mount: state.mount && {at: mountText(state.mount), lens: state.mount.lens},
     object: state.object,
+    scan: state.scan,
   };
 }
 

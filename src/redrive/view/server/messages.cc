@@ -10,6 +10,7 @@
 #include "redrive/base/json_field.h"
 #include "redrive/edit/traffic_edit.h"
 #include "redrive/edit/view_requests.h"
+#include "redrive/recording/core/lidar_sensor.h"
 #include "redrive/recording/parse/json_numbers.h"
 
 namespace redrive::view {
@@ -69,6 +70,20 @@ Overlays overlays_of(const JsonField& field) {
   return overlays;
 }
 
+ScanRequest scan_of(const JsonField& field) {
+  const JsonField sensor = field.at("sensor"), colour = field.at("colour");
+  ScanRequest scan{name_of(sensor)};
+  if (scan.sensor != "recorded" && scan.sensor != "estimated" && !parse_lidar_sensor(scan.sensor))
+    sensor.fail(lidar_sensor_rule());
+  constexpr const char* kColours[] = {"range", "intensity", "error"};
+  const auto* const known = std::ranges::find(kColours, colour.string());
+  if (known == std::end(kColours)) colour.fail("must be range, intensity or error");
+  scan.colour = static_cast<ScanRequest::Colour>(known - kColours);
+  if (scan.colour == ScanRequest::Colour::kError && scan.sensor != "recorded")
+    colour.fail("needs the sensor recorded: nobody recorded this one's scan");
+  return scan;
+}
+
 ViewRequest view_of(const JsonField& message) {
   ViewRequest view;
   view.id = count_of(message.at("id"));
@@ -100,6 +115,8 @@ ViewRequest view_of(const JsonField& message) {
     view.path_s = bounded(message.at("path_s"), 0, kMaxPath_s);
   if (message.has("object") && !message.at("object").json().is_null())
     view.object = message.at("object").integer();
+  if (message.has("scan") && !message.at("scan").json().is_null())
+    view.scan = scan_of(message.at("scan"));
   return view;
 }
 

@@ -4,7 +4,7 @@
 //    "pitch_deg", "layer", "exposure", "overlays": [NAME, ..], "reference": bool,
 //    "novel": null or {"set": NAME, "index"},
 //    "mount": null or {"at": "X,Y,Z,YAW,PITCH,ROLL", "lens": TEXT}}, as of `redrive render`,
-//    "object": null or ID}
+//    "object": null or ID, "scan": null or {"sensor", "colour": "range", "intensity" or "error"}}
 //   {"type": "shown", "sequence"}
 //   {"type": "pick", "id", "at": [u, v]}
 //   {"type": "train", "paused": bool}
@@ -60,6 +60,14 @@ struct OwnMount {
   Lens lens;
 };
 
+/// A LiDAR scan that is rendered at the frame, by a sensor in the recorded LiDAR's place.
+struct ScanRequest {
+  enum class Colour { kRange, kIntensity, kError };
+  std::string sensor;  ///< recorded, estimated, or as parse_lidar_sensor
+  Colour colour = Colour::kRange;
+  bool operator==(const ScanRequest&) const = default;
+};
+
 /// The view that a page wants to see.
 struct ViewRequest {
   std::uint64_t id = 0;  ///< id of the page; comes back with the image
@@ -75,6 +83,7 @@ struct ViewRequest {
   std::optional<OwnMount> mount;   ///< takes the place of the camera
   std::optional<double> path_s;  ///< time on the path, whose pose replaces frame, shift and angles
   std::optional<std::int64_t> object;  ///< id of the moving object whose box is drawn
+  std::optional<ScanRequest> scan;     ///< its points are drawn
 
   bool is_driven() const {
     return !novel && !mount && !path_s && shift_m == std::array<double, 3>{} && yaw_deg == 0 &&

@@ -61,6 +61,22 @@ TEST(Messages, ReadsLayersAndOverlays) {
   EXPECT_FALSE(view.overlays.lidar || view.overlays.boxes);
 }
 
+TEST(Messages, ReadsARenderedScan) {
+  nlohmann::json json = view_message();
+  const auto scan = [&](const char* sensor, const char* colour) {
+    json["scan"] = {{"sensor", sensor}, {"colour", colour}};
+    return *std::get<ViewRequest>(parse_client_message(json.dump())).scan;
+  };
+  using Colour = ScanRequest::Colour;
+  EXPECT_EQ(scan("recorded", "error"), (ScanRequest{"recorded", Colour::kError}));
+  EXPECT_EQ(scan("vlp-16", "intensity"), (ScanRequest{"vlp-16", Colour::kIntensity}));
+  EXPECT_EQ(scan("64:-24.8:2", "range"), (ScanRequest{"64:-24.8:2", Colour::kRange}));
+  EXPECT_THROW(scan("vlp-17", "range"), InputError);
+  EXPECT_THROW(scan("256:-10:10", "range"), InputError);
+  EXPECT_THROW(scan("recorded", "red"), InputError);
+  EXPECT_THROW(scan("estimated", "error"), InputError);
+}
+
 TEST(Messages, ReadsShownAndPick) {
   EXPECT_EQ(std::get<Shown>(parse_client_message(R"({"type": "shown", "sequence": 9})")).sequence,
             9u);
