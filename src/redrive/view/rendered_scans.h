@@ -18,7 +18,7 @@ namespace redrive::view {
 
 /// Rays of a scan, at most; of more, every second, third .. is fired. Others wait for images.
 constexpr std::size_t kMostRays = 1 << 18;
-constexpr std::size_t kMostMarchedRays = 1 << 13;  ///< of methods that march along rays
+constexpr std::size_t kMostMarchedRays = 1 << 13;  ///< likewise, where a method marches along rays
 
 /// Returns the colour of a range by its logarithm: 0, which pages show red, up to 1 m, and 255,
 /// which they show blue, from 100 m.
