@@ -9,7 +9,7 @@
 
 namespace redrive {
 
-/// Gaussians to rasterise, the world's and those of the moving objects that a sensor sees.
+/// Gaussians that a raster draws, in the world and on the moving objects that a sensor sees.
 struct DrawnGaussians {
   kernels::Gaussians gaussians;
   std::vector<kernels::GaussianPart> parts;  ///< refer to `actors`
