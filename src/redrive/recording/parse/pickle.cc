@@ -11,9 +11,9 @@
 
 namespace redrive {
 
-using Kind = PickleValue::Kind;
-
 namespace {
+
+using Kind = PickleValue::Kind;
 
 constexpr std::size_t kMaxValues = 4'000'000;  // 70 bytes each
 constexpr std::string_view kEncode = "_codecs encode";

@@ -8,8 +8,8 @@
 
 namespace redrive {
 
-inline constexpr std::array<std::string_view, 6> kPersonWords = {"person",  "pedestrian", "human",
-                                                                 "cyclist", "rider",      "animal"};
+inline constexpr std::array<std::string_view, 7> kPersonWords = {
+    "person", "pedestrian", "human", "cyclist", "rider", "animal", "animals"};
 inline constexpr ActorKind kPerson = {
     .name = "person", .words = kPersonWords, .always_moves = true};
 

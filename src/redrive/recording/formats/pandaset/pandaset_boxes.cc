@@ -15,7 +15,7 @@ namespace redrive::pandaset {
 namespace {
 
 constexpr std::int64_t kHalfRevolution_ns = 50'000'000;
-constexpr double kMaxSize_m = 100, kMaxCoordinate_m = 1e7;
+constexpr double kMaxSize_m = 100;
 /// PandaSet's annotation instructions for cuboids, version of 2020.
 constexpr std::array<std::string_view, 28> kLabels = {"Animals - Bird",
                                                       "Animals - Other",

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
 #include <map>
 
 #include "redrive/camera/camera.h"
@@ -65,6 +66,78 @@ TEST_F(RealPandaSet, BeamsOfThePandar64HaveTheirElevations) {
   for (const auto& [bin, count] : histogram) squares += double(count) * count;
   EXPECT_LT(double(points.size()) * double(points.size()) / squares, 1500)
       << "effective number of bins of 0.1 mrad; they would be some 2600 without the motion";
+}
+
+/// Edges of near things before far ones, by the side on which the far ones are: where the image has
+/// its strongest vertical edge within 10 px, pixels to the right of the LiDAR's.
+using EdgeOffsets = std::map<int, std::vector<double>>;
+
+void add_edges(const Recording& recording, std::size_t f, EdgeOffsets* offsets) {
+  const Rigid3d lidar_from_body = recording.body_from_lidar->inverse();
+  struct Return {
+    double azimuth_deg, range_m;
+    Eigen::Vector3d in_lidar;
+    std::int64_t t_ns;
+  };
+  std::map<int, std::vector<Return>> rings;
+  for (const LidarPoint& point : recording.reader->read_lidar(recording.lidar_files[f])) {
+    const Eigen::Vector3d p = lidar_from_body * point.in_body_m.cast<double>();
+    const double azimuth_deg = std::atan2(-p.y(), p.x()) * 180 / M_PI;
+    if (std::abs(azimuth_deg) < 28)
+      rings[point.ring].push_back({azimuth_deg, p.norm(), p, point.t_ns});
+  }
+  const CameraCalibration& calibration = recording.cameras[0].calibration;
+  const Camera camera = make_camera(calibration);
+  const Image8 image = read_image(recording.cameras[0].images[f].path);
+  const auto grey = [&](int x, int y) {
+    const std::uint8_t* rgb = &image.rgb[3 * (std::size_t(y) * std::size_t(image.width) + x)];
+    return rgb[0] + rgb[1] + rgb[2];
+  };
+  const Rigid3d camera_from_global =
+      (recording.frames[f].global_from_body * calibration.body_from_sensor).inverse();
+  for (auto& [ring, returns] : rings) {
+    std::ranges::sort(returns, {}, &Return::azimuth_deg);
+    for (std::size_t n = 1; n + 1 < returns.size(); ++n)
+      for (const int side : {-1, 1}) {
+        const Return &near = returns[n], &far = returns[n + std::size_t(side)],
+                     &same = returns[n - std::size_t(side)];
+        if (near.range_m > 40 || far.range_m - near.range_m < 2 ||
+            std::abs(same.range_m - near.range_m) > 0.3 ||
+            std::abs(far.azimuth_deg - near.azimuth_deg) > 0.25)
+          continue;
+        const Eigen::Vector3d between =
+            near.range_m * (near.in_lidar.normalized() + far.in_lidar.normalized()).normalized();
+        const auto pixel =
+            camera.project(camera_from_global * (pose_at(recording.frames, near.t_ns) *
+                                                 (*recording.body_from_lidar * between)));
+        if (!pixel || pixel->x() < 20 || pixel->x() > image.width - 20 || pixel->y() < 5 ||
+            pixel->y() > image.height - 5)
+          continue;
+        const int x = int(std::lround(pixel->x())), y = int(std::lround(pixel->y()));
+        int best = 0, strongest = 0;
+        for (int dx = -10; dx <= 10; ++dx) {
+          int edge = 0;
+          for (const int dy : {-1, 0, 1})
+            edge += (2 - std::abs(dy)) * (grey(x + dx + 1, y + dy) - grey(x + dx - 1, y + dy));
+          if (std::abs(edge) > strongest) {
+            strongest = std::abs(edge);
+            best = dx;
+          }
+        }
+        if (strongest > 200 && std::abs(best) < 10) (*offsets)[side].push_back(best);
+      }
+  }
+}
+
+TEST_F(RealPandaSet, DepthEdgesLieOnTheImages) {
+  EdgeOffsets offsets;
+  for (std::size_t f = 0; f < 3; ++f) add_edges(recording_, f, &offsets);
+  ASSERT_GT(offsets[-1].size(), 80u);
+  ASSERT_GT(offsets[1].size(), 80u);
+  // The rays are 7 px apart, so a side is biased by what the LiDAR takes for an edge; both are not.
+  const double shift_px = (upper_median(offsets[-1]) + upper_median(offsets[1])) / 2;
+  EXPECT_LE(std::abs(shift_px), 2)
+      << upper_median(offsets[-1]) << " left, " << upper_median(offsets[1]) << " right";
 }
 
 TEST_F(RealPandaSet, PointsLieInTheBoxes) {

@@ -19,7 +19,6 @@
 namespace redrive::pandaset {
 namespace {
 
-constexpr double kMaxCoordinate_m = 1e7, kMaxTime_s = 9e9;
 // Height of the rear axle over the road and place of the LiDAR: from scans and poses of sequence
 // 001, in which the LiDAR repeats to 2 mm.
 constexpr double kAxleHeight_m = 0.27;

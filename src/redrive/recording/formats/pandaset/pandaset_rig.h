@@ -35,8 +35,8 @@ void parse_intrinsics(std::string_view text, const std::filesystem::path& file,
 std::vector<FramePose> posed_times(const std::vector<std::optional<Rigid3d>>& poses,
                                    const Times& times_ns);
 
-/// Returns world_from_body of lidar/poses.json, whose poses are the car's at the ends of the scans: y
-/// forward, x right, z up, its origin in the middle of the rear axle.
+/// Returns world_from_body of a pose of lidar/poses.json. These are the car's at the ends of the
+/// scans: y forward, x right, z up, the origin in the middle of the rear axle.
 Rigid3d body_of_car(const Rigid3d& world_from_car);
 
 /// Names of the cameras.

@@ -15,7 +15,7 @@
 namespace redrive::pandaset {
 namespace {
 
-constexpr double kMaxRange_m = 1000, kMaxTime_s = 9e9;
+constexpr double kMaxRange_m = 1000;
 constexpr std::size_t kColumns = 5;
 constexpr const char* kNames[kColumns] = {"x", "y", "z", "i", "t"};
 

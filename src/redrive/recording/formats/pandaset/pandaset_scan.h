@@ -13,6 +13,7 @@
 namespace redrive::pandaset {
 
 constexpr std::uint64_t kMaxPickleBytes = std::uint64_t{1} << 28;  ///< thirty usual scans
+constexpr double kMaxTime_s = 9e9, kMaxCoordinate_m = 1e7;
 constexpr std::size_t kPointBytes = 48;  ///< x, y, z, i, t and d of a point
 
 /// Values of `d`.

@@ -131,6 +131,13 @@ TEST_F(PandaSet, SiblingsAreOneObject) {
   }
 }
 
+TEST(PandaSetLabels, LiveOrDoNot) {
+  for (const char* label : {"Pedestrian with Object", "Animals - Bird", "Motorcycle with rider"})
+    EXPECT_STREQ(kind_of(label).name, "person") << label;
+  for (const char* label : {"Semi-truck", "Other Vehicle - Pedicab", "Motorcycle"})
+    EXPECT_STREQ(kind_of(label).name, "vehicle") << label;
+}
+
 TEST_F(PandaSet, AnExcerptMayHaveLittle) {
   for (const char* camera : {"back_camera", "left_camera", "right_camera", "front_left_camera"})
     fs::remove_all(folder_.path / "camera" / camera);
