@@ -11,11 +11,13 @@
 
 #include "redrive/edit/traffic_edit.h"
 #include "redrive/eval/novel_ground_truth.h"
+#include "redrive/eval/novel_scans.h"
 #include "redrive/image/image_io.h"
 #include "redrive/math/angles.h"
 #include "redrive/perception/masks.h"
 #include "redrive/recording/core/trajectory.h"
 #include "redrive/recording/formats/recording_reader.h"
+#include "redrive/recording/lidar/lost_rays.h"
 #include "redrive/scene/lidar/lidar_returns.h"
 #include "redrive/scene/load_views.h"
 #include "redrive/train/run.h"
@@ -39,7 +41,7 @@ TEST(Street, IsComplete) {
     EXPECT_NE(camera.calibration.fx(), camera.calibration.fy());
   }
   EXPECT_EQ(street.lidar_files.size(), 48u);
-  EXPECT_EQ(street.novel.size(), 11u);
+  EXPECT_EQ(street.novel.size(), 12u);
   EXPECT_GT(street.frames[0].global_from_body.translation().norm(), 6.3e6);
   EXPECT_NEAR(street.frames[1].t_ns - street.frames[0].t_ns, 1e9 / 15, 1000);
 }
@@ -88,7 +90,7 @@ TEST(Street, PosesOfNovelViewsAgreeWithTheirShifts) {
   for (const NovelSet& set : run.recording.novel) {
     const ViewRequests poses = read_view_requests(set.poses_file);
     EXPECT_EQ(poses.views.size(), 6u) << set.name;
-    EXPECT_EQ(NovelGroundTruth(run, set, {}).size(), 6u) << set.name;
+    EXPECT_EQ(NovelGroundTruth(run, set, {}).size(), set.name == "up_1" ? 0u : 6u) << set.name;
     for (const RequestedView& view : poses.views) {
       ASSERT_TRUE(view.global_from_body.has_value());
       const auto frame = std::find_if(run.recording.frames.begin(), run.recording.frames.end(),
@@ -136,10 +138,72 @@ TEST(Street, LidarAgreesWithDepth) {
       const float depth_m = view.depth_m[static_cast<std::size_t>(y) * view.camera.width + x];
       if (depth_m > 0) errors.push_back(std::abs(in_camera.norm() - depth_m) / depth_m);
     }
-    // 20 packets in view, the 10 channels of each that hit the road
-    ASSERT_GE(errors.size(), 200u) << view.name;
+    // 20 packets in view, the 10 channels of each that hit the road, some of them lost
+    ASSERT_GE(errors.size(), 150u) << view.name;
     std::nth_element(errors.begin(), errors.begin() + errors.size() / 2, errors.end());
     EXPECT_LT(errors[errors.size() / 2], 0.01) << view.name;
+  }
+}
+
+constexpr std::size_t kRays = 16 * 120;  // a revolution
+
+/// Expects that lost rays follow from the returns: each of the rays is one of them.
+void expect_all_rays(const std::vector<LidarPoint>& points, const Recording& recording) {
+  const std::vector<LidarPoint> scans[] = {points};
+  std::string why;
+  const auto structure = estimate_structure(scans, *recording.body_from_lidar, &why);
+  ASSERT_TRUE(structure) << why;
+  EXPECT_EQ(structure->sensor.beams.size(), 16u);
+  EXPECT_EQ(structure->sensor.azimuth_steps, 120);
+  const LostRays lost = lost_rays(points, *recording.body_from_lidar, *structure, &why);
+  EXPECT_EQ(points.size() + lost.size(), kRays) << why;
+  EXPECT_NEAR(static_cast<double>(lost.size()), 0.1 * kRays, 0.06 * kRays);
+}
+
+TEST(Street, LostRaysFollowFromTheRecordedScans) {
+  for (const std::filesystem::path& root : {kStreet, kTraffic}) {
+    const Recording recording = open_recording(root);
+    for (const FrameFile& file : recording.lidar_files) {
+      SCOPED_TRACE(file.path);
+      expect_all_rays(recording.reader->read_lidar(file), recording);
+    }
+  }
+}
+
+// As above for the recorded scans: what the sensor measures aside is what the camera sees there.
+TEST(Street, ScansOfNovelViewsAgreeWithDepth) {
+  const redrive::Run run = true_run(kStreet);
+  std::vector<Finding> findings;
+  const std::vector<NovelScans> sets = novel_scans(run, &findings);
+  EXPECT_TRUE(findings.empty());
+  ASSERT_EQ(sets.size(), 5u);
+  for (const NovelScans& set : sets) {
+    ASSERT_EQ(set.files.size(), 6u) << set.name;
+    const auto views = std::ranges::find(run.recording.novel, set.name, &NovelSet::name);
+    const NovelGroundTruth ground_truth(run, *views, {});
+    for (std::size_t i = 0; i < set.files.size(); ++i) {
+      SCOPED_TRACE(set.files[i].path);
+      const std::vector<LidarPoint> points = run.recording.reader->read_lidar(set.files[i]);
+      expect_all_rays(points, run.recording);
+      if (ground_truth.size() == 0) continue;
+      const GroundTruthView view = ground_truth.load(i);
+      const Rigid3d camera_from_body =
+          ground_truth.camera(i).body_from_sensor.inverse(Eigen::Isometry);
+      std::vector<double> errors;
+      for (const LidarPoint& point : points) {
+        EXPECT_LE(point.intensity, 255);
+        const Eigen::Vector3d in_camera = camera_from_body * point.in_body_m.cast<double>();
+        const auto at = view.camera.project(in_camera);
+        if (!at) continue;
+        const long x = std::lround(at->x()), y = std::lround(at->y());
+        if (x < 0 || y < 0 || x >= view.camera.width || y >= view.camera.height) continue;
+        const float depth_m = view.depth_m[static_cast<std::size_t>(y) * view.camera.width + x];
+        if (depth_m > 0) errors.push_back(std::abs(in_camera.norm() - depth_m) / depth_m);
+      }
+      ASSERT_GE(errors.size(), 150u);
+      std::nth_element(errors.begin(), errors.begin() + std::ssize(errors) / 2, errors.end());
+      EXPECT_LT(errors[errors.size() / 2], 0.015);  // 2 cm of noise, and cars 2 m to the right
+    }
   }
 }
 
@@ -214,8 +278,8 @@ TEST(StreetRolling, HasTheFrontCamerasOfTheFirstHalfOfTheStreet) {
 
 // One of the three is parked: its relative velocity is the ego vehicle's, reversed. The velocity
 // between poses 1/15 s apart differs from that at the first of them by at most half of 2.1 m/s^2 /
-// 15 (tools/street/trajectory.py). The LiDAR hits every vehicle (5 cm: its range noise, 2.5 sigma),
-// and nothing in the air above it.
+// 15 (tools/street/trajectory.py). The LiDAR sees every vehicle within 40 m (5 cm: its range noise,
+// 2.5 sigma), and nothing in the air above it.
 TEST(StreetTraffic, BoxesContainTheirVehicles) {
   const Recording traffic = open_recording(kTraffic, PoseSource::kGroundTruth);
   EXPECT_EQ(traffic.cameras.size(), 2u);
@@ -248,7 +312,7 @@ TEST(StreetTraffic, BoxesContainTheirVehicles) {
         inside += (in_box.abs() <= half).all();
         above += ((in_box - Eigen::Array3d(0, 0, 2 * half.z())).abs() <= half).all();
       }
-      EXPECT_GE(inside, 1) << file.path;
+      if (box.body_from_box.translation().norm() < 40) EXPECT_GE(inside, 1) << file.path;
       EXPECT_EQ(above, 0) << file.path;
     }
   }

@@ -5,7 +5,15 @@ from pathlib import Path
 
 import cameras
 import trajectory
-from settings import EDITED_INDICES, FIRST_ID, NOVEL_PLACES, NOVEL_VIEWS, ROLLING_READOUT_S, frame_time_s
+from settings import (
+    EDITED_INDICES,
+    FIRST_ID,
+    NOVEL_PLACES,
+    NOVEL_VIEWS,
+    ROLLING_READOUT_S,
+    UNSEEN_VIEWS,
+    frame_time_s,
+)
 from traffic import EDITS, NO_EDIT
 
 
@@ -91,7 +99,8 @@ def all_jobs(settings):
     if "street" in settings.variants:
         first, *others = cameras_of("street")
         jobs += [Job("street", first, i) for i in range(settings.frames)]
-        jobs += [Job("street", cameras.NOVEL_CAMERA, i, n) for n in settings.novel for i in novel_indices(settings)]
+        seen = [n for n in settings.novel if n not in UNSEEN_VIEWS]
+        jobs += [Job("street", cameras.NOVEL_CAMERA, i, n) for n in seen for i in novel_indices(settings)]
         jobs += [Job("street", c, i) for i in range(settings.frames) for c in others]
     for variant in ("traffic", "rolling"):
         if variant in settings.variants:

@@ -39,6 +39,39 @@ FLAT = {
 }
 FLAT_ELSE = (0.25, 0.24, 0.22)
 
+# Shares of a LiDAR's light (905 nm) that a surface scatters and that it mirrors, by the first of these that the
+# material's name begins with. Car paint scatters as much as its colour; above 1: retroreflective.
+LIDAR_REFLECTANCE = {
+    "asphalt_patch": (0.09, 0.0),
+    "asphalt": (0.15, 0.0),
+    "paint": (0.6, 0.0),  # lane markings
+    "plaster": (0.55, 0.0),
+    "leaf": (0.5, 0.0),
+    "glass": (0.004, 0.5),
+    "carglass": (0.004, 0.5),
+    "carpaint": (None, 0.2),
+    "carplastic": (0.05, 0.0),
+    "tyre": (0.04, 0.0),
+    "seam": (0.02, 0.0),
+    "metal": (0.2, 0.3),
+    "trim_dark": (0.1, 0.0),
+    "roof": (0.2, 0.0),
+    "soil": (0.2, 0.0),
+    "lamp": (1.5, 0.0),
+    "plate": (20.0, 0.0),
+    "sign_black": (0.04, 0.0),
+    "sign": (0.6, 0.0),
+}
+LIDAR_REFLECTANCE_ELSE = (0.33, 0.0)  # brick, stone, wood
+
+
+def lidar_reflectance(name, color):
+    """Returns what a material scatters and mirrors; color: the object's, linear."""
+    fits = (v for start, v in LIDAR_REFLECTANCE.items() if name.startswith(start))
+    diffuse, gloss = next(fits, LIDAR_REFLECTANCE_ELSE)
+    return float(np.mean(color[:3])) if diffuse is None else diffuse, gloss
+
+
 BRICKS = {  # two brick colours, mortar, width, height, joint, stain
     "brick_red": ((0.36, 0.10, 0.06), (0.24, 0.075, 0.05), (0.42, 0.39, 0.35), 0.23, 0.078, 0.012, 0.35),
     "brick_brown": ((0.21, 0.11, 0.06), (0.32, 0.17, 0.09), (0.30, 0.28, 0.25), 0.23, 0.078, 0.012, 0.35),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Casts rays against the scene's polygons, inside Blender: LiDAR revolutions, and depth of the novel views."""
+"""Casts rays against the scene's polygons, inside Blender: LiDAR scans, and depth of the novel views."""
 import cv2
 import bpy
 import numpy as np
@@ -10,9 +10,11 @@ import cameras
 import develop
 import jobs as job_list
 import las
+import lidar
+import materials
 import trajectory
-from lidar import ELEVATIONS_DEG, NEAR_M, POSITION_M, RANGE_M, RANGE_NOISE_M, REVOLUTION_S, STEPS
-from settings import FIRST_ID, FIRST_TIME_S, frame_time_s
+from lidar import POSITION_M, RANGE_M, REVOLUTION_S, STEPS
+from settings import FIRST_ID, FIRST_TIME_S, SCANNED_VIEWS, frame_time_s
 from traffic import TRAFFIC
 
 DEPTH_LIMIT_MM = 65535  # the largest 16-bit number
@@ -29,7 +31,7 @@ class Caster:
 
     def __init__(self, items, origin=None):
         graph = bpy.context.evaluated_depsgraph_get()
-        vertices, faces, self.intensity = [], [], []
+        vertices, faces, self.surfaces = [], [], []
         for item in items:
             evaluated = item.evaluated_get(graph)
             mesh = evaluated.to_mesh()
@@ -42,23 +44,24 @@ class Caster:
             mesh.vertices.foreach_get("co", points)
             first = len(vertices)
             vertices += (points.reshape(-1, 3) @ m[:3, :3].T + m[:3, 3]).tolist()
-            shades = [int(255 * np.clip(np.mean(s.diffuse_color[:3]), 0, 1)) if s else 60 for s in mesh.materials] or [
-                60
-            ]
+            surfaces = [materials.lidar_reflectance(m.name if m else "", item.color) for m in mesh.materials or [None]]
             for polygon in mesh.polygons:
                 faces.append([v + first for v in polygon.vertices])
-                self.intensity.append(shades[polygon.material_index])
+                self.surfaces.append(surfaces[polygon.material_index])
             evaluated.to_mesh_clear()
         self.tree = BVHTree.FromPolygons(vertices, faces)
 
     def cast(self, origin, directions, limit):
-        """Returns distance [n] (inf: no hit) and intensity [n] along unit directions [n, 3] from one origin."""
+        """Returns distance [n] (inf: no hit) and reflected light [n] along unit directions [n, 3] from one origin."""
         hit, at, cast = Vector(origin), [], self.tree.ray_cast
         for d in directions.tolist():
-            _, _, face, distance = cast(hit, Vector(d), limit)
-            at.append((np.inf, 0) if face is None else (distance, self.intensity[face]))
-        distance, intensity = np.array(at).T
-        return distance, intensity
+            _, normal, face, distance = cast(hit, Vector(d), limit)
+            if face is None:
+                at.append((np.inf, 0.0))
+            else:
+                at.append((distance, lidar.reflected(*self.surfaces[face], abs(normal.dot(Vector(d))))))
+        distance, light = np.array(at).T
+        return distance, light
 
 
 def _static():
@@ -71,27 +74,44 @@ def _packets(settings, variant, static, moving):
     frames = settings.frames_of(variant)
     step = REVOLUTION_S / STEPS
     packets = {}
-    elevation = np.radians(ELEVATIONS_DEG)
     for number in range(-STEPS // 2, round(frame_time_s(frames - 1) / step) + STEPS // 2 + 1):
         t = number * step
-        azimuth = -2 * np.pi * number / STEPS
-        rays = np.stack(
-            [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], 1
-        )
+        rays = lidar.rays(number)
         pose = trajectory.world_from_body(t)
         origin = pose[:3, :3] @ POSITION_M + pose[:3, 3]
         world_rays = rays @ pose[:3, :3].T
-        distance, intensity = static.cast(origin, world_rays, RANGE_M)
+        distance, light = static.cast(origin, world_rays, RANGE_M)
         for vehicle, caster in moving:
             world_from_car = vehicle.world_from_car(t)
             turn = world_from_car[:3, :3]
-            near, shade = caster.cast(turn.T @ (origin - world_from_car[:3, 3]), world_rays @ turn, RANGE_M)
-            distance, intensity = np.minimum(distance, near), np.where(near < distance, shade, intensity)
-        seen = np.isfinite(distance) & (distance > NEAR_M)
-        noise = settings.np_rng("lidar", variant, number).normal(0, RANGE_NOISE_M, len(distance))
-        points = rays[seen] * (distance + noise)[seen, None] + POSITION_M
-        packets[number] = (t, points, intensity[seen])
+            near, own = caster.cast(turn.T @ (origin - world_from_car[:3, 3]), world_rays @ turn, RANGE_M)
+            distance, light = np.minimum(distance, near), np.where(near < distance, own, light)
+        seen, measured, intensity = lidar.measure(distance, light, settings.np_rng("lidar", variant, number))
+        packets[number] = (t, rays[seen] * measured[seen, None] + POSITION_M, intensity[seen])
     return packets
+
+
+def _novel_scans(settings, static):
+    """Writes scans from poses of novel views, the sensor standing still: their points have no times of their own.
+
+    Azimuths are half a step off the recorded ones, so that no ray fires straight behind, where a turn ends."""
+    rays = np.concatenate([lidar.rays(n + 0.5) for n in range(STEPS)])
+    channel = np.tile(np.arange(len(lidar.ELEVATIONS_DEG))[::-1], STEPS)
+    for name in SCANNED_VIEWS:
+        if name not in settings.novel:
+            continue
+        folder = settings.folder("street") / "novel" / name / "lidar"
+        folder.mkdir(parents=True, exist_ok=True)
+        share = []
+        for index in job_list.novel_indices(settings):
+            job = job_list.Job("street", "", index, name)
+            pose = job.world_from_body(job.exposure_s)
+            distance, light = static.cast(pose[:3, :3] @ POSITION_M + pose[:3, 3], rays @ pose[:3, :3].T, RANGE_M)
+            seen, measured, intensity = lidar.measure(distance, light, settings.np_rng("lidar", name, index))
+            points = rays[seen] * measured[seen, None] + POSITION_M
+            las.write(folder / f"frame_{job.frame_id:07d}.las", points, intensity[seen], channel=channel[seen])
+            share.append(seen.mean())
+        print(f"lidar: {name}, {len(share)} scans, {100 * np.mean(share):.1f} % of the rays return")
 
 
 def _revolutions(settings, variant, packets):
@@ -107,7 +127,7 @@ def _revolutions(settings, variant, packets):
             folder / f"frame_{FIRST_ID + i:07d}.las",
             np.concatenate([p for _, p, _ in own]),
             np.concatenate([v for _, _, v in own]),
-            time_ns,
+            gps_time=time_ns,
         )
         counts.append(len(time_ns))
     print(f"lidar: {variant}, {min(counts)} to {max(counts)} points a revolution")
@@ -142,4 +162,6 @@ def raycast(settings):
         if variant == "traffic":
             moving = [(v, Caster([bpy.data.objects[f"traffic_{v.object_id}"]], v.world_from_car(0.0))) for v in TRAFFIC]
         _revolutions(settings, variant, _packets(settings, variant, static, moving))
+    if "street" in settings.variants:
+        _novel_scans(settings, static)
     _depths(settings, static)

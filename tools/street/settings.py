@@ -25,8 +25,11 @@ NOVEL_VIEWS = {
     **{f"right_{d:g}": ((0.0, -d, 0.0), 0.0) for d in (0.5, 1, 2, 3)},
     "forward_0.5": ((0.5, 0.0, 0.0), 0.0),
     "up_0.3": ((0.0, 0.0, 0.3), 0.0),
+    "up_1": ((0.0, 0.0, 1.0), 0.0),
     "yaw_15": ((0.0, 0.0, 0.0), 15.0),
 }
+SCANNED_VIEWS = ("left_1", "left_3", "right_1", "right_3", "up_1")  # seen by the LiDAR, too
+UNSEEN_VIEWS = ("up_1",)  # not by a camera
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,6 @@ class Shader:
         self.tree = self.material.node_tree
         self.tree.nodes.clear()
         self.flat = flat
-        self.material.diffuse_color = (*flat, 1)  # gives the LiDAR's intensity
 
     def node(self, kind, inputs=None, **properties):
         node = self.tree.nodes.new("ShaderNode" + kind)

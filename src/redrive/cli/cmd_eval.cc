@@ -57,6 +57,23 @@ void print_scored_share(const std::map<std::string, Score>& cameras, const Score
                   100 * score.scored_share());
 }
 
+/// Prints a row for each novel set with scans.
+void print_novel_scans(const std::map<std::string, LidarScore>& sets) {
+  if (sets.empty()) return;
+  std::printf("%-16s %5s %7s %10s %8s %9s %7s %10s %9s %10s %7s\n", "novel scans", "scans",
+              "returns", "rendered %", "<= 0.2 m", "median cm", "mean cm", "chamfer cm",
+              "intensity", "lost acc %", "lost F1");
+  for (const auto& [name, score] : sets) {
+    std::printf("%-16s %5d %7lld %10.1f %8.1f %9.1f %7.1f %10.1f", name.c_str(), score.revolutions,
+                static_cast<long long>(score.returns), 100 * score.hit_rate,
+                100 * score.near_hit_rate, 100 * score.range_error_m,
+                100 * score.mean_range_error_m, 100 * score.chamfer_m);
+    if (score.intensity_rmse) std::printf(" %9.3f", *score.intensity_rmse);
+    if (score.lost) std::printf(" %10.1f %7.3f", 100 * score.lost->accuracy, score.lost->f1);
+    std::printf("\n");
+  }
+}
+
 void print_evaluation(const Evaluation& evaluation) {
   std::printf("%s\n",
               evaluation.held_out ? "held-out frames" : "training frames (no frame was held out)");
@@ -82,9 +99,10 @@ void print_evaluation(const Evaluation& evaluation) {
   if (const auto& lidar = evaluation.lidar)
     std::printf(
         "LiDAR of %d held-out frames, %lld returns: %.1f %% rendered, %.1f %% within %.1f m; range "
-        "error %.1f cm (median), chamfer distance %.1f cm\n",
+        "error %.1f cm (median; mean %.1f cm), chamfer distance %.1f cm\n",
         lidar->revolutions, static_cast<long long>(lidar->returns), 100 * lidar->hit_rate,
-        100 * lidar->near_hit_rate, kNearHit_m, 100 * lidar->range_error_m, 100 * lidar->chamfer_m);
+        100 * lidar->near_hit_rate, kNearHit_m, 100 * lidar->range_error_m,
+        100 * lidar->mean_range_error_m, 100 * lidar->chamfer_m);
   if (evaluation.lidar && evaluation.lidar->intensity_rmse)
     std::printf("intensity: error %.3f of 0..1 (RMS)\n", *evaluation.lidar->intensity_rmse);
   if (evaluation.lidar && evaluation.lidar->lost)
@@ -99,13 +117,15 @@ void print_evaluation(const Evaluation& evaluation) {
         static_cast<long long>(moving.returns), 100 * moving.hit_rate, 100 * moving.near_hit_rate,
         kNearHit_m, 100 * moving.range_error_m);
   }
-  if (evaluation.novel.empty()) return;
-  if (const auto& alignment = evaluation.alignment)
+  const bool has_truth = !evaluation.novel.empty() || !evaluation.novel_lidar.empty();
+  if (const auto& alignment = evaluation.alignment; alignment && has_truth)
     std::printf(
         "trajectory aligned to the ground truth by %.1f cm and %.3f deg; residual %.1f cm, "
         "%.3f deg RMS\n",
         100 * alignment->translation_m, alignment->rotation_deg, 100 * alignment->residual_m,
         alignment->residual_deg);
+  print_novel_scans(evaluation.novel_lidar);
+  if (evaluation.novel.empty()) return;
   std::printf("%-24s %6s %8s %8s %8s %9s %11s\n", "novel views", "images", "PSNR dB", "SSIM",
               "FLIP", "px masked", "depth err %");
   for (const auto& [name, score] : evaluation.novel) {

@@ -11,6 +11,7 @@
 #include "redrive/base/evenly_spaced.h"
 #include "redrive/base/progress.h"
 #include "redrive/eval/moving_scores.h"
+#include "redrive/eval/novel_scans.h"
 #include "redrive/eval/score_mean.h"
 #include "redrive/math/angles.h"
 #include "redrive/scene/load_views.h"
@@ -81,9 +82,24 @@ nlohmann::json changes_to_json(const PoseChanges& changes) {
 
 nlohmann::json range_score_to_json(const RangeScore& score) {
   return {{"range_error_m", score.range_error_m},
+          {"mean_range_error_m", score.mean_range_error_m},
           {"hit_rate", score.hit_rate},
           {"near_hit_rate", score.near_hit_rate},
           {"returns", score.returns}};
+}
+
+nlohmann::json lidar_score_to_json(const LidarScore& score) {
+  nlohmann::json json = range_score_to_json(score);
+  json["chamfer_m"] = score.chamfer_m;
+  json["revolutions"] = score.revolutions;
+  json["intensity_rmse"] = nullptr;
+  if (score.intensity_rmse) json["intensity_rmse"] = *score.intensity_rmse;
+  json["lost"] = nullptr;
+  if (const auto& lost = score.lost)
+    json["lost"] = {{"rays", lost->rays}, {"accuracy", lost->accuracy}, {"f1", lost->f1}};
+  json["moving"] = nullptr;
+  if (score.moving) json["moving"] = range_score_to_json(*score.moving);
+  return json;
 }
 
 }  // namespace
@@ -223,28 +239,38 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
     evaluation.view_alignment = align_views(run, backend, all, left_out, &scene);
   }
   const std::vector<NovelGroundTruth> ground_truths = novel_ground_truths(run);
-  const auto chosen_of = [&](const NovelGroundTruth& ground_truth) {
-    return evenly_spaced(ground_truth.size(), options.all ? 0 : options.max_images);
+  const auto chosen_of = [&](std::size_t of_set) {
+    return evenly_spaced(of_set, options.all ? 0 : options.max_images);
   };
   std::size_t total = 0;
   for (const auto& chosen : by_camera) total += chosen.size();
   for (const NovelGroundTruth& ground_truth : ground_truths)
-    total += chosen_of(ground_truth).size();
+    total += chosen_of(ground_truth.size()).size();
   const std::vector<std::int64_t> held_out_scans = held_out_revolutions(run);
   std::vector<std::int64_t> scans;
-  for (const std::size_t i :
-       evenly_spaced(held_out_scans.size(), options.all ? 0 : options.max_images))
-    scans.push_back(held_out_scans[i]);
+  for (const std::size_t i : chosen_of(held_out_scans.size())) scans.push_back(held_out_scans[i]);
   total += scans.size();
+  std::vector<NovelScans> novel_sets = novel_scans(run, &evaluation.damaged);
+  for (NovelScans& set : novel_sets) {
+    std::vector<FrameFile> chosen;
+    for (const std::size_t i : chosen_of(set.files.size())) chosen.push_back(set.files[i]);
+    set.files = std::move(chosen);
+    total += set.files.size();
+  }
   Progress progress("scoring images", static_cast<std::int64_t>(total));
 
   Scores scores(run, backend, options, &progress);
   scores.add_views(scene, by_camera, left_out, &evaluation);
   for (const NovelGroundTruth& ground_truth : ground_truths)
-    scores.add_novel(ground_truth, chosen_of(ground_truth), &evaluation);
+    scores.add_novel(ground_truth, chosen_of(ground_truth.size()), &evaluation);
   scores.write_parts(&evaluation);
   if (!scans.empty())
     evaluation.lidar = score_lidar(run, backend, scans, left_out.moving, &progress);
+  for (const NovelScans& set : novel_sets)
+    if (const auto score =
+            score_novel_scans(run, backend, evaluation.alignment.value_or(TrajectoryRegistration{}),
+                              set, left_out.moving, &progress))
+      evaluation.novel_lidar[set.name] = *score;
   return evaluation;
 }
 
@@ -267,6 +293,7 @@ nlohmann::json evaluation_to_json(const Evaluation& evaluation) {
                          {"held_out", evaluation.held_out},
                          {"moving", nullptr},
                          {"lidar", nullptr},
+                         {"novel_lidar", nlohmann::json::object()},
                          {"alignment", nullptr},
                          {"view_alignment", nullptr},
                          {"pose_changes", nullptr}};
@@ -281,19 +308,9 @@ nlohmann::json evaluation_to_json(const Evaluation& evaluation) {
   if (evaluation.moving) json["moving"] = moving_to_json(*evaluation.moving);
   if (const auto& alignment = evaluation.alignment)
     json["alignment"] = registration_to_json(*alignment);
-  if (const auto& lidar = evaluation.lidar) {
-    json["lidar"] = range_score_to_json(*lidar);
-    json["lidar"]["chamfer_m"] = lidar->chamfer_m;
-    json["lidar"]["revolutions"] = lidar->revolutions;
-    json["lidar"]["intensity_rmse"] = nullptr;
-    if (lidar->intensity_rmse) json["lidar"]["intensity_rmse"] = *lidar->intensity_rmse;
-    json["lidar"]["lost"] = nullptr;
-    if (const auto& lost = lidar->lost)
-      json["lidar"]["lost"] = {
-          {"rays", lost->rays}, {"accuracy", lost->accuracy}, {"f1", lost->f1}};
-    json["lidar"]["moving"] = nullptr;
-    if (lidar->moving) json["lidar"]["moving"] = range_score_to_json(*lidar->moving);
-  }
+  if (evaluation.lidar) json["lidar"] = lidar_score_to_json(*evaluation.lidar);
+  for (const auto& [name, score] : evaluation.novel_lidar)
+    json["novel_lidar"][name] = lidar_score_to_json(score);
   for (const auto& [name, score] : evaluation.cameras) json["cameras"][name] = score_to_json(score);
   for (const auto& [name, score] : evaluation.novel) json["novel"][name] = score_to_json(score);
   return json;

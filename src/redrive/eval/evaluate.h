@@ -75,14 +75,16 @@ struct PartEvaluation {
 };
 
 struct Evaluation {
-  bool held_out = true;          ///< false: no frame was held out, training frames were scored
-  std::vector<Finding> damaged;  ///< about images that cannot be decoded, which are not scored
+  bool held_out = true;  ///< false: no frame was held out, training frames were scored
+  std::vector<Finding>
+      damaged;  ///< about files that are not scored: images that cannot be decoded, ..
   Score overall;
   std::map<std::string, Score> cameras;
   std::optional<MovingEvaluation> moving;  ///< empty where no image shows a moving object
   std::map<std::string, Score> novel;      ///< key: novel/<name>; empty without ground truth
   std::map<std::string, PartEvaluation> parts;
-  std::optional<LidarScore> lidar;  ///< score of held-out scans that did not train
+  std::optional<LidarScore> lidar;                ///< score of held-out scans that did not train
+  std::map<std::string, LidarScore> novel_lidar;  ///< key: novel/<name>, of sets with scans
   std::optional<ViewAlignment>
       view_alignment;  ///< alignment of the held-out images, where training refined poses
   /// alignment of the run's trajectory with the ground truth, where the recording has it
@@ -105,16 +107,16 @@ nlohmann::json moving_to_json(const MovingEvaluation& moving);
 
 /// Returns {"overall": SCORE, "cameras": {CAM: SCORE}, "novel": {NAME: SCORE}, "held_out": bool,
 /// "moving": moving_to_json or null,
-/// "lidar": {"range_error_m", "hit_rate", "near_hit_rate", "returns", "chamfer_m", "revolutions",
-/// "intensity_rmse" or null, "lost": {"rays", "accuracy", "f1"} or null,
-/// "moving": {"range_error_m", "hit_rate", "near_hit_rate", "returns"} or null} or null,
+/// "lidar": LIDAR or null, "novel_lidar": {NAME: LIDAR},
 /// "alignment": {"translation_m", "rotation_deg", "residual_m", "residual_deg", "frames"} or null,
 /// "view_alignment": {"translation_m", "rotation_deg", "views"} or null, "pose_changes": {"frames":
 /// {"translation_m", "rotation_deg", "at_bound"}, "cameras": {CAM: {"translation_m": [3],
 /// "rotation_deg": [3], "time_offset_s", "at_bound"}}} or null}, with parts also "blocks": {NAME:
 /// {"overall": SCORE, "novel": {NAME: SCORE}}}, SCORE =
-/// {"psnr_db", "ssim", "flip", "depth_error", "images", "masked_pixels", "scored_share"}, null
-/// for NaN.
+/// {"psnr_db", "ssim", "flip", "depth_error", "images", "masked_pixels", "scored_share"}, LIDAR =
+/// {RANGES, "chamfer_m", "revolutions", "intensity_rmse" or null, "lost": {"rays", "accuracy",
+/// "f1"} or null, "moving": {RANGES} or null}, RANGES = "range_error_m", "mean_range_error_m",
+/// "hit_rate", "near_hit_rate", "returns"; null for NaN.
 nlohmann::json evaluation_to_json(const Evaluation& evaluation);
 
 }  // namespace redrive

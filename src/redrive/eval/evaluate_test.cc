@@ -304,8 +304,9 @@ TEST(EvaluationJson, HasTheDocumentedKeys) {
                                        {22, 0.5, 0.25, std::nan(""), 3},
                                        {{-7, {"CAR", {25, 0.625, std::nan(""), std::nan(""), 2}}}}};
   evaluation.lidar =
-      LidarScore{{100, 0.25, 0.75, 0.5},     2, 0.125, 0.0625, LostRayScore{20, 0.75, 0.5},
-                 RangeScore{7, 0.5, 1, 0.25}};
+      LidarScore{{100, 0.25, 0.375, 0.75, 0.5},     2, 0.125, 0.0625, LostRayScore{20, 0.75, 0.5},
+                 RangeScore{7, 0.5, 0.625, 1, 0.25}};
+  evaluation.novel_lidar["aside"] = LidarScore{{9, std::nan(""), std::nan(""), 0, 0}, 1, 0.5};
   const auto json = nlohmann::json::parse(evaluation_to_json(evaluation).dump());
   EXPECT_EQ(json, nlohmann::json::parse(R"({
     "overall": {"psnr_db": 20.5, "ssim": 0.5, "flip": 0.25, "depth_error": null, "images": 3,
@@ -318,10 +319,15 @@ TEST(EvaluationJson, HasTheDocumentedKeys) {
       "outside": {"psnr_db": 22, "ssim": 0.5, "flip": 0.25, "depth_error": null, "images": 3,
         "masked_pixels": 0, "scored_share": 1},
       "objects": {"-7": {"type": "CAR", "psnr_db": 25, "ssim": 0.625, "images": 2}}},
-    "lidar": {"returns": 100, "range_error_m": 0.25, "hit_rate": 0.75, "near_hit_rate": 0.5,
-      "revolutions": 2, "chamfer_m": 0.125, "intensity_rmse": 0.0625,
+    "lidar": {"returns": 100, "range_error_m": 0.25, "mean_range_error_m": 0.375,
+      "hit_rate": 0.75, "near_hit_rate": 0.5, "revolutions": 2, "chamfer_m": 0.125,
+      "intensity_rmse": 0.0625,
       "lost": {"rays": 20, "accuracy": 0.75, "f1": 0.5},
-      "moving": {"returns": 7, "range_error_m": 0.5, "hit_rate": 1, "near_hit_rate": 0.25}},
+      "moving": {"returns": 7, "range_error_m": 0.5, "mean_range_error_m": 0.625, "hit_rate": 1,
+        "near_hit_rate": 0.25}},
+    "novel_lidar": {"aside": {"returns": 9, "range_error_m": null, "mean_range_error_m": null,
+      "hit_rate": 0, "near_hit_rate": 0, "revolutions": 1, "chamfer_m": 0.5,
+      "intensity_rmse": null, "lost": null, "moving": null}},
     "novel": {}, "held_out": false,
     "alignment": {"translation_m": 0.5, "rotation_deg": 0.25, "residual_m": 0.125,
                   "residual_deg": 1, "frames": 5},

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 
 #include <nanoflann.hpp>
 
@@ -14,6 +15,8 @@ namespace redrive {
 namespace {
 
 using Cloud = std::vector<Eigen::Vector3f>;
+
+constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
 
 /// Points for nanoflann.
 struct CloudSet {
@@ -57,12 +60,14 @@ class RangeErrors {
   }
   RangeScore score() {
     const auto share = [&](double part) { return part / static_cast<double>(returns_); };
-    RangeScore score{returns_, std::numeric_limits<double>::quiet_NaN(),
-                     share(static_cast<double>(errors_.size())), share(static_cast<double>(near_))};
+    RangeScore score{returns_, kNone, kNone, share(static_cast<double>(errors_.size())),
+                     share(static_cast<double>(near_))};
     if (errors_.empty()) return score;
     const auto middle = errors_.begin() + static_cast<std::ptrdiff_t>(errors_.size() / 2);
     std::nth_element(errors_.begin(), middle, errors_.end());
     score.range_error_m = *middle;
+    score.mean_range_error_m =
+        std::reduce(errors_.begin(), errors_.end()) / static_cast<double>(errors_.size());
     return score;
   }
   std::int64_t returns() const { return returns_; }
@@ -72,53 +77,23 @@ class RangeErrors {
   std::int64_t returns_ = 0, near_ = 0;
 };
 
-/// Renders rays of a scan.
-RenderedRays rendered_rays(const Run& run, kernels::Backend& backend, const LidarReturns& scan) {
-  const LidarRays in_world = rays_in_world(run.scene, scan, backend.pool());
-  return run.field()->trace(
-      backend, {static_cast<int>(scan.n), in_world.origin, in_world.direction, scan.t_ns},
-      run.scene.actors);
-}
-
-/// Returns the lost rays of a scan in place of its returns.
-LidarReturns lost_rays_of(const LidarReturns& scan) {
-  LidarReturns out;
-  out.n = scan.lost.size();
-  out.body_from_sensor = scan.body_from_sensor;
-  for (int k = 0; k < 3; ++k)
-    for (const LidarReturns::LostRay& ray : scan.lost) out.direction.push_back(ray.direction[k]);
-  for (const LidarReturns::LostRay& ray : scan.lost) out.t_ns.push_back(ray.t_ns);
-  return out;
-}
-
 /// Adds up what is scored besides ranges.
 struct SignalErrors {
-  double squares = 0;      // sum over the intensities of rendered returns
-  double intensities = 0;  // their number
+  double squares = 0;  // sum over the intensities of rendered returns
   double returned = 0, right_returned = 0, lost = 0, right_lost = 0;
 
-  void add(const Run& run, kernels::Backend& backend, const LidarReturns& scan,
-           const RenderedRays& rendered) {
-    if (rendered.lost.empty()) return;
-    const float full = scan.full_intensity();
-    for (std::size_t i = 0; i < scan.n; ++i) {
-      if (i > 0 && scan.same_ray(i)) continue;
-      const bool comes_back = rendered.returned(i) >= kMinReturnOpacity;
-      ++returned;
-      right_returned += comes_back;
-      if (!comes_back) continue;
-      ++intensities;
-      squares += std::pow(double(rendered.intensity[i] - float(scan.intensity[i]) / full), 2);
-    }
-    if (scan.lost.empty()) return;
-    const RenderedRays of_lost = rendered_rays(run, backend, lost_rays_of(scan));
-    for (std::size_t i = 0; i < scan.lost.size(); ++i) {
-      ++lost;
-      right_lost += of_lost.returned(i) < kMinReturnOpacity;
-    }
+  void add_return(bool rendered, double intensity_error) {
+    ++returned;
+    if (!rendered) return;
+    ++right_returned;
+    squares += intensity_error * intensity_error;
+  }
+  void add_lost(bool rendered) {
+    ++lost;
+    right_lost += !rendered;
   }
   void set(LidarScore* score) const {
-    if (intensities > 0) score->intensity_rmse = std::sqrt(squares / intensities);
+    if (right_returned > 0) score->intensity_rmse = std::sqrt(squares / right_returned);
     if (lost > 0)
       score->lost = LostRayScore{static_cast<std::int64_t>(returned + lost),
                                  (right_returned + right_lost) / (returned + lost),
@@ -130,6 +105,24 @@ bool on_object(const std::vector<MovingBox>& boxes, const Eigen::Vector3d& in_wo
   return std::ranges::any_of(boxes, [&](const MovingBox& box) {
     return is_on_object(box, box.box_from_world * in_world);
   });
+}
+
+/// Rays in the world and what is rendered along them.
+struct Traced {
+  LidarRays rays;
+  RenderedRays rendered;
+
+  bool comes_back(std::size_t i) const { return rendered.returned(i) >= kMinReturnOpacity; }
+};
+
+Traced trace(const Run& run, kernels::Backend& backend, std::span<const std::int64_t> t_ns,
+             const std::function<Eigen::Vector3d(std::size_t)>& direction,
+             const SensorPoses& world_from_sensor) {
+  Traced out{fire(t_ns, direction, world_from_sensor, &backend.pool()), {}};
+  out.rendered = run.field()->trace(
+      backend, {static_cast<int>(t_ns.size()), out.rays.origin, out.rays.direction, t_ns},
+      run.scene.actors);
+  return out;
 }
 
 }  // namespace
@@ -149,59 +142,104 @@ std::vector<std::int64_t> held_out_revolutions(const Run& run) {
   return frames;
 }
 
-std::optional<LidarScore> score_lidar(const Run& run, kernels::Backend& backend,
-                                      const std::vector<std::int64_t>& frames,
-                                      const MovingObjects& left_out, Progress* progress) {
-  LidarScore score;
+struct LidarScores::Sums {
   RangeErrors all, on_moving;
   SignalErrors signals;
   double chamfer = 0;
-  int with_chamfer = 0;
-  const MovingObjects drawn(run.scene.actors);
+  int with_chamfer = 0, scans = 0;
+};
+
+LidarScores::LidarScores(const Run& run, kernels::Backend& backend, const MovingObjects& left_out)
+    : run_(run),
+      backend_(backend),
+      drawn_(run.scene.actors),
+      left_out_(left_out),
+      sums_(std::make_unique<Sums>()) {}
+LidarScores::~LidarScores() = default;
+
+void LidarScores::add(const LidarReturns& scan, const SensorPoses& world_from_sensor) {
+  if (scan.n == 0) return;
+  const Traced traced = trace(
+      run_, backend_, scan.t_ns, [&](std::size_t i) { return scan.direction_in_sensor(i); },
+      world_from_sensor);
+  const RenderedRays& rendered = traced.rendered;
+  const bool has_signals = !rendered.lost.empty();
+  const float full = scan.full_intensity();
+  Cloud measured, seen;
+  std::vector<MovingBox> drawn, left_out;
+  std::optional<std::int64_t> t_ns;
+  for (std::size_t i = 0, end = 0; i < scan.n; i = end) {
+    const LidarReturns::Ray ray = scan.ray_at(i, scan.n);
+    end = ray.end;
+    if (t_ns != scan.t_ns[i]) {
+      t_ns = scan.t_ns[i];
+      drawn = drawn_.at(*t_ns);
+      left_out = left_out_.at(*t_ns);
+    }
+    const Eigen::Vector3f origin = traced.rays.origin_at(i),
+                          direction = traced.rays.direction_at(i);
+    const float depth_m = rendered.depth[i];
+    std::optional<double> range_m;
+    if (traced.comes_back(i) && depth_m >= kMinReturn_m && depth_m <= kMaxReturn_m)
+      range_m = depth_m;
+    std::size_t nearest = i;  // the ray's return nearest to the rendered one
+    const auto off_m = [&](std::size_t k) { return std::abs(scan.range_m[k] - *range_m); };
+    for (std::size_t k = i + 1; range_m && k < end; ++k)
+      if (off_m(k) < off_m(nearest)) nearest = k;
+    const auto at = [&](std::size_t k) {
+      return Eigen::Vector3f(origin + scan.range_m[k] * direction);
+    };
+    const Eigen::Vector3d there = at(nearest).cast<double>();
+    if (std::ranges::any_of(left_out, [&](const MovingBox& box) { return box.contains(there); }))
+      continue;
+    if (range_m) seen.push_back(origin + depth_m * direction);
+    for (std::size_t k = i; k < end; ++k) measured.push_back(at(k));
+    sums_->all.add(range_m, scan.range_m[nearest]);
+    if (on_object(drawn, there)) sums_->on_moving.add(range_m, scan.range_m[nearest]);
+    if (has_signals)
+      sums_->signals.add_return(
+          traced.comes_back(i),
+          double(rendered.intensity[i] - float(scan.intensity[ray.strongest]) / full));
+  }
+  ++sums_->scans;
+  if (!seen.empty()) {
+    sums_->chamfer += chamfer_distance(measured, seen);
+    ++sums_->with_chamfer;
+  }
+  if (!has_signals || scan.lost.empty()) return;
+  std::vector<std::int64_t> lost_ns;
+  for (const LidarReturns::LostRay& ray : scan.lost) lost_ns.push_back(ray.t_ns);
+  const Traced lost = trace(
+      run_, backend_, lost_ns, [&](std::size_t i) { return scan.lost[i].direction.cast<double>(); },
+      world_from_sensor);
+  for (std::size_t i = 0; i < lost_ns.size(); ++i) sums_->signals.add_lost(lost.comes_back(i));
+}
+
+std::optional<LidarScore> LidarScores::score() {
+  if (sums_->all.returns() == 0) return std::nullopt;
+  LidarScore score;
+  static_cast<RangeScore&>(score) = sums_->all.score();
+  score.revolutions = sums_->scans;
+  sums_->signals.set(&score);
+  score.chamfer_m = sums_->with_chamfer > 0 ? sums_->chamfer / sums_->with_chamfer : kNone;
+  if (sums_->on_moving.returns() > 0) score.moving = sums_->on_moving.score();
+  return score;
+}
+
+std::optional<LidarScore> score_lidar(const Run& run, kernels::Backend& backend,
+                                      const std::vector<std::int64_t>& frames,
+                                      const MovingObjects& left_out, Progress* progress) {
+  LidarScores scores(run, backend, left_out);
   for (const std::int64_t frame : frames) {
     const LidarReturns recorded =
         load_lidar_returns(run.recording, run.scene, left_out, backend.pool(),
                            {[&](std::int64_t id) { return id == frame; }, false, /*lost=*/true});
-    const std::size_t n = recorded.n;
-    const LidarRays in_world = rays_in_world(run.scene, recorded, backend.pool());
-    const RenderedRays rendered = rendered_rays(run, backend, recorded);
-    signals.add(run, backend, recorded, rendered);
-    Cloud measured, seen;
-    std::vector<MovingBox> boxes;
-    for (std::size_t i = 0, end = 0; i < n; i = end) {
-      const Eigen::Vector3f origin = in_world.origin_at(i), direction = in_world.direction_at(i);
-      for (end = i + 1; end < n && recorded.same_ray(end);) ++end;
-      std::optional<double> range_m;
-      if (rendered.returned(i) >= kMinReturnOpacity && rendered.depth[i] >= kMinReturn_m &&
-          rendered.depth[i] <= kMaxReturn_m) {
-        range_m = rendered.depth[i];
-        seen.push_back(origin + rendered.depth[i] * direction);
-      }
-      std::size_t nearest = i;  // the ray's return nearest to the rendered one
-      const auto off_m = [&](std::size_t k) { return std::abs(recorded.range_m[k] - *range_m); };
-      for (std::size_t k = i; k < end; ++k) {
-        measured.push_back(origin + recorded.range_m[k] * direction);
-        if (range_m && off_m(k) < off_m(nearest)) nearest = k;
-      }
-      all.add(range_m, recorded.range_m[nearest]);
-      if (i == 0 || recorded.t_ns[i] != recorded.t_ns[i - 1]) boxes = drawn.at(recorded.t_ns[i]);
-      const Eigen::Vector3f at = origin + recorded.range_m[nearest] * direction;
-      if (on_object(boxes, at.cast<double>())) on_moving.add(range_m, recorded.range_m[nearest]);
-    }
-    score.revolutions += n > 0;
-    if (!seen.empty()) {
-      chamfer += chamfer_distance(measured, seen);
-      ++with_chamfer;
-    }
+    scores.add(recorded, [&](std::int64_t t_ns) {
+      return run.scene.world_from_body(t_ns) * recorded.body_from_sensor;
+    });
     if (progress) progress->count();
   }
-  if (all.returns() == 0) return std::nullopt;
-  static_cast<RangeScore&>(score) = all.score();
-  signals.set(&score);
-  score.chamfer_m =
-      with_chamfer > 0 ? chamfer / with_chamfer : std::numeric_limits<double>::quiet_NaN();
-  if (on_moving.returns() > 0) score.moving = on_moving.score();
-  return score;
+  return scores.score();
 }
 
 }  // namespace redrive

@@ -1,13 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-// Scores a run by the LiDAR scans of held-out frames: each recorded return is rendered from the
-// sensor's position at its time along its own direction.
+// Scores a run by LiDAR scans: each return is rendered from the sensor's position at its time along
+// its own direction.
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <vector>
 
 #include "redrive/base/progress.h"
+#include "redrive/scene/lidar/lidar_returns.h"
 #include "redrive/train/run.h"
 #include "redrive/train/training_data.h"
 
@@ -20,9 +22,10 @@ constexpr double kNearHit_m = 0.2;
 struct RangeScore {
   /// Recorded ones that did not train. A ray with two counts once, with the nearer to the rendered.
   std::int64_t returns = 0;
-  double range_error_m = 0;  ///< median of |rendered - recorded| over the rendered returns
-  double hit_rate = 0;       ///< fraction for which a return is rendered (render/lidar_scan.h)
-  double near_hit_rate = 0;  ///< fraction for which one within kNearHit_m is
+  double range_error_m = 0;       ///< median of |rendered - recorded| over the rendered returns
+  double mean_range_error_m = 0;  ///< its mean
+  double hit_rate = 0;            ///< fraction for which a return is rendered (render/lidar_scan.h)
+  double near_hit_rate = 0;       ///< fraction for which one within kNearHit_m is
 };
 
 /// Rays of which nothing comes back, among all that were fired.
@@ -48,6 +51,26 @@ struct LidarScore : RangeScore {
 /// both directions. Both must have points.
 double chamfer_distance(const std::vector<Eigen::Vector3f>& a,
                         const std::vector<Eigen::Vector3f>& b);
+
+/// Adds up the scores of scans, one after the other.
+class LidarScores {
+ public:
+  /// `left_out`: objects whose returns do not count. All must outlive this.
+  LidarScores(const Run& run, kernels::Backend& backend, const MovingObjects& left_out);
+  ~LidarScores();
+  /// Renders a scan and scores it.
+  void add(const LidarReturns& scan, const SensorPoses& world_from_sensor);
+  /// Nothing without a return.
+  std::optional<LidarScore> score();
+
+ private:
+  struct Sums;
+  const Run& run_;
+  kernels::Backend& backend_;
+  MovingObjects drawn_;
+  const MovingObjects& left_out_;
+  std::unique_ptr<Sums> sums_;
+};
 
 /// Returns the frames whose scans did not train: none where no frame is held out, where the
 /// recording has no scans, or where the run is of an earlier build, which trained on all.

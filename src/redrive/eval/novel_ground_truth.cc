@@ -7,14 +7,17 @@
 
 namespace redrive {
 
+Rigid3d world_from_ground_truth(const Run& run, const TrajectoryRegistration& alignment) {
+  return run.scene.global_from_world.inverse(Eigen::Isometry) * alignment.run_from_ground_truth;
+}
+
 NovelGroundTruth::NovelGroundTruth(const Run& run, const NovelSet& set,
                                    const TrajectoryRegistration& alignment)
     : run_(run),
       name_(set.name),
       poses_(read_view_requests(set.poses_file)),
       rig_(poses_rig(poses_, run.scene, /*like_run=*/true)),
-      ground_truth_global_from_world_(alignment.run_from_ground_truth.inverse(Eigen::Isometry) *
-                                      run.scene.global_from_world) {
+      world_from_ground_truth_(world_from_ground_truth(run, alignment)) {
   // The run may have trained only some of the cameras: skips views of the others.
   for (std::size_t i = 0; i < poses_.views.size(); ++i)
     if (run.scene.camera_index(poses_.views[i].camera) >= 0 &&
@@ -42,7 +45,7 @@ GroundTruthView NovelGroundTruth::load(std::size_t index) const {
   scene.views = {{0, 0, image}};
   const Rigid3d world_from_body =
       view.global_from_body
-          ? ground_truth_global_from_world_.inverse(Eigen::Isometry) * *view.global_from_body
+          ? world_from_ground_truth_ * *view.global_from_body
           : requested_world_from_body(poses_, views_[index], camera, run_.scene, false);
   const Rigid3d world_from_camera = world_from_body * camera.body_from_sensor;
   GroundTruthView ground_truth{view.file,

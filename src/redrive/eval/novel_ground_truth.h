@@ -27,6 +27,9 @@ struct GroundTruthView {
       depth_m;  ///< [height, width] along the ray, 0 where unknown; empty without FILE_depth.png
 };
 
+/// Returns the run's world from the global frame of ground-truth poses.
+Rigid3d world_from_ground_truth(const Run& run, const TrajectoryRegistration& alignment);
+
 /// The views of one novel set with ground truth, from cameras that the run trained.
 class NovelGroundTruth {
  public:
@@ -50,7 +53,7 @@ class NovelGroundTruth {
   std::string name_;
   ViewRequests poses_;
   std::vector<RigCamera> rig_;  ///< cameras of poses_
-  Rigid3d ground_truth_global_from_world_;
+  Rigid3d world_from_ground_truth_;
   std::vector<std::size_t> views_;  ///< indices into poses_.views
 };
 

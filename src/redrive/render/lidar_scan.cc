@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "redrive/base/rng.h"
+#include "redrive/scene/lidar/lidar_rays.h"
 #include "redrive/scene/moving_objects.h"
 
 namespace redrive {
@@ -22,37 +23,25 @@ namespace {
 
 /// Rays in the world, and what the field renders along them.
 struct TracedRays {
-  std::vector<float> origin, direction;  ///< [3, n]
+  LidarRays in_world;
   RenderedRays rendered;
 
   Eigen::Vector3d at(std::size_t i) const {
-    const std::size_t n = rendered.depth.size();
-    Eigen::Vector3d out;
-    for (std::size_t k = 0; k < 3; ++k)
-      out[static_cast<Eigen::Index>(k)] =
-          origin[k * n + i] + double(rendered.depth[i]) * direction[k * n + i];
-    return out;
+    return in_world.origin_at(i).cast<double>() +
+           double(rendered.depth[i]) * in_world.direction_at(i).cast<double>();
   }
 };
 
 TracedRays trace(kernels::Backend& backend, const Field& model, const LidarFirings& firings,
                  const SensorMotion& motion) {
-  const std::size_t n = firings.size();
   TracedRays out;
-  out.origin.resize(3 * n);
-  out.direction.resize(3 * n);
-  Rigid3d pose;
-  for (std::size_t i = 0; i < n; ++i) {
-    if (i == 0 || firings.t_ns[i] != firings.t_ns[i - 1])
-      pose = motion.world_from_sensor(firings.t_ns[i]);
-    const Eigen::Vector3d in_world = pose.linear() * firings.direction[i];
-    for (int k = 0; k < 3; ++k) {
-      out.origin[k * n + i] = static_cast<float>(pose.translation()[k]);
-      out.direction[k * n + i] = static_cast<float>(in_world[k]);
-    }
-  }
+  out.in_world = fire(
+      firings.t_ns, [&](std::size_t i) { return firings.direction[i]; },
+      [&](std::int64_t t_ns) { return motion.world_from_sensor(t_ns); }, &backend.pool());
   out.rendered = model.trace(
-      backend, {static_cast<int>(n), out.origin, out.direction, firings.t_ns}, motion.scene.actors);
+      backend,
+      {static_cast<int>(firings.size()), out.in_world.origin, out.in_world.direction, firings.t_ns},
+      motion.scene.actors);
   return out;
 }
 
@@ -79,8 +68,8 @@ std::vector<std::int32_t> met_actors(kernels::Backend& backend, const Field& mod
   std::vector<float> origin, direction;
   for (std::size_t k = 0; k < 3; ++k)
     for (const std::size_t i : in_box) {
-      origin.push_back(traced.origin[k * n + i]);
-      direction.push_back(traced.direction[k * n + i]);
+      origin.push_back(traced.in_world.origin[k * n + i]);
+      direction.push_back(traced.in_world.direction[k * n + i]);
     }
   const RenderedRays alone =
       model.trace(backend, {static_cast<int>(in_box.size()), origin, direction});

@@ -10,6 +10,7 @@
 #include "redrive/recording/core/trajectory.h"
 #include "redrive/recording/formats/aimotive/aimotive.h"
 #include "redrive/recording/lidar/las.h"
+#include "redrive/render/made_field_testing.h"
 #include "redrive/render/paint_backend_testing.h"
 #include "redrive/render/recorded_lidar.h"
 #include "redrive/scene/scene_testing.h"
@@ -129,29 +130,26 @@ TEST_F(LidarScanTest, RecordedFiringsReturnTheRecordedPoints) {
 }
 
 /// Every ray meets something 10 m away; the first one an object at 5 m.
-class MadeField : public Field {
- public:
-  const char* method() const override { return "made"; }
-  std::string describe() const override { return "made"; }
-  void render_to(kernels::Backend&, const RayTable&, const ShutterPoses&, const Exposure&,
-                 RenderedImage*) const override {}
-  RenderedRays trace(kernels::Backend&, const kernels::Rays& rays,
+class ObjectAhead : public MadeField {
+  RenderedRays trace(kernels::Backend& backend, const kernels::Rays& rays,
                      const std::vector<MovingObject>& actors = {}) const override {
-    const auto n = static_cast<std::size_t>(rays.n);
-    RenderedRays out{std::vector<float>(n, 10), std::vector<float>(n, 1)};
+    RenderedRays out = MadeField::trace(backend, rays);
     if (!actors.empty()) out.depth[0] = 5;
-    if (lost.empty()) return out;
-    out.lost.assign(n, lost[0]);
-    out.intensity.assign(n, 0.25f);
     return out;
   }
-  std::vector<float> lost;  ///< every ray's; empty: not modelled
 };
+
+/// Loses rays with the probability `lost`.
+MadeField losing_field(float lost) {
+  MadeField field;
+  field.has_signals = true;
+  field.formula = [lost](const auto&, const auto&) { return MadeField::Ray{10, lost, 0.25f}; };
+  return field;
+}
 
 TEST_F(LidarScanTest, PointsHaveWhatTheFieldAndTheSensorKnow) {
   const LidarFirings firings = spin();
-  MadeField field;
-  LidarScan scanned = render_scan(wall_, field, firings, motion_, {});
+  LidarScan scanned = render_scan(wall_, MadeField(), firings, motion_, {});
   EXPECT_FALSE(scanned.has_intensity);
   ASSERT_EQ(scanned.points.size(), firings.size());
   EXPECT_EQ(scanned.points[4].ring, 1);
@@ -161,21 +159,18 @@ TEST_F(LidarScanTest, PointsHaveWhatTheFieldAndTheSensorKnow) {
   EXPECT_NEAR(scanned.points[4].azimuth_rad,
               std::atan2(firings.direction[4].y(), firings.direction[4].x()), 1e-6);
 
-  field.lost = {0.25f};
-  scanned = render_scan(wall_, field, firings, motion_, {});
+  scanned = render_scan(wall_, losing_field(0.25f), firings, motion_, {});
   EXPECT_TRUE(scanned.has_intensity);
   ASSERT_EQ(scanned.points.size(), firings.size());
   EXPECT_EQ(scanned.points[4].intensity, 0.25f);
   EXPECT_EQ(scanned.points[4].loss, 0.25f);
-  field.lost = {0.75f};
-  EXPECT_EQ(render_scan(wall_, field, firings, motion_, {}).lost, firings.size());
+  EXPECT_EQ(render_scan(wall_, losing_field(0.75f), firings, motion_, {}).lost, firings.size());
 }
 
 TEST_F(LidarScanTest, LostRaysAreDrawnBySeed) {
   LidarSensor lidar = *parse_lidar_sensor("16");
   const LidarFirings firings = lidar.revolution(recording_.frames[2].t_ns);
-  MadeField field;
-  field.lost = {0.25f};
+  const MadeField field = losing_field(0.25f);
   const auto lost = [&](std::uint64_t seed) {
     ScanOptions options;
     options.seed = seed;
@@ -199,7 +194,7 @@ TEST_F(LidarScanTest, PointsOnMovingObjectsHaveTheirIds) {
                            Rigid3d(Eigen::Translation3d(sensor * (5 * firings.direction[0]))),
                            Vector3d::Zero()});
   scene.actors = {object};
-  const LidarScan scanned = render_scan(wall_, MadeField(), firings, motion, {});
+  const LidarScan scanned = render_scan(wall_, ObjectAhead(), firings, motion, {});
   EXPECT_EQ(scanned.points[0].range_m, 5);
   EXPECT_EQ(scanned.points[0].actor, 0);
   EXPECT_EQ(scanned.points[1].actor, kNoActor) << "behind it";

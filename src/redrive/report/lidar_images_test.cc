@@ -3,49 +3,25 @@
 
 #include <gtest/gtest.h>
 
-#include "redrive/base/files/temporary_folder_testing.h"
-#include "redrive/methods/nerf/nerf_model.h"
-#include "redrive/recording/formats/aimotive/aimotive.h"
-#include "redrive/recording/lidar/las.h"
-#include "redrive/render/paint_backend_testing.h"
-#include "redrive/scene/scene_testing.h"
+#include "redrive/eval/standing_lidar_testing.h"
 
 namespace redrive {
 namespace {
 
-/// A standing sensor 20 m before a wall; frame 12 is held out.
-class LidarImages : public ::testing::Test {
+std::vector<Eigen::Vector3d> points_on_a_wall() {
+  std::vector<Eigen::Vector3d> points;
+  for (int i = -20; i < 20; ++i) points.emplace_back(20, 0.53 * i, 0.31 * (i % 7));
+  return points;
+}
+
+class LidarImages : public StandingLidarTest {
  protected:
-  LidarImages() {
-    auto model = std::make_unique<NerfModel>();
-    model->config.width = 32;
-    model->samples = 4;
-    model->parameters = Buffer<float>(nerf_parameter_count(model->config));
-    run_.state.model = std::move(model);
-    run_.recording = make_test_recording(folder_.path, 4);
-    Recording& recording = run_.recording;
-    recording.reader = aimotive::make_reader();
-    recording.body_from_lidar = Rigid3d::Identity();
-    for (FramePose& frame : recording.frames)
-      frame.global_from_body = recording.frames[0].global_from_body;
-    for (const FramePose& frame : recording.frames) {
-      std::vector<LidarRecord> points;
-      for (int i = -20; i < 20; ++i) points.push_back({{20, 0.53 * i, 0.31 * (i % 7)}, frame.t_ns});
-      const std::string name = "frame_" + std::to_string(frame.id) + ".las";
-      folder_.write(name, make_las(points));
-      recording.lidar_files.push_back({frame.id, folder_.path / name});
-    }
-    run_.scene = make_scene(recording, {});
-    for (View& view : run_.scene.views) view.held_out = view.frame == 2;
-  }
+  LidarImages() : StandingLidarTest(points_on_a_wall()) {}
   std::vector<ImageRow> images(float wall_m) {
     PaintBackend backend([](const auto&, const auto&) { return std::array<float, 3>{}; },
                          [&](const auto&, const auto& direction) { return wall_m / direction[0]; });
     return lidar_image_rows(run_, backend);
   }
-
-  TemporaryFolder folder_;
-  redrive::Run run_;
 };
 
 TEST_F(LidarImages, ShowTheRecordedScanBesideTheRenderedOne) {

@@ -84,10 +84,10 @@ std::vector<std::string> moving_lidar_row(const std::string& name, const LidarSc
   return lidar_row(name + ", on moving objects", moving);
 }
 
-/// Returns the LiDAR scores of held-out frames; empty if no run has any.
+/// Returns the LiDAR scores of held-out frames and of novel sets; empty if no run has any.
 std::string lidar_scores(const Evaluation& evaluation, const Evaluation* other,
                          const std::string& name_of_other) {
-  if (!evaluation.lidar && !(other && other->lidar)) return "";
+  if (!evaluation.lidar && !(other && other->lidar) && evaluation.novel_lidar.empty()) return "";
   std::vector<std::vector<std::string>> rows = {
       {"LiDAR", "revolutions", "returns", "range error (cm)", "rendered (%)",
        "within " + fixed(kNearHit_m, 1) + " m (%)", "chamfer distance (cm)"},
@@ -97,7 +97,15 @@ std::string lidar_scores(const Evaluation& evaluation, const Evaluation* other,
   if (other) rows.push_back(lidar_row(name_of_other, other->lidar));
   if (other && other->lidar && other->lidar->moving)
     rows.push_back(moving_lidar_row(name_of_other, *other->lidar));
-  return "<h3>LiDAR of held-out frames</h3>\n" + html_table(rows, true) +
+  for (const auto& [name, score] : evaluation.novel_lidar) {
+    rows.push_back(lidar_row("this run, " + name, score));
+    if (!other) continue;
+    const auto same = other->novel_lidar.find(name);
+    rows.push_back(lidar_row(name_of_other + ", " + name, same == other->novel_lidar.end()
+                                                              ? std::nullopt
+                                                              : std::optional(same->second)));
+  }
+  return "<h3>LiDAR of held-out frames and of novel sets</h3>\n" + html_table(rows, true) +
          "<p>Each recorded return is rendered along its own direction at its own time. Range "
          "error: median of |rendered - recorded|.</p>\n";
 }

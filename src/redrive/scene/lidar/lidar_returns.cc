@@ -18,7 +18,6 @@
 namespace redrive {
 namespace {
 
-constexpr std::size_t kReturnsPerPart = 16384;
 constexpr std::int64_t kMaxBeyond_ns =
     60'000'000;  // half a revolution at 10 Hz and the frame's distance from its middle
 
@@ -269,6 +268,13 @@ bool LidarReturns::same_ray(std::size_t i) const {
          (direction_in_sensor(i) - direction_in_sensor(i - 1)).norm() < kSameRay_rad;
 }
 
+LidarReturns::Ray LidarReturns::ray_at(std::size_t first, std::size_t last) const {
+  Ray ray{first, first + 1, first};
+  for (; ray.end < last && same_ray(ray.end); ++ray.end)
+    if (intensity[ray.end] > intensity[ray.strongest]) ray.strongest = ray.end;
+  return ray;
+}
+
 const Rigid3d& LidarPoses::at(std::size_t i) {
   if (t_ns_ != returns_.t_ns[i]) {
     t_ns_ = returns_.t_ns[i];
@@ -279,22 +285,12 @@ const Rigid3d& LidarPoses::at(std::size_t i) {
 
 LidarRays rays_in_world(const Scene& scene, const LidarReturns& returns, ThreadPool& pool,
                         Poses which) {
-  LidarRays rays;
-  rays.origin.resize(3 * returns.n);
-  rays.direction.resize(3 * returns.n);
-  pool.run_ranges(returns.n, kReturnsPerPart, [&](std::size_t begin, std::size_t end) {
-    LidarPoses poses(scene, returns, which);
-    for (std::size_t i = begin; i < end; ++i) {
-      const Rigid3d& world_from_sensor = poses.at(i);
-      const Eigen::Vector3d direction = world_from_sensor.linear() * returns.direction_in_sensor(i);
-      for (int d = 0; d < 3; ++d) {
-        rays.origin[std::size_t(d) * returns.n + i] =
-            static_cast<float>(world_from_sensor.translation()[d]);
-        rays.direction[std::size_t(d) * returns.n + i] = static_cast<float>(direction[d]);
-      }
-    }
-  });
-  return rays;
+  return fire(
+      returns.t_ns, [&](std::size_t i) { return returns.direction_in_sensor(i); },
+      [&](std::int64_t t_ns) {
+        return scene.world_from_body(t_ns, which) * returns.body_from_sensor;
+      },
+      &pool);
 }
 
 std::optional<Finding> lost_returns(const LidarReturns& returns) {

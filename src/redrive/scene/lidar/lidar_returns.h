@@ -12,6 +12,7 @@
 
 #include "redrive/base/parallel.h"
 #include "redrive/recording/core/lidar_point.h"
+#include "redrive/scene/lidar/lidar_rays.h"
 #include "redrive/scene/moving_objects.h"
 #include "redrive/scene/scene.h"
 
@@ -68,6 +69,13 @@ struct LidarReturns {
   }
   /// Whether return i > 0 is of the same ray as the one before: sensors may report two surfaces.
   bool same_ray(std::size_t i) const;
+  /// The returns of one ray: [first, end).
+  struct Ray {
+    std::size_t first = 0, end = 0;
+    std::size_t strongest = 0;  ///< the return of the highest intensity, which trains
+  };
+  /// Returns the ray whose first return is `first`. `last`: end of its scan's returns.
+  Ray ray_at(std::size_t first, std::size_t last) const;
   /// Intensity that counts as 1: sensors have 8 bits or 16.
   float full_intensity() const;
   /// Returns the position of a return in the sensor's axes, metres.
@@ -97,19 +105,7 @@ class LidarPoses {
   Rigid3d world_from_sensor_;
 };
 
-/// Returns as rays in the world. Floats resolve 0.1 mm within 1 km of the first frame.
-struct LidarRays {
-  std::vector<float> origin;     ///< [3, n] position of the sensor, metres
-  std::vector<float> direction;  ///< [3, n] unit
-  Eigen::Vector3f origin_at(std::size_t i) const { return at(origin, i); }
-  Eigen::Vector3f direction_at(std::size_t i) const { return at(direction, i); }
-
- private:
-  static Eigen::Vector3f at(const std::vector<float>& values, std::size_t i) {
-    const std::size_t n = values.size() / 3;
-    return {values[i], values[n + i], values[2 * n + i]};
-  }
-};
+/// Returns as rays in the world.
 LidarRays rays_in_world(const Scene& scene, const LidarReturns& returns, ThreadPool& pool,
                         Poses which = Poses::kCorrected);
 

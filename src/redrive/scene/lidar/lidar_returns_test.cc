@@ -3,6 +3,7 @@
 
 #include <bit>
 #include <cmath>
+#include <numbers>
 
 #include <gtest/gtest.h>
 
@@ -86,6 +87,23 @@ TEST_F(LidarReturnsTest, StaticPointsAreFixedInTheWorld) {
     const Eigen::Vector3f end = rays.origin_at(i) + returns.range_m[i] * rays.direction_at(i);
     EXPECT_LT((end.cast<double>() - wall).norm(), kMillimetre_m) << i;
   }
+}
+
+TEST(LidarRays, OfOneTimeTakeOnePose) {
+  const std::vector<std::int64_t> t_ns = {5, 5, 7};
+  int poses = 0;
+  const LidarRays rays = fire(
+      t_ns, [](std::size_t i) { return Vector3d::Unit(static_cast<Eigen::Index>(i)); },
+      [&](std::int64_t time_ns) {
+        ++poses;
+        Rigid3d pose(Eigen::Translation3d(static_cast<double>(time_ns), 0, 0));
+        pose.rotate(Eigen::AngleAxisd(std::numbers::pi / 2, Vector3d::UnitZ()));
+        return pose;
+      });
+  EXPECT_EQ(poses, 2);
+  EXPECT_EQ(rays.origin_at(2), Eigen::Vector3f(7, 0, 0));
+  EXPECT_LT((rays.direction_at(0) - Eigen::Vector3f(0, 1, 0)).norm(), 1e-6);
+  EXPECT_LT((rays.direction_at(1) - Eigen::Vector3f(-1, 0, 0)).norm(), 1e-6);
 }
 
 // Returns follow the poses when these are refined.

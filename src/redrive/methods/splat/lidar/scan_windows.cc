@@ -79,12 +79,11 @@ ScanWindow ScanWindows::operator[](std::size_t which) const {
     rays.push_back({direction, range_m > 0 ? std::log(range_m) : kernels::kNoRange,
                     static_cast<float>(intensity) / full_intensity_, t_ns});
   };
-  for (std::size_t i = scan.begin.returns, end = i; i < scan.end.returns; i = end) {
-    std::size_t strongest = i;
-    for (end = i + 1; end < scan.end.returns && lidar_.same_ray(end); ++end)
-      if (lidar_.intensity[end] > lidar_.intensity[strongest]) strongest = end;
-    add(lidar_.direction_in_sensor(i).cast<float>(), lidar_.range_m[strongest],
-        lidar_.intensity[strongest], lidar_.t_ns[i]);
+  for (std::size_t i = scan.begin.returns; i < scan.end.returns;) {
+    const LidarReturns::Ray ray = lidar_.ray_at(i, scan.end.returns);
+    add(lidar_.direction_in_sensor(i).cast<float>(), lidar_.range_m[ray.strongest],
+        lidar_.intensity[ray.strongest], lidar_.t_ns[i]);
+    i = ray.end;
   }
   for (std::size_t i = scan.begin.on_objects; i < scan.end.on_objects; ++i) {
     const LidarReturns::OnObject& at = lidar_.on_objects[i];
@@ -94,25 +93,19 @@ ScanWindow ScanWindows::operator[](std::size_t which) const {
     add(lidar_.lost[i].direction, 0, 0, lidar_.lost[i].t_ns);
   std::ranges::stable_sort(rays, {}, &FiredRay::t_ns);  // a pose is evaluated once for each time
 
-  const std::size_t n = rays.size();
   ScanWindow out;
-  out.origin.resize(3 * n);
-  out.direction.resize(3 * n);
-  Rigid3d world_from_sensor;
-  Eigen::Vector3d middle = Eigen::Vector3d::Zero();
-  for (std::size_t i = 0; i < n; ++i) {
-    if (i == 0 || rays[i].t_ns != rays[i - 1].t_ns)
-      world_from_sensor = scene_.world_from_body(rays[i].t_ns) * lidar_.body_from_sensor;
-    const Eigen::Vector3d direction = world_from_sensor.linear() * rays[i].direction.cast<double>();
-    for (std::size_t k = 0; k < 3; ++k) {
-      out.origin[k * n + i] = static_cast<float>(world_from_sensor.translation()[Eigen::Index(k)]);
-      out.direction[k * n + i] = static_cast<float>(direction[Eigen::Index(k)]);
-    }
-    middle += direction;
-    out.log_range.push_back(rays[i].log_range);
-    out.intensity.push_back(rays[i].intensity);
-    out.t_ns.push_back(rays[i].t_ns);
+  for (const FiredRay& ray : rays) {
+    out.log_range.push_back(ray.log_range);
+    out.intensity.push_back(ray.intensity);
+    out.t_ns.push_back(ray.t_ns);
   }
+  LidarRays in_world = fire(
+      out.t_ns, [&](std::size_t i) { return rays[i].direction.cast<double>(); },
+      [&](std::int64_t t_ns) { return scene_.world_from_body(t_ns) * lidar_.body_from_sensor; });
+  Eigen::Vector3d middle = Eigen::Vector3d::Zero();
+  for (std::size_t i = 0; i < rays.size(); ++i) middle += in_world.direction_at(i).cast<double>();
+  out.origin = std::move(in_world.origin);
+  out.direction = std::move(in_world.direction);
   middle.z() = 0;
   out.world_from_axes.col(2) =
       middle.norm() > 1e-6 ? middle.normalized().eval() : Eigen::Vector3d::UnitX().eval();
