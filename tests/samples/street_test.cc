@@ -312,7 +312,9 @@ TEST(StreetTraffic, BoxesContainTheirVehicles) {
         inside += (in_box.abs() <= half).all();
         above += ((in_box - Eigen::Array3d(0, 0, 2 * half.z())).abs() <= half).all();
       }
-      if (box.body_from_box.translation().norm() < 40) EXPECT_GE(inside, 1) << file.path;
+      if (box.body_from_box.translation().norm() < 40) {
+        EXPECT_GE(inside, 1) << file.path;
+      }
       EXPECT_EQ(above, 0) << file.path;
     }
   }
