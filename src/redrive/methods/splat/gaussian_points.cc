@@ -17,6 +17,8 @@ namespace {
 constexpr std::size_t kNeighbours = 9;
 /// Least scale of a disc along its normal, as a part of its smaller axis.
 constexpr float kFlattest = 0.15f;
+/// Least share of rays that counts as ended at a point.
+constexpr float kLeastEnded = 0.05f;
 
 float logit(float p) { return std::log(p / (1 - p)); }
 
@@ -97,7 +99,8 @@ void append_discs(const Points& points, const NearestCamera& cameras, float size
       const float scale = std::clamp(size * side, 5e-4f * distance, 0.02f * distance);
       const double thickness = std::sqrt(plane.variance[0] / std::max(plane.variance[1], 1e-20));
       const float flat = std::clamp(2 * static_cast<float>(thickness), kFlattest, 1.0f);
-      put_gaussian(points[i], {scale, scale, flat * scale}, Eigen::Quaternionf(rotation), opacity,
+      const float seen = opacity * std::max(1 - points[i].beyond, kLeastEnded);
+      put_gaussian(points[i], {scale, scale, flat * scale}, Eigen::Quaternionf(rotation), seen,
                    distance, &list->rows[(first + i) * kGaussianRows]);
     }
   });

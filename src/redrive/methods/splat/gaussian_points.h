@@ -34,6 +34,7 @@ struct Point {
   Eigen::Vector3f position, rgb, seen_from;  ///< rgb in [0, 1]; position of a sensor that saw it
   float intensity = 0;                       ///< 0..1, as a LiDAR measured it
   float returns = 1;                         ///< probability that a LiDAR has a return
+  float beyond = 0;                          ///< share of rays that pass it (lidar/rays_beyond.h)
 };
 using Points = std::vector<Point>;
 
@@ -74,8 +75,9 @@ Points one_per_voxel(const Points& points, const NearestCamera& cameras, float v
 void put_gaussian(const Point& point, const Eigen::Vector3f& scale,
                   const Eigen::Quaternionf& rotation, float opacity, float distance, float* rows);
 
-/// Appends a Gaussian for each point, as large as `size` times the distance of its neighbours, and
-/// flat where these lie in a plane; none if there are fewer points than neighbours to look at.
+/// Appends a Gaussian for each point, as large as `size` times the distance of its neighbours, flat
+/// where these lie in a plane, and the more transparent, the more rays pass the point; none if
+/// there are fewer points than neighbours to look at.
 void append_discs(const Points& points, const NearestCamera& cameras, float size, float opacity,
                   ThreadPool& pool, GaussianList* list);
 

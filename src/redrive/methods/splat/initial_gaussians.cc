@@ -12,6 +12,7 @@
 
 #include "redrive/base/rng.h"
 #include "redrive/methods/splat/gaussian_points.h"
+#include "redrive/methods/splat/lidar/rays_beyond.h"
 #include "redrive/methods/splat/visual_hull.h"
 #include "redrive/perception/track_points.h"
 #include "redrive/scene/lidar/lidar_points.h"
@@ -71,6 +72,15 @@ Points thinned(const Points& points, const NearestCamera& cameras, float voxel, 
     kept = one_per_voxel(kept, cameras, voxel, pool);
   }
   return kept;
+}
+
+/// Sets what the scans' rays that pass the points tell; nothing for a cloud.
+void set_beyond(const TrainingSet& data, ThreadPool& pool, Points* points) {
+  if (data.lidar.scan_ends.empty()) return;
+  std::vector<Eigen::Vector3f> positions;
+  for (const Point& point : *points) positions.push_back(point.position);
+  const std::vector<float> shares = shares_beyond(data.scene, data.lidar, positions, pool);
+  for (std::size_t i = 0; i < points->size(); ++i) (*points)[i].beyond = shares[i];
 }
 
 /// Moves track points along their rays onto the planes of LiDAR returns around them: returns are
@@ -293,7 +303,8 @@ GaussianList initial_gaussians(const TrainingSet& data, const InitialGaussianOpt
   GaussianList list;
   std::vector<float> distances;
   const auto add = [&](const Points& points, float voxel, float size, float opacity) {
-    const Points kept = thinned(points, cameras, voxel, kShareOfMost * options.max_gaussians, pool);
+    Points kept = thinned(points, cameras, voxel, kShareOfMost * options.max_gaussians, pool);
+    set_beyond(data, pool, &kept);
     append_discs(kept, cameras, size, opacity, pool, &list);
     for (const Point& point : kept) distances.push_back(cameras.distance(point.position.data()));
     return kept;
@@ -306,8 +317,9 @@ GaussianList initial_gaussians(const TrainingSet& data, const InitialGaussianOpt
     for (std::size_t i = 0; i < cloud.n; ++i)
       points[i].intensity = static_cast<float>(data.lidar.intensity[cloud.source[i]]) / full;
     if (!data.lidar.scan_ends.empty() && options.max_unseen > 0) {
-      const Points kept = thinned(unseen_returns(data, cloud), cameras, options.voxel,
-                                  static_cast<double>(options.max_unseen), pool);
+      Points kept = thinned(unseen_returns(data, cloud), cameras, options.voxel,
+                            static_cast<double>(options.max_unseen), pool);
+      set_beyond(data, pool, &kept);
       append_discs(kept, cameras, kPointSize, kUnseenOpacity, pool, &list);
       *unseen = list.size();
     }
