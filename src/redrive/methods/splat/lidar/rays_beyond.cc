@@ -8,8 +8,9 @@
 namespace redrive {
 namespace {
 
-constexpr int kCells = 225;  ///< cells along the side of a face of the cube: 0.4 degrees in the mean
-constexpr std::size_t kMostScans = 48;    ///< of a longer drive, every n-th is looked at
+/// Cells along the side of a face of the cube: 0.4 degrees in the mean.
+constexpr int kCells = 225;
+constexpr std::size_t kMostScans = 48;           ///< a longer drive's are looked at in steps
 constexpr std::int64_t kGlance_ns = 12'500'000;  ///< rays that count as sent from one place
 /// Farther away a cell covers so much of a road that its rays end behind and before a point of it.
 constexpr float kFarthest_m = 25;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// How many of a LiDAR's rays pass a point. Wire fences and foliage have returns, and most rays go on
-// beyond them; Gaussians there that begin opaque would take long to become transparent.
+// Shares of a LiDAR's rays that pass a point. Wire fences and foliage have returns, while most rays
+// go on beyond them; Gaussians there that begin opaque would take long to become transparent.
 #pragma once
 
 #include <span>
