@@ -48,59 +48,6 @@ double mean_distance(const Cloud& from, const Cloud& to) {
   return sum / static_cast<double>(from.size());
 }
 
-/// Adds up errors of returns.
-class RangeErrors {
- public:
-  /// `rendered_m`: a return's range; nothing: none is rendered.
-  void add(std::optional<double> rendered_m, double recorded_m) {
-    ++returns_;
-    if (!rendered_m) return;
-    errors_.push_back(std::abs(*rendered_m - recorded_m));
-    near_ += errors_.back() <= kNearHit_m;
-  }
-  RangeScore score() {
-    const auto share = [&](double part) { return part / static_cast<double>(returns_); };
-    RangeScore score{returns_, kNone, kNone, share(static_cast<double>(errors_.size())),
-                     share(static_cast<double>(near_))};
-    if (errors_.empty()) return score;
-    const auto middle = errors_.begin() + static_cast<std::ptrdiff_t>(errors_.size() / 2);
-    std::nth_element(errors_.begin(), middle, errors_.end());
-    score.range_error_m = *middle;
-    score.mean_range_error_m =
-        std::reduce(errors_.begin(), errors_.end()) / static_cast<double>(errors_.size());
-    return score;
-  }
-  std::int64_t returns() const { return returns_; }
-
- private:
-  std::vector<double> errors_;
-  std::int64_t returns_ = 0, near_ = 0;
-};
-
-/// Adds up what is scored besides ranges.
-struct SignalErrors {
-  double squares = 0;  // sum over the intensities of rendered returns
-  double returned = 0, right_returned = 0, lost = 0, right_lost = 0;
-
-  void add_return(bool rendered, double intensity_error) {
-    ++returned;
-    if (!rendered) return;
-    ++right_returned;
-    squares += intensity_error * intensity_error;
-  }
-  void add_lost(bool rendered) {
-    ++lost;
-    right_lost += !rendered;
-  }
-  void set(LidarScore* score) const {
-    if (right_returned > 0) score->intensity_rmse = std::sqrt(squares / right_returned);
-    if (lost > 0)
-      score->lost = LostRayScore{static_cast<std::int64_t>(returned + lost),
-                                 (right_returned + right_lost) / (returned + lost),
-                                 2 * right_lost / (right_lost + lost + returned - right_returned)};
-  }
-};
-
 bool on_object(const std::vector<MovingBox>& boxes, const Eigen::Vector3d& in_world) {
   return std::ranges::any_of(boxes, [&](const MovingBox& box) {
     return is_on_object(box, box.box_from_world * in_world);
@@ -143,6 +90,60 @@ std::vector<std::int64_t> held_out_revolutions(const Run& run) {
 }
 
 struct LidarScores::Sums {
+  /// Adds up errors of returns.
+  class RangeErrors {
+   public:
+    /// `rendered_m`: a return's range; nothing: none is rendered.
+    void add(std::optional<double> rendered_m, double recorded_m) {
+      ++returns_;
+      if (!rendered_m) return;
+      errors_.push_back(std::abs(*rendered_m - recorded_m));
+      near_ += errors_.back() <= kNearHit_m;
+    }
+    RangeScore score() {
+      const auto share = [&](double part) { return part / static_cast<double>(returns_); };
+      RangeScore score{returns_, kNone, kNone, share(static_cast<double>(errors_.size())),
+                       share(static_cast<double>(near_))};
+      if (errors_.empty()) return score;
+      const auto middle = errors_.begin() + static_cast<std::ptrdiff_t>(errors_.size() / 2);
+      std::nth_element(errors_.begin(), middle, errors_.end());
+      score.range_error_m = *middle;
+      score.mean_range_error_m =
+          std::reduce(errors_.begin(), errors_.end()) / static_cast<double>(errors_.size());
+      return score;
+    }
+    std::int64_t returns() const { return returns_; }
+
+   private:
+    std::vector<double> errors_;
+    std::int64_t returns_ = 0, near_ = 0;
+  };
+
+  /// Adds up what is scored besides ranges.
+  struct SignalErrors {
+    double squares = 0;  // sum over the intensities of rendered returns
+    double returned = 0, right_returned = 0, lost = 0, right_lost = 0;
+
+    void add_return(bool rendered, double intensity_error) {
+      ++returned;
+      if (!rendered) return;
+      ++right_returned;
+      squares += intensity_error * intensity_error;
+    }
+    void add_lost(bool rendered) {
+      ++lost;
+      right_lost += !rendered;
+    }
+    void set(LidarScore* score) const {
+      if (right_returned > 0) score->intensity_rmse = std::sqrt(squares / right_returned);
+      if (lost > 0)
+        score->lost =
+            LostRayScore{static_cast<std::int64_t>(returned + lost),
+                         (right_returned + right_lost) / (returned + lost),
+                         2 * right_lost / (right_lost + lost + returned - right_returned)};
+    }
+  };
+
   RangeErrors all, on_moving;
   SignalErrors signals;
   double chamfer = 0;
