@@ -25,9 +25,13 @@ async function restsInSight(page, selector) {
 
 /** Drags the middle of an element by pixels. */
 async function drag(page, selector, right, down) {
-  await restsInSight(page, selector);
-  const {x, y} = await middle(page, selector);
-  await page.mouse.move(x, y);
+  let x, y;
+  do { // an image that arrives meanwhile may move the element from under the pointer
+    await restsInSight(page, selector);
+    ({x, y} = await middle(page, selector));
+    await page.mouse.move(x, y);
+  } while (!await page.$eval(selector, (element, ...at) =>
+    element.contains(document.elementFromPoint(...at)), x, y));
   await page.mouse.down();
   await page.mouse.move(x + right, y + down, {steps: 4});
   await page.mouse.up();

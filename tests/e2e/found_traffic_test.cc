@@ -107,11 +107,6 @@ TEST_F(FoundTraffic, IsDrawnByTheBlocksThatSeeIt) {
   EXPECT_EQ(read_file(run / "masks/moving.json"), read_file(given / "moving.json"));
   EXPECT_NE(rendered(run, {"--actors=-1"}).rgb, rendered(run, {"--actors", "none"}).rgb);
   EXPECT_EQ(scores(run).at("moving").at("objects").size(), 1u);
-
-  // All blocks search, and it is listed once.
-  const fs::path searched = folder_ / "searched";
-  ASSERT_EQ(train(searched, {"--blocks", "6"}).exit_code, kExitOk);
-  EXPECT_EQ(read_json(searched / "masks/moving.json").at("objects").size(), 1u);
 }
 
 }  // namespace
