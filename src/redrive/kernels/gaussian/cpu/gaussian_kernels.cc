@@ -168,10 +168,16 @@ REDRIVE_INLINE Vi pack_moments(Vf first, Vf second) {
          ((reinterpret_cast<Vi>(second) + splat_int(0x4000)) >> 15);
 }
 
-/// Updates the rows of a block that a camera sees by their gradients.
-template <SeenBy by>
-REDRIVE_INLINE void update_block(const UpdateJob& job, const float* gradients, const float* errors,
-                                 std::size_t block) {
+#ifdef __clang__
+#define REDRIVE_ONE_COPY __attribute__((noinline))
+#else
+#define REDRIVE_ONE_COPY __attribute__((noinline, noclone))
+#endif
+
+/// Updates the rows of a block that are seen by their gradients. One copy of the code: compilers
+/// contract products and sums in each copy as they like, and a step and an update must agree.
+REDRIVE_ONE_COPY void update_block(const UpdateJob& job, const float* gradients,
+                                   const float* errors, std::size_t block) {
   const Vf beta1 = splat(job.beta1), beta2 = splat(job.beta2), rest1 = splat(1 - job.beta1),
            rest2 = splat(1 - job.beta2), bias1 = splat(job.bias1), bias2 = splat(job.bias2),
            epsilon = splat(job.epsilon);
@@ -183,13 +189,13 @@ REDRIVE_INLINE void update_block(const UpdateJob& job, const float* gradients, c
     Vi drawn = load(g + kOpacityRow * kGaussianBlock) != Vf{};
     if (lane_bits(drawn) == 0) continue;
     for (int row = 0; row < kDistanceRow; ++row) {
-      if (!is_seen(by, row)) continue;
+      if (!is_seen(job.rows, row)) continue;
       const Vf gradient = load(g + row * kGaussianBlock);
       drawn &= gradient - gradient == Vf{};  // false for NaN and infinity
     }
     const Vf distance = load(p + kDistanceRow * kGaussianBlock);
     for (int row = 0; row < kDistanceRow; ++row) {
-      if (!is_seen(by, row)) continue;
+      if (!is_seen(job.rows, row)) continue;
       const std::size_t o = static_cast<std::size_t>(row) * kGaussianBlock;
       const Vi packed = load_words(moments + o);
       const Vf gradient = load(g + o), m = beta1 * unpacked_first(packed) + rest1 * gradient,
@@ -286,7 +292,7 @@ REDRIVE_INLINE void project_backward(const ProjectionBackwardJob& job, const C& 
           pose_sums[3 + k] += drawn ? d_pose.rotation[k] : Vf{};
         }
     }
-    if (job.update) update_block<kSeenBy<C>>(*job.update, gradients, errors, block);
+    if (job.update) update_block(*job.update, gradients, errors, block);
   }
   if (job.d_pose)
     for (int k = 0; k < 6; ++k)
@@ -303,15 +309,8 @@ void project_backward(const ProjectionBackwardJob& job, std::size_t begin, std::
 
 void update(const UpdateJob& job, const float* gradients, const float* errors, std::size_t begin,
             std::size_t end) {
-  const auto update_all = [&]<SeenBy by>() __attribute__((always_inline)) {
-    for (std::size_t block = begin; block < end; ++block)
-      update_block<by>(job, gradients + block * kBlockSize, errors + block * kGaussianBlock, block);
-  };
-  switch (job.rows) {
-    case SeenBy::kCamera: return update_all.template operator()<SeenBy::kCamera>();
-    case SeenBy::kLidar: return update_all.template operator()<SeenBy::kLidar>();
-    case SeenBy::kBoth: return update_all.template operator()<SeenBy::kBoth>();
-  }
+  for (std::size_t block = begin; block < end; ++block)
+    update_block(job, gradients + block * kBlockSize, errors + block * kGaussianBlock, block);
 }
 
 }  // namespace
