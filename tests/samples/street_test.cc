@@ -107,6 +107,18 @@ TEST(Street, PosesOfNovelViewsAgreeWithTheirShifts) {
   }
 }
 
+/// Adds the error of a point's distance from the depth of its pixel, as a part of the depth;
+/// nothing where the image has none.
+void add_depth_error(const GroundTruthView& view, const Eigen::Vector3d& in_camera,
+                     std::vector<double>* errors) {
+  const auto at = view.camera.project(in_camera);
+  if (!at) return;
+  const long x = std::lround(at->x()), y = std::lround(at->y());
+  if (x < 0 || y < 0 || x >= view.camera.width || y >= view.camera.height) return;
+  const float depth_m = view.depth_m[static_cast<std::size_t>(y) * view.camera.width + x];
+  if (depth_m > 0) errors->push_back(std::abs(in_camera.norm() - depth_m) / depth_m);
+}
+
 // Projects LiDAR points at their own time into images from half a metre aside. The depth there is
 // the point's distance except at edges, at points hidden from one of the two, and within 2 cm of
 // noise and half a pixel. The latter is largest on the road, where a pixel spans distance / (camera
@@ -131,12 +143,7 @@ TEST(Street, LidarAgreesWithDepth) {
       const Eigen::Vector3d world = world_from_global * pose_at(run.recording.frames, point.t_ns) *
                                     point.in_body_m.cast<double>();
       const Eigen::Vector3d in_camera = camera_from_world * world;
-      const auto at = view.camera.project(in_camera);
-      if (!at) continue;
-      const long x = std::lround(at->x()), y = std::lround(at->y());
-      if (x < 0 || y < 0 || x >= view.camera.width || y >= view.camera.height) continue;
-      const float depth_m = view.depth_m[static_cast<std::size_t>(y) * view.camera.width + x];
-      if (depth_m > 0) errors.push_back(std::abs(in_camera.norm() - depth_m) / depth_m);
+      add_depth_error(view, in_camera, &errors);
     }
     // 20 packets in view, the 10 channels of each that hit the road, some of them lost
     ASSERT_GE(errors.size(), 150u) << view.name;
@@ -193,12 +200,7 @@ TEST(Street, ScansOfNovelViewsAgreeWithDepth) {
       for (const LidarPoint& point : points) {
         EXPECT_LE(point.intensity, 255);
         const Eigen::Vector3d in_camera = camera_from_body * point.in_body_m.cast<double>();
-        const auto at = view.camera.project(in_camera);
-        if (!at) continue;
-        const long x = std::lround(at->x()), y = std::lround(at->y());
-        if (x < 0 || y < 0 || x >= view.camera.width || y >= view.camera.height) continue;
-        const float depth_m = view.depth_m[static_cast<std::size_t>(y) * view.camera.width + x];
-        if (depth_m > 0) errors.push_back(std::abs(in_camera.norm() - depth_m) / depth_m);
+        add_depth_error(view, in_camera, &errors);
       }
       ASSERT_GE(errors.size(), 150u);
       std::nth_element(errors.begin(), errors.begin() + std::ssize(errors) / 2, errors.end());

@@ -150,7 +150,7 @@ TEST_F(LidarScoreTest, AccuracyAndF1OfLostRaysFollowFromTheCounts) {
   EXPECT_NEAR(found->lost->f1, 2 * 3.0 / (2 * 3 + 1 + 2), 1e-12);
 }
 
-// What an object hides that the run does not draw is not scored.
+// Returns on objects that the run does not draw are not scored.
 TEST_F(LidarScoreTest, LeavesOutObjectsWhereTheyAre) {
   LidarReturns scan;
   scan.n = 2;

@@ -53,8 +53,8 @@ class Field {
     return image;
   }
   /// Renders single rays in world metres, each with its own origin, such as a LiDAR's beams. Moving
-  /// objects are where they are at the rays' times, which must be given if there are any; fields
-  /// that draw none leave them out.
+  /// objects stand where they are at the rays' times, which must be given if there are any. Fields
+  /// without moving objects ignore them.
   virtual RenderedRays trace(kernels::Backend& backend, const kernels::Rays& rays,
                              const std::vector<MovingObject>& actors = {}) const = 0;
 

@@ -16,7 +16,7 @@
 
 namespace redrive::view {
 
-/// Rays of a scan, at most; of more, every second, third .. is fired. Others wait for images.
+/// Maximum number of rays of a scan; of more, every n-th is fired, since images wait meanwhile.
 constexpr std::size_t kMostRays = 1 << 18;
 constexpr std::size_t kMostMarchedRays = 1 << 13;  ///< likewise, where a method marches along rays
 
