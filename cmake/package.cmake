@@ -31,7 +31,7 @@ set(CPACK_DEBIAN_PROGRAM_PACKAGE_RECOMMENDS "gnuplot-nox, fonts-dejavu-core")  #
 if(REDRIVE_FFMPEG_PACKAGES)  # redrive render path
   string(APPEND CPACK_DEBIAN_PROGRAM_PACKAGE_RECOMMENDS ", ${REDRIVE_FFMPEG_PACKAGES}")
 endif()
-set(CPACK_DEBIAN_PROGRAM_PACKAGE_SUGGESTS "redrive-samples, redrive-mpi")
+set(CPACK_DEBIAN_PROGRAM_PACKAGE_SUGGESTS "redrive-samples, redrive-mpi, libvulkan1")
 set(CPACK_COMPONENT_PROGRAM_DESCRIPTION "radiance fields from the recordings of sensor cars
  Turns cameras, LiDAR and egomotion of a drive into a radiance field and renders new images of it.")
 set(CPACK_DEBIAN_SAMPLES_PACKAGE_NAME redrive-samples)

@@ -251,8 +251,8 @@ REDRIVE_INLINE void project_backward(const ProjectionBackwardJob& job, const C& 
           for (int k = 0; k < kRecordFloats; k += kLanes)
             store(of_lane[lane] + k, load(of_lane[lane] + k) + load(pair + k));
       }
-      Vf sum[kSumLogDistance + 1];
-      for (int k = 0; k <= kSumLogDistance; ++k) {
+      Vf sum[kPairSums];
+      for (int k = 0; k < kPairSums; ++k) {
         for (int lane = 0; lane < kLanes; ++lane) by_sum[k][lane] = of_lane[lane][k];
         sum[k] = load(by_sum[k]);
       }
@@ -268,15 +268,7 @@ REDRIVE_INLINE void project_backward(const ProjectionBackwardJob& job, const C& 
       Projected at;
       project_means(job, camera, rows, &pose, &at);
       project_gaussian<LaneMath>(camera, pose, rows, &at);
-      ProjectedGradient<LaneMath> gradient;
-      gradient.mean[0] = at.conic[0] * sum[kSumX] + at.conic[1] * sum[kSumY];
-      gradient.mean[1] = at.conic[1] * sum[kSumX] + at.conic[2] * sum[kSumY];
-      gradient.conic[0] = splat(-0.5f) * sum[kSumXX];
-      gradient.conic[1] = -sum[kSumXY];
-      gradient.conic[2] = splat(-0.5f) * sum[kSumYY];
-      gradient.log_alpha = sum[kSumAlpha];
-      for (int k = 0; k < 3; ++k) gradient.colour[k] = sum[kSumRgb + k];
-      gradient.length = sum[kSumLogDistance] / at.length;
+      const ProjectedGradient<LaneMath> gradient = gradient_of_sums<LaneMath>(sum, at);
       Vf d_rows[kDistanceRow];
       GaussianPoseGradient<LaneMath> d_pose;
       project_gaussian_adjoint<LaneMath>(camera, pose, rows, at, gradient, d_rows,

@@ -8,6 +8,7 @@
 
 #include "redrive/camera/plain_camera.h"
 #include "redrive/field/gaussian.h"
+#include "redrive/kernels/gaussian/pair_sums.h"
 
 namespace redrive::kernels {
 
@@ -85,20 +86,6 @@ struct TileBackwardJob : TileJob {
 static constexpr std::size_t tile_scratch(std::size_t n) {
   return 2 * kRecordFloats * n + 32 * (n + 16);
 }
-
-/// Sums over the pixels of a tile. The first six are derivatives by log alpha, times offsets from
-/// the mean.
-enum PairSum {
-  kSumAlpha,
-  kSumX,
-  kSumY,
-  kSumXX,
-  kSumXY,
-  kSumYY,
-  kSumRgb,  ///< 3: derivatives by the colour
-  kSumError = 9,
-  kSumLogDistance  ///< derivative by the logarithm of the distance
-};
 
 struct UpdateJob {
   const float* rates;  ///< one per row

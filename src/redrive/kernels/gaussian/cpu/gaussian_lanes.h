@@ -5,6 +5,7 @@
 #pragma once
 
 #include "redrive/kernels/cpu/simd/vector.h"
+#include "redrive/math/angle_of.h"
 
 namespace redrive::kernels::REDRIVE_ISA {
 
@@ -63,26 +64,6 @@ REDRIVE_INLINE Vf logarithm_of_two(Vf x) {
   return __builtin_convertvector(exponent, Vf) + p * z * splat(2.88539008f);
 }
 
-/// Angle of (x, y) from the x axis for y >= 0, in [0, pi], with an absolute error below 3e-7 for
-/// vectors longer than 1e-18: t P(t^2) for t in [0, 1], the ratio of the shorter to the longer
-/// side, P through arctan at the Chebyshev nodes (error 1e-8, below the floats' rounding).
-REDRIVE_INLINE Vf angle_of(Vf y, Vf x) {
-  const Vf across = magnitude_of(x);
-  const Vi steep = y > across;
-  const Vf t = (steep ? across : y) / (steep ? y : across), u = t * t;
-  Vf p = splat(2.76628350e-3f);
-  p = p * u + splat(-1.57312491e-2f);
-  p = p * u + splat(4.21376236e-2f);
-  p = p * u + splat(-7.45685483e-2f);
-  p = p * u + splat(1.06183706e-1f);
-  p = p * u + splat(-1.41977978e-1f);
-  p = p * u + splat(1.99918720e-1f);
-  p = p * u + splat(-3.33330367e-1f);
-  p = p * u + splat(0.999999982f);
-  const Vf within = p * t, upper = steep ? splat(1.57079633f) - within : within;
-  return x < Vf{} ? splat(3.14159265f) - upper : upper;
-}
-
 /// Lanes of two vectors after adding the halves of their groups of 2 * kGroup lanes: a's lanes,
 /// then b's.
 template <int kGroup>
@@ -127,7 +108,7 @@ struct LaneMath {
 
   REDRIVE_INLINE Vf constant(float x) { return splat(x); }
   REDRIVE_INLINE Vf sqrt(Vf x) { return square_root(x); }
-  REDRIVE_INLINE Vf atan2(Vf y, Vf x) { return angle_of(y, x); }
+  REDRIVE_INLINE Vf atan2(Vf y, Vf x) { return angle_of<LaneMath>(y, x); }
   REDRIVE_INLINE Vf exp(Vf x) { return exponential(x).value; }
   REDRIVE_INLINE Vf min(Vf a, Vf b) { return minimum(a, b); }
   REDRIVE_INLINE Vf max(Vf a, Vf b) { return maximum(a, b); }

@@ -182,7 +182,7 @@ REDRIVE_INLINE void backward(const TileBackwardJob& job) {
                  alpha = minimum(full, most), w = kept(blended, alpha * t);
         Vf d_w =
             d_rgb[0] * splat(record[6]) + d_rgb[1] * splat(record[7]) + d_rgb[2] * splat(record[8]);
-        Vf sum[kSumLogDistance + 1];
+        Vf sum[kPairSums];
         if constexpr (kRange) {
           const Vf off = log_distance(record, f) - log_range, size = magnitude_of(off);
           d_w += d_range * minimum(size, splat(kMaxRangeError));
@@ -201,7 +201,7 @@ REDRIVE_INLINE void backward(const TileBackwardJob& job) {
         for (int k = 0; k < 3; ++k) sum[kSumRgb + k] = w * d_rgb[k];
         sum[kSumError] = w * pixel_error;
         float* const sums = tile.sums + std::size_t{kRecordFloats} * list[i];
-        constexpr int kSums = kRange ? kSumLogDistance + 1 : kSumLogDistance;
+        constexpr int kSums = kRange ? kPairSums : kSumLogDistance;
         if constexpr (kSums <= kLanes) {
           store(sums, load(sums) + sums_of<kSums>(sum));
         } else {
