@@ -18,6 +18,7 @@
 #include "redrive/eval/evaluate.h"
 #include "redrive/eval/other_cameras.h"
 #include "redrive/render/open_to_render.h"
+#include "redrive/report/html.h"
 
 namespace redrive {
 namespace {
@@ -64,14 +65,37 @@ void print_novel_scans(const std::map<std::string, LidarScore>& sets) {
               "returns", "rendered %", "<= 0.2 m", "median cm", "mean cm", "chamfer cm",
               "intensity", "lost acc %", "lost F1");
   for (const auto& [name, score] : sets) {
-    std::printf("%-16s %5d %7lld %10.1f %8.1f %9.1f %7.1f %10.1f", name.c_str(), score.revolutions,
+    std::printf("%-16s %5d %7lld %10.1f %8.1f %9s %7s %10s", name.c_str(), score.revolutions,
                 static_cast<long long>(score.returns), 100 * score.hit_rate,
-                100 * score.near_hit_rate, 100 * score.range_error_m,
-                100 * score.mean_range_error_m, 100 * score.chamfer_m);
+                100 * score.near_hit_rate, fixed(100 * score.range_error_m, 1).c_str(),
+                fixed(100 * score.mean_range_error_m, 1).c_str(),
+                fixed(100 * score.chamfer_m, 1).c_str());
     if (score.intensity_rmse) std::printf(" %9.3f", *score.intensity_rmse);
-    if (score.lost) std::printf(" %10.1f %7.3f", 100 * score.lost->accuracy, score.lost->f1);
+    if (score.lost)
+      std::printf(" %10.1f %7s", 100 * score.lost->accuracy, fixed(score.lost->f1, 3).c_str());
     std::printf("\n");
   }
+}
+
+void print_lidar(const LidarScore& lidar) {
+  std::printf(
+      "LiDAR of %d held-out frames, %lld returns: %.1f %% rendered, %.1f %% within %.1f m; range "
+      "error %s cm (median; mean %s cm), chamfer distance %s cm\n",
+      lidar.revolutions, static_cast<long long>(lidar.returns), 100 * lidar.hit_rate,
+      100 * lidar.near_hit_rate, kNearHit_m, fixed(100 * lidar.range_error_m, 1).c_str(),
+      fixed(100 * lidar.mean_range_error_m, 1).c_str(), fixed(100 * lidar.chamfer_m, 1).c_str());
+  if (lidar.intensity_rmse)
+    std::printf("intensity: error %.3f of 0..1 (RMS)\n", *lidar.intensity_rmse);
+  if (lidar.lost)
+    std::printf("rays without a return, of %lld: accuracy %.1f %%, F1 %s\n",
+                static_cast<long long>(lidar.lost->rays), 100 * lidar.lost->accuracy,
+                fixed(lidar.lost->f1, 3).c_str());
+  if (const auto& moving = lidar.moving)
+    std::printf(
+        "of them on moving objects, %lld returns: %.1f %% rendered, %.1f %% within %.1f m; range "
+        "error %s cm (median)\n",
+        static_cast<long long>(moving->returns), 100 * moving->hit_rate,
+        100 * moving->near_hit_rate, kNearHit_m, fixed(100 * moving->range_error_m, 1).c_str());
 }
 
 void print_evaluation(const Evaluation& evaluation) {
@@ -96,27 +120,7 @@ void print_evaluation(const Evaluation& evaluation) {
         "poses of %d held-out images refined against the trained model before scoring: %.1f cm, "
         "%.3f deg RMS\n",
         aligned->views, 100 * aligned->translation_m, aligned->rotation_deg);
-  if (const auto& lidar = evaluation.lidar)
-    std::printf(
-        "LiDAR of %d held-out frames, %lld returns: %.1f %% rendered, %.1f %% within %.1f m; range "
-        "error %.1f cm (median; mean %.1f cm), chamfer distance %.1f cm\n",
-        lidar->revolutions, static_cast<long long>(lidar->returns), 100 * lidar->hit_rate,
-        100 * lidar->near_hit_rate, kNearHit_m, 100 * lidar->range_error_m,
-        100 * lidar->mean_range_error_m, 100 * lidar->chamfer_m);
-  if (evaluation.lidar && evaluation.lidar->intensity_rmse)
-    std::printf("intensity: error %.3f of 0..1 (RMS)\n", *evaluation.lidar->intensity_rmse);
-  if (evaluation.lidar && evaluation.lidar->lost)
-    std::printf("rays without a return, of %lld: accuracy %.1f %%, F1 %.3f\n",
-                static_cast<long long>(evaluation.lidar->lost->rays),
-                100 * evaluation.lidar->lost->accuracy, evaluation.lidar->lost->f1);
-  if (evaluation.lidar && evaluation.lidar->moving) {
-    const RangeScore& moving = *evaluation.lidar->moving;
-    std::printf(
-        "of them on moving objects, %lld returns: %.1f %% rendered, %.1f %% within %.1f m; range "
-        "error %.1f cm (median)\n",
-        static_cast<long long>(moving.returns), 100 * moving.hit_rate, 100 * moving.near_hit_rate,
-        kNearHit_m, 100 * moving.range_error_m);
-  }
+  if (evaluation.lidar) print_lidar(*evaluation.lidar);
   const bool has_truth = !evaluation.novel.empty() || !evaluation.novel_lidar.empty();
   if (const auto& alignment = evaluation.alignment; alignment && has_truth)
     std::printf(
