@@ -109,5 +109,15 @@ TEST_F(FoundTraffic, IsDrawnByTheBlocksThatSeeIt) {
   EXPECT_EQ(scores(run).at("moving").at("objects").size(), 1u);
 }
 
+// A block of 6 m is too short to see the car move.
+TEST_F(FoundTraffic, IsSearchedInMoreThanABlock) {
+  const fs::path run = folder_ / "run";
+  const ProgramResult trained = train(run, {"--blocks", "6"});
+  ASSERT_EQ(trained.exit_code, kExitOk) << trained.err;
+  EXPECT_THAT(trained.out, HasSubstr("finished: 3 blocks"));
+  EXPECT_EQ(read_json(run / "masks/moving.json").at("objects").size(), 1u);
+  EXPECT_NE(rendered(run, {"--actors=-1"}).rgb, rendered(run, {"--actors", "none"}).rgb);
+}
+
 }  // namespace
 }  // namespace redrive::testing

@@ -53,15 +53,27 @@ double length_of(const std::string& text) {
   return length_m;
 }
 
-/// Returns find_moving for the blocks, one after the other, so that only one block's LiDAR is in
+/// Returns the parts of the drive in which moving objects are searched, as long as the longest core
+/// or longer: rays of up to 8 s before and after a return tell whether it stays, however short a
+/// block is, and the LiDAR of kilometres would not fit into memory.
+std::vector<Block> searched_parts(const DividedRun& whole) {
+  constexpr double kLeast_m = 100;
+  double length_m = kLeast_m;
+  for (const Block& block : whole.blocks)
+    length_m = std::max(length_m, block.end_m - block.start_m);
+  return divide(whole.scene.posed_frames(),
+                {length_m, default_overlap_m(length_m), std::max(1, whole.options.holdout_every)});
+}
+
+/// Returns find_moving for the parts, one after the other, so that only one part's LiDAR is in
 /// memory at a time.
-std::vector<MovingObject> found_in_blocks(const DividedRun& whole, ThreadPool& pool) {
+std::vector<MovingObject> find_in_parts(const DividedRun& whole, ThreadPool& pool) {
   const std::filesystem::path folder = mask_folder(whole.options, whole.scene);
   if (!folder.empty() && std::filesystem::exists(moving_file(folder)))
     return read_moving_file(moving_file(folder));
   std::vector<MovingObject> found;
-  for (const Block& block : whole.blocks)
-    join_found(find_moving(planned_run(whole, block), pool), &found);
+  for (const Block& part : searched_parts(whole))
+    join_found(find_moving(planned_run(whole, part), pool), &found);
   return found;
 }
 
@@ -112,9 +124,13 @@ std::vector<Block> divide_as_told(const std::string& text, const DividedRun& who
 
 MemoryEstimate check_blocks(const DividedRun& whole, const BlockResources& resources) {
   MemoryEstimate most;
+  std::uint64_t search = 0;
+  for (const Block& part : searched_parts(whole))
+    search = std::max(search, estimate_memory(planned_run(whole, part), resources.threads).search);
   for (const Block& block : whole.blocks) {
     const Run run = planned_run(whole, block);
-    const MemoryEstimate need = estimate_memory(run, resources.threads);
+    MemoryEstimate need = estimate_memory(run, resources.threads);
+    need.search = search;
     check_memory(need, resources.memory, run.options);
     if (need.total() > most.total()) most = need;
   }
@@ -130,7 +146,7 @@ void create_divided_run(const std::filesystem::path& root, DividedRun* whole, Th
     DamagedViews damaged;
     masks = static_masks(whole->scene, ViewLoader(whole->scene, pool, &damaged), folder, pool,
                          whole->recording.metric);
-    found = found_in_blocks(*whole, pool);
+    found = find_in_parts(*whole, pool);
   }
   whole->paths = create_run(root, whole->options, [&](const RunPaths& paths) {
     for (const std::filesystem::path& folder : {paths.masks(), paths.root / "blocks"}) {

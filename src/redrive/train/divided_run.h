@@ -46,7 +46,8 @@ MemoryEstimate check_blocks(const DividedRun& whole, const BlockResources& resou
 
 /// Makes the folder with config.json, blocks.json, masks/ and the files that `fill` writes, all or
 /// nothing, and sets whole->paths. Masks are found in images of the whole drive, unannotated moving
-/// objects in the LiDAR of each block. Errors as create_run and prepare_training_data.
+/// objects in its LiDAR, in parts of 100 m or of a block where it is longer. Errors as create_run
+/// and prepare_training_data.
 void create_divided_run(const std::filesystem::path& root, DividedRun* whole, ThreadPool& pool,
                         const std::function<void(const RunPaths&)>& fill);
 
