@@ -12,7 +12,6 @@
 
 #include "redrive/camera/example_cameras_testing.h"
 #include "redrive/kernels/gaussian/vulkan/formulas/traced_gaussian.h"
-#include "redrive/kernels/gaussian/vulkan/shaders.h"
 #include "redrive/math/angle_of.h"
 #include "redrive/optim/ssim_gradient.h"
 
@@ -181,16 +180,6 @@ TEST(Trace, LidarIsTheTemplate) {
   int hidden = 0;
   compare(make_spherical_camera(400, 1.2, 640, 64), TracedGaussian(TracedLidar()), &hidden);
   EXPECT_GT(hidden, 2);
-}
-
-TEST(Trace, ShadersAreEmbedded) {
-  const auto shaders = kernels::gaussian_shaders();
-  ASSERT_FALSE(shaders.empty());
-  for (const kernels::Shader& shader : shaders) {
-    EXPECT_FALSE(shader.name.empty());
-    ASSERT_GT(shader.words.size(), 20u) << shader.name;
-    EXPECT_EQ(shader.words[0], 0x07230203u) << shader.name;
-  }
 }
 
 }  // namespace
