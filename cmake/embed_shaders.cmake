@@ -17,8 +17,8 @@ namespace redrive::kernels {
 namespace {
 ${words}}  // namespace
 
-std::span<const Shader> gaussian_shaders() {
-  static constexpr Shader kShaders[] = {
+std::span<const vulkan::Shader> gaussian_shaders() {
+  static constexpr vulkan::Shader kShaders[] = {
 ${table}  };
   return kShaders;
 }

@@ -11,6 +11,7 @@
 #include <gtest/gtest.h>
 
 #include "nerf_case.h"
+#include "redrive/base/error.h"
 #include "redrive/kernels/backend.h"
 
 namespace redrive::kernels::conformance {
@@ -24,10 +25,11 @@ constexpr bool kSanitized = false;
 #endif
 
 struct Candidate {
-  std::string name;        ///< "ref", or an instruction set of the cpu backend
+  std::string name;        ///< "ref", "vulkan", or an instruction set of the cpu backend
   std::optional<Isa> isa;  ///< instruction set of the cpu backend
 
   bool is_oracle() const { return name == "ref"; }
+  bool is_vulkan() const { return name == "vulkan"; }
   /// Unit roundoff of the networks.
   double roundoff() const { return isa == Isa::kAvx512Bf16 ? kBf16Roundoff : kFp32Roundoff; }
   /// Most multiply-adds of a batch. Plain loops take seconds where other backends take
@@ -39,6 +41,12 @@ inline void PrintTo(const Candidate& candidate, std::ostream* out) { *out << can
 inline std::vector<Candidate> candidates() {
   std::vector<Candidate> all = {{"ref", std::nullopt}};
   for (const Isa isa : all_isas()) all.push_back({std::string(isa_name(isa)), isa});
+  return all;
+}
+/// Backends that compute method splat, among them the first Vulkan device, software ones included.
+inline std::vector<Candidate> splat_candidates() {
+  std::vector<Candidate> all = candidates();
+  all.push_back({"vulkan", std::nullopt});
   return all;
 }
 inline std::string name_of(const testing::TestParamInfo<Candidate>& info) {
@@ -53,12 +61,21 @@ class BackendConformance : public testing::TestWithParam<Candidate> {
   void SetUp() override {
     const auto obstacle = GetParam().isa ? isa_obstacle(*GetParam().isa) : std::nullopt;
     if (obstacle) GTEST_SKIP() << GetParam().name << ": " << *obstacle;
+    if (GetParam().is_vulkan()) {
+      if (kSanitized) GTEST_SKIP() << "drivers are not built with sanitizers";
+      try {
+        make_vulkan_backend("0", 1);
+      } catch (const UsageError& error) {
+        GTEST_SKIP() << error.what();
+      }
+    }
 #if defined(__SANITIZE_THREAD__)
     if (GetParam().is_oracle()) GTEST_SKIP() << GetParam().name << ": it has one thread";
 #endif
   }
   std::unique_ptr<Backend> make(int threads = 2) const {
     if (GetParam().isa) return make_cpu_backend(*GetParam().isa, threads);
+    if (GetParam().is_vulkan()) return make_vulkan_backend("0", threads);
     return make_ref_backend();
   }
 };

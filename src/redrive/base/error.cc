@@ -35,6 +35,9 @@ InsufficientDataError::InsufficientDataError(const std::filesystem::path& record
     : std::runtime_error(recording.string() + ": cannot be aligned: " + std::string(reason) + " (" +
                          std::string(means) + ")") {}
 
+DeviceError::DeviceError(std::string_view device, std::string_view what)
+    : std::runtime_error(std::string(device) + ": " + std::string(what)) {}
+
 void check_failed(const char* file, int line, const char* expression, const std::string& values) {
   throw std::logic_error(std::string(file) + ":" + std::to_string(line) + ": check failed: " +
                          expression + (values.empty() ? "" : " (" + values + ")"));

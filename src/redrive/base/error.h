@@ -19,6 +19,7 @@ enum ExitCode {
   kExitIo = 4,                ///< a file could not be written
   kExitInsufficientData = 5,  ///< the input is valid, but does not determine the result
   kExitPreflightFailed = 6,   ///< inspect --report: errors that training would learn
+  kExitDevice = 7,            ///< a GPU, its driver or its memory failed
   kExitInterrupted = 130      ///< Ctrl-C; a training saved its state, others wrote nothing
 };
 
@@ -49,6 +50,12 @@ class InsufficientDataError : public std::runtime_error {
  public:
   InsufficientDataError(const std::filesystem::path& recording, std::string_view reason,
                         std::string_view means);
+};
+
+/// A GPU that failed, was lost or has no memory left.
+class DeviceError : public std::runtime_error {
+ public:
+  DeviceError(std::string_view device, std::string_view what);
 };
 
 /// Ctrl-C, or another signal, ended work that leaves nothing behind.

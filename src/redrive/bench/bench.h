@@ -5,6 +5,7 @@
 #pragma once
 
 #include <functional>
+#include <map>
 #include <string>
 #include <vector>
 
@@ -35,7 +36,8 @@ struct Result {
   /// The least time that the report's ceilings allow, in percent of the median. Exceeds 100 where a
   /// kernel saves arithmetic or its data is in a cache.
   double percent_of_roofline = 0;
-  bool memory_bound = false;  ///< limited by copies rather than arithmetic
+  bool memory_bound = false;                ///< limited by copies rather than arithmetic
+  std::map<std::string, double> stages_ms;  ///< Backend::take_stage_times, means
 };
 
 /// The measured roofline of all threads (bench/peak.h).

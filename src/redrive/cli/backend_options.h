@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// --backend, --isa and --threads, the same for every command that computes.
+// --backend, --isa, --device and --threads, the same for every command that computes.
 #pragma once
 
 #include <CLI/App.hpp>
@@ -13,6 +13,7 @@ inline void add_backend_options(CLI::App& command, kernels::BackendChoice* choic
   add_train_option(command, "threads", &choice->threads);
   add_train_option(command, "backend", &choice->name);
   add_train_option(command, "isa", &choice->isa);
+  add_train_option(command, "device", &choice->device);
 }
 
 }  // namespace redrive

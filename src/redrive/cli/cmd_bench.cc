@@ -38,6 +38,8 @@ Action configure_bench(CLI::App& command) {
       std::fprintf(out, "%-30s %10.3f %10.3f %11.2f %10.3f %9.1f %8.2f %7.1f  %s\n", r.name.c_str(),
                    r.median_ms, r.min_ms, 1e-6 * r.samples_per_s, 1e-9 * r.flops, r.gflops,
                    1e-6 * r.bytes, r.percent_of_roofline, r.memory_bound ? "copies" : "arithmetic");
+      for (const auto& [stage, ms] : r.stages_ms)
+        std::fprintf(out, "  %-28s %10.3f\n", stage.c_str(), ms);
       std::fflush(out);
     });
     std::fprintf(out,

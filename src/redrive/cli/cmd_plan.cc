@@ -28,9 +28,9 @@ namespace {
 
 /// Options of train that change what it costs.
 constexpr const char* kPlannedOptions[] = {
-    "cameras", "frames",        "downscale", "holdout-every", "masks",       "method",
-    "preset",  "max-gaussians", "max-steps", "max-seconds",   "lidar-rays",  "set",
-    "memory",  "backend",       "isa",       "threads",       "truth-poses", "max-damaged"};
+    "cameras",       "frames",    "downscale",   "holdout-every", "masks",      "method", "preset",
+    "max-gaussians", "max-steps", "max-seconds", "lidar-rays",    "set",        "memory", "backend",
+    "isa",           "device",    "threads",     "truth-poses",   "max-damaged"};
 constexpr double kCalibrationPixels = 4e6;  // pixels to measure on: some seconds of work
 constexpr std::int64_t kLeastCalibrationImages = 6;
 

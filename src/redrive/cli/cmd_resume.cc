@@ -19,8 +19,9 @@
 namespace redrive {
 namespace {
 
-constexpr const char* kChangeable[] = {"epochs",  "max-steps", "max-seconds", "memory",
-                                       "backend", "isa",       "threads",     "max-damaged"};
+constexpr const char* kChangeable[] = {"epochs", "max-steps", "max-seconds",
+                                       "memory", "backend",   "isa",
+                                       "device", "threads",   "max-damaged"};
 
 struct ResumeArguments {
   std::string run;

@@ -19,6 +19,8 @@ Failure current_failure() {
     return {kExitInsufficientData, error.what()};
   } catch (const IoError& error) {
     return {kExitIo, error.what()};
+  } catch (const DeviceError& error) {
+    return {kExitDevice, error.what()};
   } catch (const Interrupted& error) {
     return {kExitInterrupted, error.what()};
     // thrown for a name too long or a loop of links

@@ -55,6 +55,7 @@ constexpr OptionWords kOptionWords[] = {
     {"generate", "WHAT", ""},
     {"help", "", kHelpGroup},
     {"isa", "NAME", kResources},
+    {"device", "NAME", kResources},
     {"lens", "LENS", kView},
     {"listen", "ADDRESS", kServer},
     {"machines", "N", ""},

@@ -12,6 +12,7 @@
 #pragma once
 
 #include <cstdint>
+#include <map>
 #include <memory>
 #include <optional>
 #include <span>
@@ -64,9 +65,13 @@ class Backend {
   explicit Backend(int threads) : pool_(threads) {}
   virtual ~Backend() = default;
 
-  virtual std::string name() const = 0;        ///< "ref", "cpu"
-  virtual std::optional<Isa> isa() const = 0;  ///< cpu only
+  virtual std::string name() const = 0;              ///< "ref", "cpu", "vulkan"
+  virtual std::optional<Isa> isa() const = 0;        ///< cpu only
+  virtual std::string device() const { return ""; }  ///< vulkan only: its name
   int threads() const { return pool_.threads(); }
+  /// Milliseconds that a device has spent on each of its stages since the last call; empty unless
+  /// they are timed, which begins with the first call.
+  virtual std::map<std::string, double> take_stage_times() { return {}; }
   /// Lends its threads, between stages.
   ThreadPool& pool() { return pool_; }
 
@@ -101,17 +106,20 @@ class Backend {
   ThreadPool pool_;
 };
 
-/// --backend and --isa. `name` "auto": cpu where the processor has AVX2, else ref.
+/// --backend, --isa and --device. `name` "auto": cpu where the processor has AVX2, else ref.
 struct BackendChoice {
-  std::string name = "auto";  ///< auto, ref, cpu
+  std::string name = "auto";  ///< auto, ref, cpu, vulkan
   std::string isa = "auto";   ///< auto, avx2, avx512, avx512-bf16
   int threads = 0;            ///< 0: all that the process may use
+  std::string device;         ///< vulkan only: its number or a part of its name; empty: first GPU
 };
 /// UsageError: the choice is impossible, and why.
 std::unique_ptr<Backend> make_backend(const BackendChoice& choice);
 
 std::unique_ptr<Backend> make_ref_backend();
 std::unique_ptr<Backend> make_cpu_backend(Isa isa, int threads);
+/// UsageError: there is no such device, or this build has no such backend.
+std::unique_ptr<Backend> make_vulkan_backend(const std::string& device, int threads);
 
 /// "backend=cpu isa=avx512 threads=2": printed at start-up.
 std::string describe(const Backend& backend);

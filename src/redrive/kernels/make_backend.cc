@@ -43,11 +43,15 @@ int checked_threads(const BackendChoice& choice) {
   if (choice.threads < 0 || choice.threads > kMaxThreads)
     throw UsageError("--threads", std::to_string(choice.threads),
                      "must be 0 (all) to " + std::to_string(kMaxThreads));
-  if (choice.name != "auto" && choice.name != "ref" && choice.name != "cpu")
-    throw UsageError("--backend", choice.name, "must be one of auto, ref, cpu");
-  if (choice.name == "ref" && choice.isa != "auto")
-    throw UsageError("--isa", choice.isa,
-                     "the ref backend has no instruction sets; omit it or use --backend cpu");
+  if (choice.name != "auto" && choice.name != "ref" && choice.name != "cpu" &&
+      choice.name != "vulkan")
+    throw UsageError("--backend", choice.name, "must be one of auto, ref, cpu, vulkan");
+  if ((choice.name == "ref" || choice.name == "vulkan") && choice.isa != "auto")
+    throw UsageError(
+        "--isa", choice.isa,
+        "the " + choice.name + " backend has no instruction sets; omit it or use --backend cpu");
+  if (choice.name != "vulkan" && !choice.device.empty())
+    throw UsageError("--device", choice.device, "chooses a device of --backend vulkan");
   return choice.threads > 0 ? choice.threads : hardware_threads();
 }
 
@@ -55,6 +59,7 @@ int checked_threads(const BackendChoice& choice) {
 
 std::unique_ptr<Backend> make_backend(const BackendChoice& choice) {
   const int threads = checked_threads(choice);
+  if (choice.name == "vulkan") return make_vulkan_backend(choice.device, threads);
   const std::optional<Isa> isa = choice.name == "ref" ? std::nullopt : choose_isa(choice.isa);
   if (choice.name == "cpu" && !isa)
     throw UsageError("--backend", choice.name, *isa_obstacle(Isa::kAvx2) + "; ref runs everywhere");
@@ -62,9 +67,16 @@ std::unique_ptr<Backend> make_backend(const BackendChoice& choice) {
   return make_cpu_backend(*isa, threads);
 }
 
+#ifndef REDRIVE_VULKAN
+std::unique_ptr<Backend> make_vulkan_backend(const std::string&, int) {
+  throw UsageError("--backend", "vulkan", "this build was made without it (docs/gpu.md)");
+}
+#endif
+
 std::string describe(const Backend& backend) {
   std::string text = "backend=" + backend.name();
   if (backend.isa()) text += " isa=" + std::string(isa_name(*backend.isa()));
+  if (!backend.device().empty()) text += " device=\"" + backend.device() + "\"";
   return text + " threads=" + std::to_string(backend.threads());
 }
 

@@ -21,7 +21,7 @@ std::string refusal(const BackendChoice& choice) {
 }
 
 TEST(Registry, RejectsImpossibleChoices) {
-  EXPECT_EQ(refusal({"cuda"}), "--backend cuda: must be one of auto, ref, cpu");
+  EXPECT_EQ(refusal({"cuda"}), "--backend cuda: must be one of auto, ref, cpu, vulkan");
   EXPECT_EQ(refusal({"auto", "sse9"}),
             "--isa sse9: must be one of auto, avx2, avx512, avx512-bf16");
   EXPECT_THAT(refusal({"ref", "avx2"}),

@@ -38,6 +38,8 @@ class Field {
 
   virtual const char* method() const = 0;    ///< Method::name
   virtual std::string describe() const = 0;  ///< human-readable sizes and samples
+  /// Promises that the field will not change any more: a device may keep a copy of it.
+  virtual void freeze() {}
   /// Whether Scene::actors are drawn; otherwise moving objects are masked.
   virtual bool draws_actors() const { return false; }
 

@@ -223,6 +223,9 @@ class Trainee : public Configurable, public Field {
   /// 1. `buffers` belong to this rank's step.
   virtual void finish_step(kernels::Backend&, const StepRequest&, const StepOutput&,
                            std::int64_t /*step*/, const StepBuffers& /*buffers*/, AdamState*) {}
+  /// Brings what steps have changed on a device to `parameters` and AdamState: to be called before
+  /// anything but steps reads, writes or frees them.
+  virtual void fetch(kernels::Backend&) const {}
   /// Called when a run has reached its limits, before its last checkpoint; once, until further
   /// steps follow. May change the shapes of tensors, as finish_step. Must be deterministic.
   virtual void finish_training(kernels::Backend&, const TrainingSet&, AdamState*) {}

@@ -41,6 +41,7 @@ void take_limits(const TrainOptions& whole, TrainOptions* options) {
   options->memory = whole.memory;
   options->backend = whole.backend;
   options->isa = whole.isa;
+  options->device = whole.device;
   options->threads = whole.threads;
 }
 

@@ -179,6 +179,7 @@ Run open_run(const std::filesystem::path& root, bool to_resume, std::optional<do
                                     run.scene.actors);
     if (!to_resume) run.state.model->correct_actors(&run.scene.actors);
     if (!to_resume && run.state.poses.refines()) run.scene.correct(run.state.poses.corrections);
+    if (!to_resume) run.state.model->freeze();
   }
   return run;
 }

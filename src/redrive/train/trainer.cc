@@ -136,6 +136,7 @@ class Trainer {
   void finish_training() {
     const Progress progress("filling what moving objects hide");
     const auto begin = std::chrono::steady_clock::now();
+    state_.model->fetch(backend_);
     state_.model->finish_training(backend_, data_, &state_.adam);
     state_.seconds += of_processes(seconds_since(begin)).front();
   }
@@ -244,6 +245,7 @@ class Trainer {
   void save() {
     saved_seconds_ = state_.seconds;
     save_due_ = false;
+    state_.model->fetch(backend_);
     if (!writes_) return;
     sync_metrics(run_.paths);
     save_checkpoint(run_.paths.checkpoint(), state_);
@@ -265,6 +267,7 @@ class Trainer {
                        "no start out of " + std::to_string(kMaxRestarts + 1) + " converged (" +
                            reason + "); try a lower rate");
     const int restarts = state_.restarts + 1;
+    state_.model->fetch(backend_);
     TrainState fresh = initial_state(std::move(state_.model),
                                      mix64(options_.seed + static_cast<std::uint64_t>(restarts)));
     if (state_.poses.refines()) fresh.poses = PoseState(run_.scene);
@@ -308,6 +311,7 @@ class Trainer {
                            " times before at higher rates than " +
                            std::to_string(state_.rate_factor) + " of it; the last good state is " +
                            run_.paths.checkpoint().string() + "; try a lower rate");
+    state_.model->fetch(backend_);
     state_.model->parameters = {};  // frees memory for the loaded state
     state_.adam = {};
     TrainState good = load_checkpoint(run_.paths.checkpoint());
@@ -412,6 +416,7 @@ class Trainer {
     if (loss_rose()) {
       std::fprintf(stderr, "redrive: step %lld: %s; the checkpoint before that stands\n",
                    static_cast<long long>(state_.step), high_loss().c_str());
+      state_.model->fetch(backend_);
       state_ = load_checkpoint(run_.paths.checkpoint());
     } else {
       save();

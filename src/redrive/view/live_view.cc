@@ -32,7 +32,7 @@ class LiveView::Loan {
 };
 
 LiveView::LiveView(Run* run, kernels::Backend& backend, const std::atomic<bool>& stop)
-    : stop_(stop), shown_(std::make_shared<Run>()), returned_(Clock::now()) {
+    : backend_(backend), stop_(stop), shown_(std::make_shared<Run>()), returned_(Clock::now()) {
   shown_->paths = run->paths;
   shown_->options = run->options;
   shown_->recording = run->recording;
@@ -70,6 +70,7 @@ void LiveView::between_steps(Run& run) {
   credit_s_ = std::min(credit_s_ + kShare / (1 - kShare) * seconds_since(returned_), kMostCredit_s);
   const bool refreshes = Clock::now() >= refresh_at_;
   if (refreshes && run.state.poses.refines()) shown_->scene = run.scene;
+  if (refreshes || credit_s_ > 0 || viewer_->paused()) run.state.model->fetch(backend_);
   const Loan loan(&run, shown_.get());
   if (std::exchange(model_, shown_->state.model.get()) != shown_->state.model.get())
     viewer_->drop_jobs();  // jobs of the model before a roll-back

@@ -38,6 +38,7 @@ class LiveView : public StepObserver {
 
   void take_over();
 
+  kernels::Backend& backend_;
   const std::atomic<bool>& stop_;
   std::shared_ptr<Run> shown_;  ///< has the model while images are made
   std::unique_ptr<Viewer> viewer_;

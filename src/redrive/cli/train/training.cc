@@ -47,7 +47,7 @@ void parse_given(const GivenFields& given, TrainOptions* options) {
 }
 
 std::unique_ptr<kernels::Backend> make_backend(const TrainOptions& options) {
-  return kernels::make_backend({options.backend, options.isa, options.threads});
+  return kernels::make_backend({options.backend, options.isa, options.threads, options.device});
 }
 
 std::optional<std::uint64_t> check_run_memory(const Run& run, int threads, int processes,

@@ -24,6 +24,8 @@ namespace redrive::kernels {
 struct Gaussians {
   std::size_t n = 0;
   std::span<const float> numbers;
+  /// Not 0: no other numbers have this version, so that a device may keep its copy of them.
+  std::uint64_t version = 0;
 };
 
 /// Gaussians that move as one, in their own axes.
@@ -135,10 +137,10 @@ struct TargetWindow {
   float background_change[3] = {0, 0, 0};
 };
 
-/// A rendered image (3 planes) and its ground truth.
+/// A rendered image and its ground truth.
 struct ImageLossInput {
   RasterSize size;
-  std::span<const float> rgb;
+  std::span<const float> rgb;  ///< 3 planes
   TargetWindow target;
   std::span<const float> gains;  ///< 3 planes, factors of rgb: exposure and shading
   float l1_weight = 0.8f, ssim_weight = 0.2f;
@@ -161,6 +163,15 @@ struct ImageLossOutput {
   /// variance of the target about its mean, averaged over the channels
   double colour_variance = 0;
   std::vector<PatchBrightness> patches;  ///< patches of kPatchSide squared pixels, row by row
+  // Raster::loss alone:
+  double transmittance = 0;  ///< mean over the unmasked pixels
+  double range = 0;          ///< weighted sum of range errors
+};
+
+/// Weights of what Raster::loss adds to the loss of the colours.
+struct PixelWeights {
+  float transmittance = 0;  ///< weight of the mean over the unmasked pixels
+  float range = 0;          ///< weight of the range error of each pixel that has a range
 };
 
 /// A step of Adam on some of the rows. Updates each Gaussian whose opacity derivative is not 0 and
@@ -176,6 +187,8 @@ struct GaussianUpdate {
   std::span<float> numbers;          ///< Gaussians::numbers
   std::span<std::uint32_t> moments;  ///< as numbers (optim/packed_moments.h)
   std::span<float> errors;           ///< one per Gaussian, in whole blocks; added to
+  /// Blocks from here on keep their colours in [0, 1].
+  std::size_t bounded_colours = SIZE_MAX;
   /// Rows that are updated (is_seen); in a backward pass the rows that its camera sees.
   SeenBy rows = SeenBy::kCamera;
 };
@@ -192,14 +205,17 @@ struct GaussianDerivatives {
 };
 
 /// A rasterised image with what its backward pass reads; a backend derives its own.
-struct RasterPass {
+class RasterPass {
+ public:
   virtual ~RasterPass() = default;
-  /// See Raster::backward.
+  // See Raster.
+  virtual const RasterImage& image() = 0;
+  virtual RasterCounts counts() = 0;
+  virtual ImageLossOutput loss(const ImageLossInput& target, const PixelWeights& weights) = 0;
+  virtual void backward(const GaussianDerivatives& to,
+                        std::span<GaussianPoseGradient<NumberMath<double>>> d_poses) = 0;
   virtual void backward(const RasterGradient& gradient, const GaussianDerivatives& to,
                         std::span<GaussianPoseGradient<NumberMath<double>>> d_poses) = 0;
-
-  RasterImage image;
-  RasterCounts counts;
 };
 
 /// Keeps the memory of passes that have ended for those to come.
@@ -232,10 +248,22 @@ class Raster {
   Raster(Raster&&) noexcept = default;
   Raster& operator=(Raster&&) = delete;
 
-  const RasterImage& image() const { return pass_->image; }
-  const RasterCounts& counts() const { return pass_->counts; }
-  /// d_poses [1 + parts], overwritten, per metre and rad: derivatives by the camera's pose, in the
-  /// world by the Gaussians before the parts, then in each part by its own; empty: not wanted.
+  /// What a device has drawn is copied when it is asked for.
+  const RasterImage& image() const { return pass_->image(); }
+  RasterCounts counts() const { return pass_->counts(); }
+  /// Compares the image with `target`, whose size and rgb are not used, and keeps the derivatives
+  /// of the loss for backward().
+  ImageLossOutput loss(const ImageLossInput& target, const PixelWeights& weights) {
+    return pass_->loss(target, weights);
+  }
+  /// The backward pass of loss().
+  void backward(const GaussianDerivatives& to,
+                std::span<GaussianPoseGradient<NumberMath<double>>> d_poses) {
+    pass_->backward(to, d_poses);
+  }
+  /// The backward pass of any other loss. d_poses [1 + parts], overwritten, per metre and rad:
+  /// derivatives by the camera's pose, in the world by the Gaussians before the parts, then in each
+  /// part by its own; empty: not wanted.
   void backward(const RasterGradient& gradient, const GaussianDerivatives& to,
                 std::span<GaussianPoseGradient<NumberMath<double>>> d_poses) {
     pass_->backward(gradient, to, d_poses);
@@ -262,6 +290,9 @@ class GaussianStages {
   virtual void update_gaussians(const GaussianUpdate& update, std::size_t n,
                                 std::span<const float> gradients,
                                 std::span<const float> errors) = 0;
+  /// Writes what updates have changed on a device to the spans of GaussianUpdate, which until then
+  /// have old values: to be called before anyone else reads, writes or frees them.
+  virtual void fetch() {}
   /// Frees the memory of rasters that have ended; the next rasterise() allocates it again.
   virtual void release() = 0;
 };

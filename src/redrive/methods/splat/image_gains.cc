@@ -70,14 +70,21 @@ void ImageGains::write_row(std::span<const float> parameters, const Exposure& ex
 
 void ImageGains::write_planes(std::span<const float> parameters, const Exposure& exposure,
                               const kernels::RasterSize& size, const ImagePart& part,
-                              std::span<float> planes) const {
+                              std::span<float> planes, ThreadPool* pool) const {
   REDRIVE_CHECK_OP(parameters.size(), ==, this->size());
   REDRIVE_CHECK_OP(planes.size(), ==, 3 * size.plane());
-  const auto stride = static_cast<std::size_t>(size.stride);
-  for (int c = 0; c < 3; ++c)
-    for (int y = 0; y < size.rows; ++y)
-      write_row(parameters, exposure, part, y, c,
-                planes.subspan(c * size.plane() + static_cast<std::size_t>(y) * stride, stride));
+  constexpr std::size_t kRowsPerRange = 32;
+  const auto stride = static_cast<std::size_t>(size.stride),
+             rows = static_cast<std::size_t>(size.rows);
+  const auto write_rows = [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i)  // planes follow each other without a gap
+      write_row(parameters, exposure, part, static_cast<int>(i % rows), static_cast<int>(i / rows),
+                planes.subspan(i * stride, stride));
+  };
+  if (pool)
+    pool->run_ranges(3 * rows, kRowsPerRange, write_rows);
+  else
+    write_rows(0, 3 * rows);
 }
 
 void ImageGains::add_changes(std::span<const float> parameters, const Exposure& exposure,

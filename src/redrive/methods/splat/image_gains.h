@@ -8,6 +8,7 @@
 #include <span>
 #include <vector>
 
+#include "redrive/base/parallel.h"
 #include "redrive/field/appearance.h"
 #include "redrive/field/shading.h"
 #include "redrive/kernels/gaussian/gaussian_stages.h"
@@ -51,10 +52,11 @@ struct ImageGains {
   /// the image have finite values.
   void write_row(std::span<const float> parameters, const Exposure& exposure, const ImagePart& part,
                  int y, int c, std::span<float> row) const;
-  /// Writes the gains of each pixel, 3 planes of `size`. The padding has finite values.
+  /// Writes the gains of each pixel, 3 planes of `size`. The padding has finite values. pool: null:
+  /// one thread.
   void write_planes(std::span<const float> parameters, const Exposure& exposure,
-                    const kernels::RasterSize& size, const ImagePart& part,
-                    std::span<float> planes) const;
+                    const kernels::RasterSize& size, const ImagePart& part, std::span<float> planes,
+                    ThreadPool* pool = nullptr) const;
 
   /// Adds an image's changes, laid out as the parameters. patches: patches of the window's loss
   /// with the gains of `parameters`; decay: 0..1, factor of the shading's rates, so that it

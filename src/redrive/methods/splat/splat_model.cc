@@ -42,7 +42,7 @@ struct SplatBuffers final : MethodBuffers {
     int rank = 0, world_size = 0;
     std::int64_t first = 0, end = 0;
   } plan;
-  std::vector<float> gains, d_rgb, d_transmittance, error, log_range, d_range;
+  std::vector<float> gains, log_range;
   std::vector<std::uint8_t> tiles;
   ScanBuffers scan;
 };
@@ -113,27 +113,6 @@ void find_returns(const TrainingSet& data, std::span<const ImageWindow* const> w
   if (!own->times) own->times.emplace(data.lidar);
   pool.run(static_cast<int>(views.size()),
            [&](int i) { own->shown[views[i]] = find_shown_returns(data, *own->times, views[i]); });
-}
-
-/// Returns the mean transmittance of the unmasked pixels; the other tiles are not drawn. Writes its
-/// derivatives times `weight`.
-double mean_transmittance(const kernels::RasterImage& drawn, const Image8& image,
-                          const ImageWindow& window, double pixels, float weight,
-                          std::vector<float>* derivatives) {
-  derivatives->assign(drawn.size.plane(), 0);
-  const float each = weight / static_cast<float>(std::max(pixels, 1.0));
-  double sum = 0;
-  for (int y = 0; y < window.height; ++y) {
-    const std::size_t row = static_cast<std::size_t>(y) * drawn.size.stride;
-    const std::size_t first =
-        static_cast<std::size_t>(window.y + y) * image.width + static_cast<std::size_t>(window.x);
-    for (int x = 0; x < window.width; ++x)
-      if (image.used.empty() || image.used[first + x]) {
-        sum += static_cast<double>(drawn.transmittance[row + x]);
-        (*derivatives)[row + x] = each;
-      }
-  }
-  return sum / std::max(pixels, 1.0);
 }
 
 kernels::GaussianCamera camera_of(const PlainCamera& whole, const ImageWindow& window,
@@ -323,7 +302,6 @@ int SplatModel::set_ranges(const TrainingSet& data, const WindowStep& step, Thre
   SplatBuffers& own = static_cast<SplatBuffers&>(*buffers);
   const kernels::RasterSize size = kernels::raster_size(step.window.width, step.window.height);
   own.log_range.assign(size.plane(), kernels::kNoRange);
-  own.d_range.assign(size.plane(), 0);
   int n = 0;
   const View& view = data.scene.views[step.window.view];
   for (const RangePixel& p : range_pixels(data.scene, view, *own.shown[step.window.view], pool)) {
@@ -339,9 +317,6 @@ int SplatModel::set_ranges(const TrainingSet& data, const WindowStep& step, Thre
     own.log_range[i] = p.log_range;
     ++n;
   }
-  for (std::size_t i = 0; i < own.d_range.size(); ++i)
-    if (own.log_range[i] != kernels::kNoRange)
-      own.d_range[i] = range_weight / static_cast<float>(n);
   return n;
 }
 
@@ -364,14 +339,9 @@ void SplatModel::step_window(kernels::Backend& backend, const TrainingSet& data,
   const int returns = set_ranges(data, step, backend.pool(), &own);
   if (returns > 0) options.log_range = own.log_range;
   kernels::Raster raster = stages.rasterise(camera, all(), options);
-  const kernels::RasterImage& drawn = raster.image();
 
-  const kernels::RasterSize size = drawn.size;
-  own.d_rgb.resize(3 * size.plane());
-  own.error.resize(size.plane());
+  const kernels::RasterSize size = kernels::raster_size(window.width, window.height);
   kernels::ImageLossInput input;
-  input.size = size;
-  input.rgb = drawn.rgb.span().first(3 * size.plane());
   input.target = {.width = image.width,
                   .x = window.x,
                   .y = window.y,
@@ -386,28 +356,26 @@ void SplatModel::step_window(kernels::Backend& backend, const TrainingSet& data,
   const Exposure exposure = data.scene.exposure(view);
   const ImagePart part{window.x, window.y, step.whole.width, step.whole.height};
   own.gains.resize(3 * size.plane());
-  gains.write_planes(gain_parameters(), exposure, size, part, own.gains);
+  gains.write_planes(gain_parameters(), exposure, size, part, own.gains, &backend.pool());
   input.gains = own.gains;
-  const kernels::ImageLossOutput loss = stages.image_loss(input, own.d_rgb, own.error);
+  kernels::PixelWeights weights;
+  if (data.scene.background == Background::kNone) weights.transmittance = opacity_weight;
+  if (returns > 0) weights.range = range_weight / static_cast<float>(returns);
+  const kernels::ImageLossOutput loss = raster.loss(input, weights);
 
-  const float opaque = data.scene.background == Background::kNone ? opacity_weight : 0.0f;
-  const double transmittance =
-      mean_transmittance(drawn, image, window, loss.pixels, opaque, &own.d_transmittance);
   std::vector<GaussianPoseGradient<NumberMath<double>>> d_poses(
       request.pose_gradients || (motion_rate > 0 && !poses.actors().empty())
           ? 1 + actors.parts.size()
           : 0);
-  double range_loss = 0;
-  for (std::size_t i = 0; returns > 0 && i < size.plane(); ++i)
-    if (own.d_range[i] > 0) range_loss += double(own.d_range[i]) * double(drawn.range_error[i]);
   const std::span<float> others = others_of(gradients);
   if (request.progress > double(kGainsFrom))
     gains.add_changes(gain_parameters(), exposure, own.exposures->gaps(exposure), size, part,
                       loss.patches,
                       static_cast<float>(std::pow(last_rate, std::min(request.progress, 1.0))),
                       others.first(gains.size()));
-  const bool finite = std::isfinite(loss.l1 + loss.dssim + loss.mse + range_loss + transmittance) &&
-                      std::ranges::all_of(others, [](float x) { return std::isfinite(x); });
+  const bool finite =
+      std::isfinite(loss.l1 + loss.dssim + loss.mse + loss.range + loss.transmittance) &&
+      std::ranges::all_of(others, [](float x) { return std::isfinite(x); });
   kernels::GaussianDerivatives to;
   kernels::GaussianUpdate update;
   if (request.update) {
@@ -417,20 +385,17 @@ void SplatModel::step_window(kernels::Backend& backend, const TrainingSet& data,
     to.gradients = gradients.first(blocks_size());
     to.errors = gradients.last(errors());
   }
-  if (finite || !request.update)
-    raster.backward({own.d_rgb, own.d_transmittance, own.error,
-                     returns > 0 ? std::span<const float>(own.d_range) : std::span<const float>()},
-                    to, d_poses);
+  if (finite || !request.update) raster.backward(to, d_poses);
   if (motion_rate > 0 && request.progress > double(kMotionsFrom))
     out->left_out_tracks +=
         add_motion_gradients(data.scene, data.scene.exposed_ns(view), poses, d_poses, others);
 
-  sums->opacity += weight * (1 - transmittance);
+  sums->opacity += weight * (1 - loss.transmittance);
   sums->rgb_mse += weight * loss.mse;
   sums->terms[kL1Loss] += weight * loss.l1;
   sums->terms[kSsimLoss] += weight * loss.dssim;
-  sums->terms[kRangeLoss] += weight * range_loss;
-  sums->terms[kOpacityLoss] += weight * double(opaque) * transmittance;
+  sums->terms[kRangeLoss] += weight * loss.range;
+  sums->terms[kOpacityLoss] += weight * double(weights.transmittance) * loss.transmittance;
   out->pixels += static_cast<int>(loss.pixels);
   out->epoch_pixels = out->pixels;
   out->colour_variance += weight * loss.colour_variance;
@@ -452,6 +417,7 @@ void SplatModel::render_to(kernels::Backend& backend, const RayTable& rays,
   const kernels::Raster raster = backend.gaussians().rasterise(
       camera_of(camera, {0, 0, 0, rays.width, rays.height}, world_from_camera, shown.parts),
       shown.gaussians, options);
+  const kernels::RasterImage& from = raster.image();
   image->resize(rays.width, rays.height);
   constexpr std::size_t kRowsPerRange = 16;
   backend.pool().run_ranges(rays.height, kRowsPerRange, [&](std::size_t begin, std::size_t end) {
@@ -461,7 +427,7 @@ void SplatModel::render_to(kernels::Backend& backend, const RayTable& rays,
         gains.write_row(gain_parameters(), exposure, {0, 0, rays.width, rays.height},
                         static_cast<int>(y), c,
                         std::span(row_gains).subspan(c * std::size_t(rays.width), rays.width));
-      write_image_row(raster.image(), row_gains, rays, y, image);
+      write_image_row(from, row_gains, rays, y, image);
     }
   });
 }

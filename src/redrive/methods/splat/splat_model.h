@@ -69,6 +69,7 @@ struct SplatModel final : Trainee, FieldGaussians {
   float background[3] = {0.5f, 0.5f, 0.5f};  ///< where no Gaussian is: the images' mean colour
 
   const char* method() const override { return "splat"; }
+  void freeze() override;
   int most_gaussians() const { return std::min(max_gaussians, pixel_limit) + unseen_gaussians; }
   std::string describe() const override;
   void visit_hyperparameters(HyperparameterVisitor& visit) override;
@@ -108,6 +109,7 @@ struct SplatModel final : Trainee, FieldGaussians {
               std::span<float> gradients, AdamState* adam) override;
   void finish_step(kernels::Backend& backend, const StepRequest& request, const StepOutput& output,
                    std::int64_t step, const StepBuffers& buffers, AdamState* adam) override;
+  void fetch(kernels::Backend& backend) const override;
   /// Fills places that objects hide in all images (fill_hidden.h).
   void finish_training(kernels::Backend& backend, const TrainingSet& data,
                        AdamState* adam) override;
@@ -130,15 +132,17 @@ struct SplatModel final : Trainee, FieldGaussians {
   GaussianLayout layout() const { return {static_cast<std::size_t>(gaussians), actor_ends}; }
 
  private:
+  std::uint64_t version_ = 0;  ///< kernels::Gaussians::version
+
   kernels::Gaussians world_gaussians() const {
     const auto n = static_cast<std::size_t>(gaussians);
-    return {n, parameters.span().first(gaussian_blocks(n) * kBlockSize)};
+    return {n, parameters.span().first(gaussian_blocks(n) * kBlockSize), version_};
   }
   /// All Gaussians, with the unused lanes between the world's and the actors'.
   kernels::Gaussians all() const {
     return {actor_ends.empty() ? static_cast<std::size_t>(gaussians)
                                : layout().blocks() * kGaussianBlock,
-            parameters.span().first(blocks_size())};
+            parameters.span().first(blocks_size()), version_};
   }
   /// Returns all Gaussians with one part for each of actor_ids where objects look as trained.
   DrawnGaussians drawn(std::vector<ShutterPoses::Actor> actors) const;
@@ -190,9 +194,6 @@ struct SplatModel final : Trainee, FieldGaussians {
            (actor_keys.empty() ? 0 : kMotionSize * static_cast<std::size_t>(actor_keys.back()));
   }
   std::optional<std::size_t> actor_index(std::int64_t id) const;
-  /// Keeps the colours of actors' Gaussians in [0, 1]: colours of sides that images see only at a
-  /// glance would leave it, and an edit may turn these to the camera.
-  void bound_actor_colours();
   /// Returns the blocks that an object shows: `imported`, or the blocks of the actor with this id;
   /// empty where there are none.
   std::span<const float> blocks_of(std::int64_t id, const ActorBody* imported) const;

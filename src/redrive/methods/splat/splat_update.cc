@@ -2,6 +2,7 @@
 // Changes by a step of method splat: Adam on the Gaussians, gains and tracks, then the number of
 // Gaussians.
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 
 #include "redrive/base/error.h"
@@ -45,6 +46,9 @@ kernels::GaussianUpdate SplatModel::gaussian_update(const StepUpdate& at, SeenBy
   update.numbers = at.parameters.first(blocks_size());
   update.moments = at.adam->packed;
   update.errors = at.adam->errors;
+  // Colours of sides that images see only at a glance would leave [0, 1], and an edit may turn
+  // these to the camera.
+  update.bounded_colours = layout().world_blocks();
   return update;
 }
 
@@ -57,7 +61,6 @@ void SplatModel::update(kernels::Backend& backend, double learning_rate, std::in
         gradients.first(blocks_size()), gradients.last(errors()));
   else
     REDRIVE_CHECK_OP(gradients.size(), ==, others.size());
-  bound_actor_colours();
   const std::span<float> of_others = others_of(gradients);
   for (std::size_t i = 0; i < gains.size(); ++i) others[i] += of_others[i];
   for (std::size_t a = 0; motion_rate > 0 && a < actor_ids.size(); ++a) {
@@ -69,6 +72,13 @@ void SplatModel::update(kernels::Backend& backend, double learning_rate, std::in
   }
   std::ranges::fill(gradients, 0.0f);
 }
+
+void SplatModel::freeze() {
+  static std::atomic<std::uint64_t> versions = 0;
+  version_ = ++versions;
+}
+
+void SplatModel::fetch(kernels::Backend& backend) const { backend.gaussians().fetch(); }
 
 std::optional<std::size_t> SplatModel::bad_moment(std::span<const std::uint32_t> packed) const {
   for (std::size_t i = 0; i < packed.size(); ++i) {
@@ -83,9 +93,11 @@ void SplatModel::finish_step(kernels::Backend& backend, const StepRequest& reque
                              AdamState* adam) {
   filled = 0;
   if (const SurfacePlanes* const surfaces = surfaces_of(buffers);
-      surfaces && step % kFlattenEvery == 0)
+      surfaces && step % kFlattenEvery == 0) {
+    backend.gaussians().fetch();
     flatten_gaussians(*surfaces, surface_rate, static_cast<std::size_t>(gaussians),
                       parameters.data(), backend.pool());
+  }
   if (step % densify_every != 0 || request.progress >= double(densified_until)) return;
   const double grown = std::min(1.0, request.progress / double(grown_by));
   DensifyOptions options;
@@ -98,6 +110,7 @@ void SplatModel::finish_step(kernels::Backend& backend, const StepRequest& reque
     bounds.emplace_back(parameters[i], parameters[i + 1], parameters[i + 2]);
   options.actor_bounds = bounds;
   options.ahead_m = ahead_m();
+  backend.gaussians().fetch();
   backend.gaussians().release();  // frees it before densify copies
   change_number(options, random_key(request.seed, kStreamDensify, static_cast<std::uint64_t>(step)),
                 adam);

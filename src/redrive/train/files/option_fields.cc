@@ -422,9 +422,13 @@ std::vector<TrainField> resource_fields() {
             "memory that training may use; a run that needs more is rejected before it begins: "
             "bytes, a number of GiB such as 6GiB, or a percentage of the machine's or control "
             "group's"),
-       text("backend", "NAME", &O::backend, {"auto", "ref", "cpu"}, "backend that computes"),
+       text("backend", "NAME", &O::backend, {"auto", "ref", "cpu", "vulkan"},
+            "backend that computes: vulkan is a GPU, for method splat"),
        text("isa", "NAME", &O::isa, {"auto", "avx2", "avx512", "avx512-bf16"},
-            "instruction set of the cpu backend")});
+            "instruction set of the cpu backend"),
+       text("device", "NAME", &O::device, {},
+            "device of the vulkan backend: its number or a part of its name, as `redrive doctor` "
+            "lists them; otherwise the first GPU")});
 }
 
 }  // namespace

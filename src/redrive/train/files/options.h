@@ -67,7 +67,7 @@ struct TrainOptions {
   // resources
   int threads = 0;             ///< 0: all
   std::string memory = "70%";  ///< memory that training may use: bytes, or a number with GiB or %
-  std::string backend = "auto", isa = "auto";
+  std::string backend = "auto", isa = "auto", device;
 
   /// Sets a hyperparameter by name.
   template <class T>

@@ -26,8 +26,8 @@ class CpuGaussianStages final : public GaussianStages {
 
   Raster rasterise(const GaussianCamera& camera, const Gaussians& gaussians,
                    const RasterOptions& options) override {
-    auto raster =
-        arena_.take<CpuRaster>([this] { return std::make_unique<CpuRaster>(kernels_, &pool_); });
+    auto raster = arena_.take<CpuRaster>(
+        [this] { return std::make_unique<CpuRaster>(kernels_, this, &pool_); });
     raster->forward(camera, gaussians, options);
     return {std::move(raster), &arena_};
   }

@@ -8,8 +8,10 @@
 #include <utility>
 
 #include "redrive/base/error.h"
+#include "redrive/kernels/gaussian/centre_boxes.h"
 #include "redrive/kernels/gaussian/check_gaussian_sizes.h"
 #include "redrive/kernels/gaussian/mean_bounds.h"
+#include "redrive/kernels/gaussian/shutter_keys.h"
 
 namespace redrive::kernels {
 namespace {
@@ -42,24 +44,10 @@ void sort_by_distance(std::uint64_t* keys, std::uint64_t* memory, std::size_t n)
 Segment make_segment(const GaussianCamera& camera, const RasterBounds& bounds,
                      std::span<const PlainPose> poses, std::size_t begin, std::size_t end) {
   Segment segment{.begin = begin, .end = end, .shutter = {}, .keys = {}};
-  std::vector<float>& keys = segment.keys;
-  for (const PlainPose& pose : poses) {
-    // The inverse of a rotation is the conjugate of its quaternion x, y, z, w.
-    float key[7] = {static_cast<float>(pose.quaternion[3]), static_cast<float>(-pose.quaternion[0]),
-                    static_cast<float>(-pose.quaternion[1]),
-                    static_cast<float>(-pose.quaternion[2])};
-    if (!keys.empty()) {
-      const float* const before = &keys[keys.size() - 7];
-      float dot = 0;
-      for (int k = 0; k < 4; ++k) dot += before[k] * key[k];
-      for (int k = 0; dot < 0 && k < 4; ++k) key[k] = -key[k];
-    }
-    for (int k = 0; k < 3; ++k) key[4 + k] = static_cast<float>(pose.translation[k]);
-    keys.insert(keys.end(), key, key + 7);
-  }
+  segment.keys = shutter_keys(poses);
   ShutterKeys& shutter = segment.shutter;
   shutter.n = static_cast<int>(poses.size());
-  shutter.keys = keys.data();
+  shutter.keys = segment.keys.data();
   for (int k = 0; k < 9 && !poses.empty(); ++k)
     shutter.rotation[k] = static_cast<float>(poses[0].rotation[3 * (k % 3) + k / 3]);
   shutter.by_column = camera.by_column;
@@ -73,14 +61,6 @@ std::uint64_t count_tiles(const RasterRecord& record, const TileGrid& grid) {
   const TileRange t = tiles_of(record, grid);
   return static_cast<std::uint64_t>(std::max(t.x1 - t.x0 + 1, 0)) *
          static_cast<std::uint64_t>(std::max(t.y1 - t.y0 + 1, 0));
-}
-
-/// Makes tiles' least and greatest centres ascend, without narrowing any.
-void make_ascending(float* low, float* high, int tiles) {
-  for (int t = 1; t < tiles; ++t) {
-    high[t] = std::max(high[t], high[t - 1]);
-    low[tiles - 1 - t] = std::min(low[tiles - 1 - t], low[tiles - t]);
-  }
 }
 
 TileAxis tile_axis(const float* low, const float* high, int tiles) {
@@ -107,6 +87,7 @@ UpdateJob update_job(const GaussianUpdate& update) {
           .numbers = update.numbers.data(),
           .moments = update.moments.data(),
           .errors = update.errors.data(),
+          .bounded_colours = update.bounded_colours,
           .rows = update.rows};
 }
 
@@ -121,7 +102,7 @@ void CpuRaster::for_segments(std::size_t begin, std::size_t end, const Body& bod
 
 template <class Job, class Body>
 void CpuRaster::for_tiles(const Body& body) const {
-  const RasterSize& size = image.size;
+  const RasterSize& size = image_.size;
   const int tiles_x = size.stride / kTileSide;
   const std::size_t tiles = first_.size() - 1;
   pool_.run_ranges(tiles, kTilesPerRange, [&](std::size_t begin, std::size_t end) {
@@ -152,24 +133,24 @@ void CpuRaster::forward(const GaussianCamera& camera, const Gaussians& gaussians
   camera_ = camera;
   gaussians_ = gaussians;
   options_ = options;
-  const RasterSize size = image.size = raster_size(camera.camera.width, camera.camera.height);
+  const RasterSize size = image_.size = raster_size(camera.camera.width, camera.camera.height);
   set_grid();
   project();
   sort_by_distance(keys_.data(), scratch_of<std::uint64_t>(n_visible_), n_visible_);
   bin();
-  grown(&image.rgb, 3 * size.plane());
-  grown(&image.transmittance, size.plane());
-  if (options.depth) grown(&image.depth, size.plane());
-  if (!options.log_range.empty()) grown(&image.range_error, size.plane());
+  grown(&image_.rgb, 3 * size.plane());
+  grown(&image_.transmittance, size.plane());
+  if (options.depth) grown(&image_.depth, size.plane());
+  if (!options.log_range.empty()) grown(&image_.range_error, size.plane());
   for_tiles<TileForwardJob>([&](TileForwardJob* job) {
-    job->rgb = image.rgb.data();
-    job->transmittance = image.transmittance.data();
-    job->depth = options.depth ? image.depth.data() : nullptr;
-    job->range_error = image.range_error.data();
+    job->rgb = image_.rgb.data();
+    job->transmittance = image_.transmittance.data();
+    job->depth = options.depth ? image_.depth.data() : nullptr;
+    job->range_error = image_.range_error.data();
     std::ranges::copy(options.background, job->background);
     kernels_.tile_forward(*job);
   });
-  counts = {n_visible_, first_.back()};
+  counts_ = {n_visible_, first_.back()};
 }
 
 void CpuRaster::backward(const RasterGradient& gradient, const GaussianDerivatives& to,
@@ -177,9 +158,9 @@ void CpuRaster::backward(const RasterGradient& gradient, const GaussianDerivativ
   check_rasterise_backward(camera_, gaussians_, options_, gradient, to, d_poses.size());
   float* const sums = scratch_of<float>(first_.back() * std::size_t{kRecordFloats});
   for_tiles<TileBackwardJob>([&](TileBackwardJob* job) {
-    job->rgb = image.rgb.data();
-    job->transmittance = image.transmittance.data();
-    job->range_error = image.range_error.data();
+    job->rgb = image_.rgb.data();
+    job->transmittance = image_.transmittance.data();
+    job->range_error = image_.range_error.data();
     job->d_rgb = gradient.d_rgb.data();
     job->error = gradient.error.data();
     job->d_transmittance = gradient.d_transmittance.data();
@@ -221,53 +202,20 @@ void CpuRaster::backward(const RasterGradient& gradient, const GaussianDerivativ
 }
 
 void CpuRaster::set_grid() {
-  const RasterSize& size = image.size;
+  const RasterSize& size = image_.size;
   const int tiles_x = size.stride / kTileSide, tiles_y = size.rows / kTileSide;
   grid_ = {};
   grid_.tiles_x = tiles_x;
   grid_.tiles_y = tiles_y;
   const PixelCentres& centres = camera_.centres;
   if (centres.u.empty()) return;
-  const int block_rows = kernels_.block_rows, across = kTileSide / kBlockColumns,
-            blocks = across * (kTileSide / block_rows);
+  const BlockShape shape{kBlockColumns, kernels_.block_rows};
   const std::size_t tiles = static_cast<std::size_t>(tiles_x) * tiles_y;
-  float* const boxes = grown(&boxes_, tiles * 4 * blocks);
-  pool_.run_ranges(tiles, kTilesPerRange, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t tile = begin; tile < end; ++tile)
-      for (int b = 0; b < blocks; ++b) {
-        const std::size_t x = tile % tiles_x * kTileSide + b % across * kBlockColumns,
-                          y = tile / tiles_x * kTileSide + b / across * block_rows;
-        float* const box = boxes + tile * 4 * blocks + b;
-        for (const bool along_v : {false, true}) {
-          const std::span<const float> plane = along_v ? centres.v : centres.u;
-          float low = plane[y * size.stride + x], high = low;
-          for (int row = 0; row < block_rows; ++row)
-            for (int column = 0; column < kBlockColumns; ++column) {
-              const float at = plane[(y + row) * size.stride + x + column];
-              low = std::min(low, at);
-              high = std::max(high, at);
-            }
-          box[2 * along_v * blocks] = low;
-          box[(2 * along_v + 1) * blocks] = high;
-        }
-      }
-  });
-  constexpr float kFar = std::numeric_limits<float>::max();
-  extents_.assign(2 * (tiles_x + tiles_y), -kFar);
-  float *const low_u = extents_.data(), *const high_u = low_u + tiles_x,
-               *const low_v = high_u + tiles_x, *const high_v = low_v + tiles_y;
-  std::fill_n(low_u, tiles_x, kFar);
-  std::fill_n(low_v, tiles_y, kFar);
-  for (std::size_t tile = 0; tile < tiles; ++tile) {
-    const float* const box = boxes + tile * 4 * blocks;
-    const std::size_t x = tile % tiles_x, y = tile / tiles_x;
-    low_u[x] = std::min(low_u[x], std::ranges::min(std::span(box, blocks)));
-    high_u[x] = std::max(high_u[x], std::ranges::max(std::span(box + blocks, blocks)));
-    low_v[y] = std::min(low_v[y], std::ranges::min(std::span(box + 2 * blocks, blocks)));
-    high_v[y] = std::max(high_v[y], std::ranges::max(std::span(box + 3 * blocks, blocks)));
-  }
-  make_ascending(low_u, high_u, tiles_x);
-  make_ascending(low_v, high_v, tiles_y);
+  float* const boxes = grown(&boxes_, tiles * 4 * shape.blocks());
+  extents_.resize(2 * (tiles_x + tiles_y));
+  find_boxes(size, centres, shape, pool_, boxes, extents_);
+  const float *const low_u = extents_.data(), *const high_u = low_u + tiles_x,
+                     *const low_v = high_u + tiles_x, *const high_v = low_v + tiles_y;
   grid_.boxes = boxes;
   grid_.along_u = tile_axis(low_u, high_u, tiles_x);
   grid_.along_v = tile_axis(low_v, high_v, tiles_y);

@@ -9,7 +9,7 @@
 
 #include "redrive/base/parallel.h"
 #include "redrive/kernels/gaussian/cpu/gaussian_kernels.h"
-#include "redrive/kernels/gaussian/gaussian_stages.h"
+#include "redrive/kernels/gaussian/host_raster.h"
 
 namespace redrive::kernels {
 
@@ -37,12 +37,14 @@ struct Segment {
   std::vector<float> keys;  ///< keys of the shutter
 };
 
-class CpuRaster final : public RasterPass {
+class CpuRaster final : public HostRaster {
  public:
-  CpuRaster(const GaussianKernels& kernels, ThreadPool* pool) : kernels_(kernels), pool_(*pool) {}
+  CpuRaster(const GaussianKernels& kernels, GaussianStages* stages, ThreadPool* pool)
+      : HostRaster(stages, pool), kernels_(kernels), pool_(*pool) {}
 
   void forward(const GaussianCamera& camera, const Gaussians& gaussians,
                const RasterOptions& options);
+  using HostRaster::backward;
   void backward(const RasterGradient& gradient, const GaussianDerivatives& to,
                 std::span<GaussianPoseGradient<NumberMath<double>>> d_poses) override;
 
@@ -71,7 +73,6 @@ class CpuRaster final : public RasterPass {
   ThreadPool& pool_;
   GaussianCamera camera_;
   Gaussians gaussians_;
-  RasterOptions options_;
   Buffer<RasterRecord> records_;   ///< one per Gaussian
   Buffer<std::uint16_t> visible_;  ///< one per block
   /// keys of the visible Gaussians: distance, tiles (kTileBits), index

@@ -202,8 +202,10 @@ REDRIVE_ONE_COPY void update_block(const UpdateJob& job, const float* gradients,
                v = beta2 * unpacked_second(packed) + rest2 * gradient * gradient;
       Vf rate = splat(job.rates[row]);
       if (row < kLogScaleRow) rate *= distance;
-      const Vf old = load(p + o),
-               updated = old - rate * (m * bias1) / (square_root(v * bias2) + epsilon);
+      const Vf old = load(p + o);
+      Vf updated = old - rate * (m * bias1) / (square_root(v * bias2) + epsilon);
+      if (block >= job.bounded_colours && row >= kColourRow && row < kHarmonicsRow)
+        updated = minimum(maximum(updated, Vf{}), splat(1.0f));
       store_words(moments + o, drawn ? pack_moments(m, v) : packed);
       store(p + o, drawn ? updated : old);
     }

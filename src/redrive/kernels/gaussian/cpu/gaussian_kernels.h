@@ -93,6 +93,7 @@ struct UpdateJob {
   float* numbers;
   std::uint32_t* moments;
   float* errors;
+  std::size_t bounded_colours;  ///< GaussianUpdate::bounded_colours
   SeenBy rows;
 };
 

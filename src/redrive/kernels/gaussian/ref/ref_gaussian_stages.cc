@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "redrive/kernels/gaussian/check_gaussian_sizes.h"
+#include "redrive/kernels/gaussian/host_raster.h"
 #include "redrive/kernels/gaussian/mean_bounds.h"
 #include "redrive/kernels/gaussian/target_window.h"
 #include "redrive/math/shutter_row.h"
@@ -98,6 +99,8 @@ void update_by(const GaussianUpdate& update, std::size_t n, std::span<const floa
       float m = unpacked_first(packed), v = unpacked_second(packed);
       adam_update(step, gradients[slot], numbers[slot], m, v);
       packed = pack_moments(m, v);
+      if (i / kGaussianBlock >= update.bounded_colours && row >= kColourRow && row < kHarmonicsRow)
+        numbers[slot] = std::clamp(numbers[slot], 0.0f, 1.0f);
     }
     update.errors[i] += errors[i];
     const float log_distance = std::log(std::max(distance, 1e-6f)),
@@ -110,7 +113,14 @@ void update_by(const GaussianUpdate& update, std::size_t n, std::span<const floa
   }
 }
 
-struct RefRaster final : RasterPass {
+struct RefRaster final : HostRaster {
+  explicit RefRaster(GaussianStages* stages) : HostRaster(stages, nullptr) {}
+
+  void set(const GaussianCamera& of_camera, const Gaussians& of, const RasterOptions& options) {
+    camera = of_camera;
+    gaussians = of;
+    options_ = options;
+  }
   void forward() {
     drawn.clear();
     const RasterBounds bounds = raster_bounds(camera), means = mean_bounds(camera, bounds);
@@ -154,36 +164,37 @@ struct RefRaster final : RasterPass {
       splats.push_back(splat);
     }
     const RasterSize size = raster_size(camera.camera.width, camera.camera.height);
-    image.size = size;
-    for (Buffer<float>* plane : {&image.transmittance, &image.depth, &image.range_error})
+    image_.size = size;
+    for (Buffer<float>* plane : {&image_.transmittance, &image_.depth, &image_.range_error})
       if (plane->size() < size.plane()) *plane = Buffer<float>(size.plane());
-    if (image.rgb.size() < 3 * size.plane()) image.rgb = Buffer<float>(3 * size.plane());
-    for_pixels(size, camera.centres, options, [&](double u, double v, std::size_t i) {
+    if (image_.rgb.size() < 3 * size.plane()) image_.rgb = Buffer<float>(3 * size.plane());
+    for_pixels(size, camera.centres, options_, [&](double u, double v, std::size_t i) {
       const BlendedPixel<double> pixel =
-          blend_gaussians(splats, u, v, options.background, log_range(options, i));
+          blend_gaussians(splats, u, v, options_.background, log_range(options_, i));
       for (int c = 0; c < 3; ++c)
-        image.rgb[c * size.plane() + i] = static_cast<float>(pixel.rgb[c]);
-      image.transmittance[i] = static_cast<float>(pixel.transmittance);
-      image.depth[i] = static_cast<float>(pixel.depth);
-      image.range_error[i] = static_cast<float>(pixel.range_error);
+        image_.rgb[c * size.plane() + i] = static_cast<float>(pixel.rgb[c]);
+      image_.transmittance[i] = static_cast<float>(pixel.transmittance);
+      image_.depth[i] = static_cast<float>(pixel.depth);
+      image_.range_error[i] = static_cast<float>(pixel.range_error);
     });
-    counts = {drawn.size(), drawn.size()};
+    counts_ = {drawn.size(), drawn.size()};
   }
 
+  using HostRaster::backward;
   void backward(const RasterGradient& gradient, const GaussianDerivatives& to,
                 std::span<GaussianPoseGradient<Math>> d_poses) override {
-    check_rasterise_backward(camera, gaussians, options, gradient, to, d_poses.size());
+    check_rasterise_backward(camera, gaussians, options_, gradient, to, d_poses.size());
     std::vector<float> to_apply(to.update ? gaussians.numbers.size() : 0),
         errors_to_apply(to_apply.size() / kGaussianRows);
     const std::span<float> gradients = to.update ? to_apply : to.gradients,
                            errors = to.update ? errors_to_apply : to.errors;
     std::vector<Splat2dGradient> sums(splats.size());
-    const std::size_t plane = image.size.plane();
-    for_pixels(image.size, camera.centres, options, [&](double u, double v, std::size_t i) {
+    const std::size_t plane = image_.size.plane();
+    for_pixels(image_.size, camera.centres, options_, [&](double u, double v, std::size_t i) {
       double d_rgb[3];
       for (int c = 0; c < 3; ++c) d_rgb[c] = static_cast<double>(gradient.d_rgb[c * plane + i]);
       blend_gaussians_adjoint(
-          splats, u, v, options.background, log_range(options, i),
+          splats, u, v, options_.background, log_range(options_, i),
           {d_rgb, gradient.d_range.empty() ? 0 : static_cast<double>(gradient.d_range[i]),
            static_cast<double>(gradient.d_transmittance[i])},
           static_cast<double>(gradient.error[i]), &sums);
@@ -218,7 +229,6 @@ struct RefRaster final : RasterPass {
 
   GaussianCamera camera;
   Gaussians gaussians;
-  RasterOptions options;
   std::vector<Drawn> drawn;  ///< sorted by distance
   std::vector<Splat2d<double>> splats;
 };
@@ -228,10 +238,8 @@ class RefGaussianStages final : public GaussianStages {
   Raster rasterise(const GaussianCamera& camera, const Gaussians& gaussians,
                    const RasterOptions& options) override {
     check_rasterise(camera, gaussians, options);
-    auto raster = arena_.take<RefRaster>([] { return std::make_unique<RefRaster>(); });
-    raster->camera = camera;
-    raster->gaussians = gaussians;
-    raster->options = options;
+    auto raster = arena_.take<RefRaster>([this] { return std::make_unique<RefRaster>(this); });
+    raster->set(camera, gaussians, options);
     raster->forward();
     return {std::move(raster), &arena_};
   }

@@ -73,15 +73,6 @@ float SplatModel::ahead_m() const {
   return (background[0] + background[1] + background[2]) / 3 < kDark ? kHeadlights_m : kShadow_m;
 }
 
-void SplatModel::bound_actor_colours() {
-  for (std::size_t block = layout().world_blocks(); block < layout().blocks(); ++block)
-    for (int row = kColourRow; row < kHarmonicsRow; ++row)
-      for (std::size_t i = 0; i < kGaussianBlock; ++i) {
-        float& colour = parameters[gaussian_slot(block * kGaussianBlock + i, row)];
-        colour = std::clamp(colour, 0.0f, 1.0f);
-      }
-}
-
 ActorBody SplatModel::body(const MovingObject& actor) const {
   const std::span<const float> blocks = blocks_of(actor.id, nullptr);
   std::vector<std::size_t> used;

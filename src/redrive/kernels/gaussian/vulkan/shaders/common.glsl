@@ -1,0 +1,60 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the shaders share: buffers by address, the parameter block, tiles.
+//
+// Shared memory is indexed through R (read), W (write) and A (atomic), barriers are sync(): see
+// races.glsl.
+#extension GL_EXT_buffer_reference : require
+#ifdef RACES
+#define SHADOW layout(offset = 112) Words shadow;
+#else
+#define SHADOW
+#endif
+#include "constants.glsl"
+
+layout(buffer_reference, std430, buffer_reference_align = 4) buffer Floats { float v[]; };
+layout(buffer_reference, std430, buffer_reference_align = 4) buffer Words { uint v[]; };
+layout(buffer_reference, std430, buffer_reference_align = 16) buffer Vec4s { vec4 v[]; };
+
+// ShaderParameters of vulkan_raster.cc has the same layout.
+layout(buffer_reference, std430, buffer_reference_align = 16) buffer Params {
+  // [n] in blocks of 16; of parts: quaternion w x y z of camera_from_world and centre by key; first
+  // block of each part and whether it is drawn.
+  Floats numbers, pose_keys;
+  Words parts;
+  // Drawn Gaussians: [n, 4] records, [n] key (bits of the distance; kNotDrawn), ids ascending and
+  // by distance.
+  Vec4s records;
+  Words depth_key, drawn, by_depth;
+  // Pairs of a Gaussian and a tile: [drawn] number, then first; by pair: Gaussian, blocks that it
+  // meets; [tiles + 1] first pair of each tile.
+  Words pair_first, pair_gaussian, pair_blocks, ranges;
+  Words control;  // [0] number drawn, [1] of pairs, [2] not 0: too many pairs
+  Words wanted;   // [tiles] 0: not wanted
+  // Centres of pixels: planes; boxes [tiles, 4, 8] and extents (centre_boxes.h).
+  Floats centre_u, centre_v, boxes, extents;
+  // Planes of the image.
+  Floats rgb, transmittance, depth, range_error, log_range;
+  Words last;  // [pixels] number of a tile's pairs up to where the pixel ended
+  Floats d_rgb, d_transmittance, error, d_range;
+  // Sums over pixels by pair, then by Gaussian [n, 16]; derivatives [n] in blocks and errors.
+  Floats pair_sums, sums, gradients, errors;
+  float fx, fy, cx, cy, numbers_of_lens[8], max_radius2;  // camera/plain_camera.h
+  uint n, width, height, stride, rows, tiles_x, tiles_y;
+  uint n_parts, n_keys, by_column, bounds_means, max_pairs;
+  float first_line, row_scale, row_offset;
+  float left, right, top, bottom;                  // of the pixels
+  float mean_left, mean_right, mean_top, mean_bottom;  // of the means
+  float background[3];
+};
+
+const uint kNotDrawn = 0xffffffffu;
+const uint kNumbers = uint(kGaussianRows), kSumsOfPair = 16u;
+
+uint slot_of(uint gaussian) {
+  return gaussian / 16u * uint(kBlockSize) + gaussian % 16u;
+}
+
+// A tile's 256 pixels are 8 blocks of 8 x 4; lane t has pixel t % 32 of block t / 32.
+uvec2 pixel_in_tile(uint t) {
+  return uvec2((t & 7u) | ((t >> 5) & 1u) << 3, ((t >> 3) & 3u) | (t >> 6) << 2);
+}

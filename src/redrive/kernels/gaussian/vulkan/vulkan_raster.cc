@@ -1,0 +1,406 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/kernels/gaussian/vulkan/vulkan_raster.h"
+
+#include <algorithm>
+#include <bit>
+#include <limits>
+
+#include "redrive/base/error.h"
+#include "redrive/kernels/gaussian/centre_boxes.h"
+#include "redrive/kernels/gaussian/check_gaussian_sizes.h"
+#include "redrive/kernels/gaussian/mean_bounds.h"
+#include "redrive/kernels/gaussian/shutter_keys.h"
+
+namespace redrive::kernels::vulkan {
+namespace {
+
+constexpr std::size_t kWord = 4, kRecordBytes = 64, kSumFloats = 16;
+constexpr BlockShape kBlocks{8, 4};
+constexpr int kDepthShifts[] = {8, 16, 24};  // the bits of a distance down to 2^-16 of it
+
+/// Params of shaders/common.glsl.
+struct ShaderParameters {
+  VkDeviceAddress numbers, pose_keys, parts, records, depth_key, drawn, by_depth, pair_first,
+      pair_gaussian, pair_blocks, ranges, control, wanted, centre_u, centre_v, boxes, extents, rgb,
+      transmittance, depth, range_error, log_range, last, d_rgb, d_transmittance, error, d_range,
+      pair_sums, sums, gradients, errors;
+  float fx, fy, cx, cy, numbers_of_lens[PlainCamera::kMostNumbers], max_radius2;
+  std::uint32_t n, width, height, stride, rows, tiles_x, tiles_y, n_parts, n_keys, by_column,
+      bounds_means, max_pairs;
+  float first_line, row_scale, row_offset;
+  RasterBounds pixels, means;
+  float background[3];
+};
+
+template <class T>
+void grow_for(Device& device, DeviceBuffer* buffer, std::size_t n) {
+  device.grow(buffer, n * sizeof(T));
+}
+
+/// Appends a block to the bytes of an upload; returns its offset.
+template <class T>
+std::size_t append(std::span<const T> block, std::vector<std::byte>* bytes) {
+  const std::size_t at = (bytes->size() + 15) / 16 * 16;
+  bytes->resize(at + std::max<std::size_t>(block.size_bytes(), 1));
+  if (!block.empty()) std::memcpy(bytes->data() + at, block.data(), block.size_bytes());
+  return at;
+}
+
+}  // namespace
+
+std::uint32_t VulkanRaster::model() const {
+  return static_cast<std::uint32_t>(camera_.camera.model);
+}
+
+void VulkanRaster::forward(const GaussianCamera& camera, const Gaussians& gaussians,
+                           const RasterOptions& options) {
+  check_rasterise(camera, gaussians, options);
+  camera_ = camera;
+  gaussians_ = gaussians;
+  options_ = options;
+  size_ = raster_size(camera.camera.width, camera.camera.height);
+  Device& device = shared_.device();
+  numbers_ = shared_.held(gaussians);
+  if (!numbers_) {
+    device.grow(&own_numbers_, gaussians.numbers.size_bytes());
+    numbers_ = &own_numbers_;
+  }
+  max_pairs_ = std::max(max_pairs_, std::size_t{1} << 16);
+  allocate();
+  if (numbers_ == &own_numbers_)
+    device.upload(own_numbers_, 0, gaussians.numbers.data(), gaussians.numbers.size_bytes());
+  if (has_ranges())
+    device.upload(log_range_, 0, options_.log_range.data(), options_.log_range.size_bytes());
+  write_inputs();
+  record_forward();
+  complete_ = on_host_ = false;
+}
+
+void VulkanRaster::allocate() {
+  Device& device = shared_.device();
+  const std::size_t n = gaussian_blocks(gaussians_.n) * kGaussianBlock, plane = size_.plane(),
+                    tiles = plane / (kTileSide * kTileSide), most = std::max(n, max_pairs_);
+  const auto plane_of = [&](DeviceBuffer* buffer, std::size_t planes) {
+    const std::size_t bytes = planes * plane * sizeof(float);
+    if (buffer->bytes() >= bytes) return;
+    device.grow(buffer, bytes);
+    device.fill(*buffer, buffer->bytes(), 0);  // unwanted tiles are read, too
+  };
+  device.grow(&control_, kControlWords * kWord);
+  device.grow(&records_, n * kRecordBytes);
+  for (DeviceBuffer* words : {&depth_key_, &drawn_, &shared_.keys[0], &shared_.keys[1],
+                              &shared_.ids[0], &shared_.ids[1], &shared_.first})
+    device.grow(words, n * kWord);
+  for (DeviceBuffer* words : {&pair_gaussian_, &pair_blocks_, &slots_, &shared_.slots,
+                              &shared_.tile_keys[0], &shared_.tile_keys[1]})
+    device.grow(words, max_pairs_ * kWord);
+  const std::size_t counts = (most / 4096 + 1) * 256;
+  device.grow(&shared_.counts, counts * kWord);
+  device.grow(&shared_.block_sums, (std::max(most, counts) / 2048 + 1) * kWord);
+  device.grow(&ranges_, (tiles + 1) * kWord);
+  plane_of(&rgb_, 3);
+  plane_of(&transmittance_, 1);
+  plane_of(&depth_, 1);
+  plane_of(&last_, 1);
+  if (!has_ranges()) return;
+  plane_of(&range_error_, 1);
+  plane_of(&log_range_, 1);
+}
+
+void VulkanRaster::write_inputs() {
+  Device& device = shared_.device();
+  const RasterBounds bounds = raster_bounds(camera_);
+  const std::size_t tiles_x = size_.stride / kTileSide, tiles_y = size_.rows / kTileSide,
+                    tiles = tiles_x * tiles_y;
+  input_bytes_.assign(sizeof(ShaderParameters), std::byte{});
+  const std::size_t n_keys = camera_.world_from_camera.size();
+  std::vector<float> keys = shutter_keys(camera_.world_from_camera);
+  std::vector<std::uint32_t> parts = {0, 1};
+  for (const GaussianPart& part : camera_.parts) {
+    std::vector<float> of_part = shutter_keys(part.part_from_camera);
+    of_part.resize(n_keys * kKeyFloats);
+    keys.insert(keys.end(), of_part.begin(), of_part.end());
+    parts.push_back(static_cast<std::uint32_t>(part.first_block));
+    parts.push_back(!part.part_from_camera.empty());
+  }
+  parts_ = parts.size() / 2;
+  std::vector<std::uint32_t> wanted(tiles, 1);
+  if (!options_.tiles.empty()) std::ranges::copy(options_.tiles, wanted.begin());
+  std::vector<float> boxes, extents;
+  if (has_centres()) {
+    boxes.resize(tiles * 4 * kBlocks.blocks());
+    extents.resize(2 * (tiles_x + tiles_y));
+    find_boxes(size_, camera_.centres, kBlocks, shared_.pool(), boxes.data(), extents);
+  }
+  const std::size_t keys_at = append<float>(keys, &input_bytes_),
+                    parts_at = append<std::uint32_t>(parts, &input_bytes_),
+                    wanted_at = append<std::uint32_t>(wanted, &input_bytes_),
+                    boxes_at = append<float>(boxes, &input_bytes_),
+                    extents_at = append<float>(extents, &input_bytes_),
+                    u_at = append(camera_.centres.u, &input_bytes_),
+                    v_at = append(camera_.centres.v, &input_bytes_);
+  device.grow(&inputs_, input_bytes_.size());
+  const VkDeviceAddress inputs = inputs_.address();
+  ShaderParameters p{};
+  p.numbers = numbers_->address();
+  p.pose_keys = inputs + keys_at;
+  p.parts = inputs + parts_at;
+  p.records = records_.address();
+  p.depth_key = depth_key_.address();
+  p.drawn = drawn_.address();
+  p.by_depth = shared_.ids[1].address();
+  p.pair_first = shared_.first.address();
+  p.pair_gaussian = pair_gaussian_.address();
+  p.pair_blocks = pair_blocks_.address();
+  p.ranges = ranges_.address();
+  p.control = control_.address();
+  p.wanted = inputs + wanted_at;
+  p.centre_u = inputs + u_at;
+  p.centre_v = inputs + v_at;
+  p.boxes = inputs + boxes_at;
+  p.extents = inputs + extents_at;
+  p.rgb = rgb_.address();
+  p.transmittance = transmittance_.address();
+  p.depth = depth_.address();
+  p.range_error = (has_ranges() ? range_error_ : depth_).address();
+  p.log_range = (has_ranges() ? log_range_ : depth_).address();
+  p.last = last_.address();
+  const PlainCamera& camera = camera_.camera;
+  p.fx = camera.fx;
+  p.fy = camera.fy;
+  p.cx = camera.cx;
+  p.cy = camera.cy;
+  std::ranges::copy(camera.numbers, p.numbers_of_lens);
+  p.max_radius2 = camera.max_radius2;
+  p.n = static_cast<std::uint32_t>(gaussians_.n);
+  p.width = static_cast<std::uint32_t>(size_.width);
+  p.height = static_cast<std::uint32_t>(size_.height);
+  p.stride = static_cast<std::uint32_t>(size_.stride);
+  p.rows = static_cast<std::uint32_t>(size_.rows);
+  p.tiles_x = static_cast<std::uint32_t>(tiles_x);
+  p.tiles_y = static_cast<std::uint32_t>(tiles_y);
+  p.n_parts = static_cast<std::uint32_t>(parts_);
+  p.n_keys = static_cast<std::uint32_t>(n_keys);
+  p.by_column = camera_.by_column;
+  p.bounds_means = has_centres();
+  p.max_pairs = static_cast<std::uint32_t>(max_pairs_);
+  p.first_line = first_line(camera_, bounds);
+  p.row_scale = static_cast<float>(n_keys - 1) / camera_.image_rows;
+  p.row_offset = (camera_.first_row + 0.5f) * p.row_scale;
+  p.pixels = bounds;
+  p.means = mean_bounds(camera_, bounds);
+  std::ranges::copy(options_.background, p.background);
+  std::memcpy(input_bytes_.data(), &p, sizeof p);
+  device.upload(inputs_, 0, input_bytes_.data(), input_bytes_.size());
+}
+
+void VulkanRaster::record_depth_order() {
+  const std::uint32_t n = static_cast<std::uint32_t>(gaussians_.n), unused = 0;
+  const Dispatches by{0};
+  const Push flags(depth_key_, shared_.block_sums, control_, drawn_, shared_.keys[0], unused,
+                   kDrawnAt, n);
+  const std::size_t groups = (gaussians_.n + 2047) / 2048;
+  shared_.run("flags0", flags, groups);
+  shared_.run("flags1", flags, 1);
+  shared_.run("flags2", flags, groups);
+  shared_.run("plan", Push(control_, kDrawnAt, std::uint32_t{0}, n), 1);
+  shared_.device().stamp("compact");
+  const DeviceBuffer* values = &drawn_;
+  int from = 0;
+  for (const int shift : kDepthShifts) {
+    const int to = 1 - from;
+    shared_.sort_pass({&shared_.keys[from], values, &shared_.keys[to], &shared_.ids[to]}, control_,
+                      kDrawnAt, by, static_cast<std::uint32_t>(shift));
+    values = &shared_.ids[to];
+    from = to;
+  }
+  shared_.device().stamp("sort by depth");
+}
+
+void VulkanRaster::record_pairs() {
+  const std::size_t tiles = size_.plane() / (kTileSide * kTileSide);
+  const std::uint32_t centres = has_centres(), set = 1;
+  const Dispatches by_gaussian{0}, by_pair{1};
+  const int passes = (std::bit_width(tiles) + 7) / 8;
+  // The first keys lie so that the last slots lie in slots_.
+  const Push push(inputs_, shared_.tile_keys[0]);
+  shared_.run_indirect("pairs0", push, control_, by_gaussian.by_256(), {centres});
+  shared_.scan(shared_.first, control_, kDrawnAt, kPairsAt, by_gaussian.by_scanned());
+  shared_.run("plan", Push(control_, kPairsAt, set, static_cast<std::uint32_t>(max_pairs_)), 1);
+  shared_.device().fill(shared_.tile_keys[0], max_pairs_ * kWord, UINT32_MAX);
+  shared_.run_indirect("pairs1", push, control_, by_gaussian.by_256(), {centres});
+  shared_.device().stamp("pairs");
+  const DeviceBuffer* values = nullptr;
+  for (int pass = 0; pass < passes; ++pass) {
+    const DeviceBuffer* const out = (passes - 1 - pass) % 2 == 0 ? &slots_ : &shared_.slots;
+    shared_.sort_pass({&shared_.tile_keys[pass % 2], values, &shared_.tile_keys[1 - pass % 2], out},
+                      control_, kPairsAt, by_pair, static_cast<std::uint32_t>(8 * pass));
+    values = out;
+  }
+  shared_.device().fill(ranges_, (tiles + 1) * kWord, 0);
+  shared_.run_indirect("ranges", Push(inputs_, shared_.tile_keys[passes % 2]), control_,
+                       by_pair.by_256());
+  shared_.device().stamp("sort by tile");
+}
+
+void VulkanRaster::record_forward() {
+  Device& device = shared_.device();
+  const std::size_t tiles = size_.plane() / (kTileSide * kTileSide);
+  device.fill(control_, kControlWords * kWord, 0);
+  device.stamp("upload");
+  shared_.run("project", Push(inputs_), (gaussians_.n + 127) / 128, {model()});
+  device.stamp("project");
+  record_depth_order();
+  record_pairs();
+  shared_.run("tile_forward", Push(inputs_, slots_), tiles, {has_centres(), has_ranges()});
+  device.stamp("forward");
+}
+
+bool VulkanRaster::overflowed() {
+  const std::size_t found = control_words_[kOverflowAt];
+  complete_ = found == 0;
+  if (complete_) return false;
+  max_pairs_ = found + found / 4;
+  allocate();
+  write_inputs();
+  record_forward();
+  return true;
+}
+
+void VulkanRaster::complete() {
+  while (!complete_) {
+    shared_.device().download(control_, 0, control_words_, sizeof control_words_);
+    shared_.device().finish();
+    overflowed();
+  }
+}
+
+RasterCounts VulkanRaster::counts() {
+  complete();
+  return {control_words_[kDrawnAt], control_words_[kPairsAt]};
+}
+
+const RasterImage& VulkanRaster::image() {
+  complete();
+  if (on_host_) return image_;
+  const auto fetch = [&](const DeviceBuffer& from, std::size_t planes, Buffer<float>* to) {
+    const std::size_t n = planes * size_.plane();
+    if (to->size() < n) *to = Buffer<float>(n);
+    shared_.device().download(from, 0, to->data(), n * sizeof(float));
+  };
+  image_.size = size_;
+  fetch(rgb_, 3, &image_.rgb);
+  fetch(transmittance_, 1, &image_.transmittance);
+  if (options_.depth) fetch(depth_, 1, &image_.depth);
+  if (has_ranges()) fetch(range_error_, 1, &image_.range_error);
+  shared_.device().finish();
+  on_host_ = true;
+  return image_;
+}
+
+ImageLossOutput VulkanRaster::loss(const ImageLossInput& target, const PixelWeights& weights) {
+  Device& device = shared_.device();
+  const std::size_t plane = size_.plane();
+  grow_for<float>(device, &d_rgb_, 3 * plane);
+  grow_for<float>(device, &d_transmittance_, plane);
+  grow_for<float>(device, &error_, plane);
+  LossPlanes planes{size_, &rgb_, &d_rgb_, &error_, &transmittance_, &d_transmittance_};
+  if (has_ranges()) {
+    grow_for<float>(device, &d_range_, plane);
+    planes.range_error = &range_error_;
+    planes.log_range = &log_range_;
+    planes.d_range = &d_range_;
+  }
+  do {
+    loss_.record(planes, target, weights);
+    device.download(control_, 0, control_words_, sizeof control_words_);
+    device.finish();
+  } while (overflowed());
+  return loss_.result();
+}
+
+void VulkanRaster::backward(const RasterGradient& gradient, const GaussianDerivatives& to,
+                            std::span<GaussianPoseGradient<NumberMath<double>>> d_poses) {
+  check_rasterise_backward(camera_, gaussians_, options_, gradient, to, d_poses.size());
+  Device& device = shared_.device();
+  complete();
+  const auto send = [&](std::span<const float> from, DeviceBuffer* buffer) {
+    device.grow(buffer, from.size_bytes());
+    device.upload(*buffer, 0, from.data(), from.size_bytes());
+  };
+  send(gradient.d_rgb, &d_rgb_);
+  send(gradient.d_transmittance, &d_transmittance_);
+  send(gradient.error, &error_);
+  if (has_ranges()) send(gradient.d_range, &d_range_);
+  backward(to, d_poses);
+}
+
+void VulkanRaster::backward(const GaussianDerivatives& to,
+                            std::span<GaussianPoseGradient<NumberMath<double>>> d_poses) {
+  Device& device = shared_.device();
+  complete();
+  const std::size_t n = gaussian_blocks(gaussians_.n) * kGaussianBlock,
+                    tiles = size_.plane() / (kTileSide * kTileSide);
+  grow_for<float>(device, &shared_.pair_sums, max_pairs_ * kSumFloats);
+  grow_for<float>(device, &shared_.sums, n * kSumFloats);
+  grow_for<float>(device, &shared_.gradients, n * kGaussianRows);
+  grow_for<float>(device, &shared_.errors, n);
+  grow_for<float>(device, &shared_.pose_sums, 6 * parts_);
+  ShaderParameters p;
+  std::memcpy(&p, input_bytes_.data(), sizeof p);
+  p.d_rgb = d_rgb_.address();
+  p.d_transmittance = d_transmittance_.address();
+  p.error = error_.address();
+  p.d_range = (has_ranges() ? d_range_ : error_).address();
+  p.pair_sums = shared_.pair_sums.address();
+  p.sums = shared_.sums.address();
+  p.gradients = shared_.gradients.address();
+  p.errors = shared_.errors.address();
+  device.upload(inputs_, 0, &p, sizeof p);
+  if (!to.update) {
+    device.fill(shared_.gradients, n * kGaussianRows * sizeof(float), 0);
+    device.fill(shared_.errors, n * sizeof(float), 0);
+  }
+  const Dispatches by{0};
+  const std::uint32_t with_poses = !d_poses.empty();
+  device.stamp("upload");
+  shared_.run("tile_backward", Push(inputs_, slots_), tiles, {has_centres(), has_ranges()});
+  device.stamp("backward");
+  shared_.run_indirect("sum_pairs", Push(inputs_), control_, by.by_16());
+  device.stamp("sum pairs");
+  shared_.run_indirect("adjoint", Push(inputs_, with_poses), control_, by.by_64(), {model()});
+  device.stamp("adjoint");
+  std::vector<float> pose_sums(6 * d_poses.size());
+  if (with_poses) {
+    shared_.run("pose_sums", Push(inputs_, shared_.pose_sums), parts_);
+    device.download(shared_.pose_sums, 0, pose_sums.data(), pose_sums.size() * sizeof(float));
+  }
+  if (to.update) {
+    shared_.hold(*to.update, numbers_ == &own_numbers_ ? &own_numbers_ : nullptr);
+    numbers_ = shared_.held(gaussians_);
+    shared_.apply(*to.update, gaussians_.n, &drawn_, &control_);
+    device.stamp("update");
+    device.submit();
+  } else {
+    keep(to);
+  }
+  if (!with_poses) return;
+  device.finish();
+  for (std::size_t s = 0; s < d_poses.size(); ++s)
+    for (int k = 0; k < 3; ++k) {
+      d_poses[s].translation[k] = static_cast<double>(pose_sums[6 * s + k]);
+      d_poses[s].rotation[k] = static_cast<double>(pose_sums[6 * s + 3 + k]);
+    }
+}
+
+void VulkanRaster::keep(const GaussianDerivatives& to) {
+  Device& device = shared_.device();
+  std::vector<float> gradients(to.gradients.size()), errors(to.errors.size());
+  device.download(shared_.gradients, 0, gradients.data(), gradients.size() * sizeof(float));
+  device.download(shared_.errors, 0, errors.data(), errors.size() * sizeof(float));
+  device.finish();
+  for (std::size_t i = 0; i < gradients.size(); ++i) to.gradients[i] += gradients[i];
+  for (std::size_t i = 0; i < errors.size(); ++i) to.errors[i] += errors[i];
+}
+
+}  // namespace redrive::kernels::vulkan
