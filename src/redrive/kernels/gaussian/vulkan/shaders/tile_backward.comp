@@ -137,8 +137,8 @@ void main() {
     if (t < kAtOnce * kSums) {
       const uint g = t / kSums, k = t % kSums;
       float all = 0.0;
-      const uint lanes = nothing ? 0u : 32u;
-      for (uint j = 0u; j < lanes; ++j) all += s_buffer[R(0u, t * 33u + j)];
+      if (!nothing)
+        for (uint j = 0u; j < 32u; ++j) all += s_buffer[R(0u, t * 33u + j)];
       if (g < n) p.pair_sums.v[s_slot[R(2u, 16u + g) - 16u] * kSumsOfPair + k] = all;
     }
     sync();
