@@ -48,6 +48,18 @@ TEST_F(EndToEnd, HelpAndVersionNeedNoMpi) {
     ASSERT_EQ(::unsetenv(name), 0);
 }
 
+TEST_F(EndToEnd, DoctorListsGpusOrSaysWhyThereAreNone) {
+  const ProgramResult found = redrive({"doctor"}), json = redrive({"doctor", "--json"});
+  EXPECT_EQ(found.exit_code, kExitOk) << found.err;
+  EXPECT_THAT(found.out, ContainsRegex("\ngpu 0  .* Vulkan 1\\.|\ngpu          no: "));
+  EXPECT_TRUE(nlohmann::json::parse(json.out).at("gpus").at("devices").is_array());
+  ASSERT_EQ(::setenv("VK_ICD_FILENAMES", "/nowhere.json", 1), 0);
+  const ProgramResult none = redrive({"doctor"});
+  EXPECT_EQ(none.exit_code, kExitOk) << none.err;
+  EXPECT_THAT(none.out, HasSubstr("\ngpu          no: "));
+  ASSERT_EQ(::unsetenv("VK_ICD_FILENAMES"), 0);
+}
+
 TEST_F(EndToEnd, TrainWritesACompleteRunAndPrintsProgress) {
   const fs::path run = folder_ / "run";
   const ProgramResult ended = redrive(

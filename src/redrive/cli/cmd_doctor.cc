@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <cstdint>
 #include <cstdio>
+#include <cstdlib>
+#include <filesystem>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include <unistd.h>
 
@@ -11,9 +14,51 @@
 #include "redrive/cli/command.h"
 #include "redrive/cli/json_output.h"
 #include "redrive/kernels/backend.h"
+#include "redrive/kernels/vulkan/device_info.h"
 
 namespace redrive {
 namespace {
+
+/// The Vulkan devices, why there are none, and what hides one.
+struct Gpus {
+  std::vector<kernels::vulkan::DeviceInfo> devices;
+  std::string reason, note;
+};
+Gpus find_gpus() {
+  Gpus found;
+  found.devices = kernels::vulkan::list_devices(&found.reason);
+  found.note =
+      kernels::vulkan::hidden_nvidia(std::filesystem::exists("/proc/driver/nvidia"),
+                                     std::getenv("NVIDIA_DRIVER_CAPABILITIES"), found.devices);
+  return found;
+}
+
+void print_gpus() {
+  const Gpus found = find_gpus();
+  if (found.devices.empty()) std::printf("gpu          no: %s\n", found.reason.c_str());
+  for (std::size_t i = 0; i < found.devices.size(); ++i) {
+    const kernels::vulkan::DeviceInfo& device = found.devices[i];
+    std::printf("gpu %-8zu %s: %sdriver %s, Vulkan %s, %.1f GiB\n", i, device.name.c_str(),
+                device.is_cpu ? "in software, " : "", device.driver.c_str(), device.api.c_str(),
+                0x1p-30 * static_cast<double>(device.memory));
+    for (const std::string& lacks : device.missing)
+      std::printf("warning: gpu %zu cannot be used: it lacks %s\n", i, lacks.c_str());
+  }
+  if (!found.note.empty()) std::printf("note: %s\n", found.note.c_str());
+}
+
+nlohmann::json gpus_json() {
+  const Gpus found = find_gpus();
+  nlohmann::json devices = nlohmann::json::array();
+  for (const kernels::vulkan::DeviceInfo& device : found.devices)
+    devices.push_back({{"name", device.name},
+                       {"driver", device.driver},
+                       {"vulkan", device.api},
+                       {"software", device.is_cpu},
+                       {"memory_bytes", device.memory},
+                       {"lacks", device.missing}});
+  return {{"devices", devices}, {"why_none", found.reason}, {"note", found.note}};
+}
 
 /// Uses the keys of bench --json.
 void print_machine_json(std::int64_t memory_bytes) {
@@ -29,6 +74,7 @@ void print_machine_json(std::int64_t memory_bytes) {
                      {"cores", hardware_threads()},
                      {"memory_bytes", memory_bytes},
                      {"isas", isas},
+                     {"gpus", gpus_json()},
                      {"backend", backend->name()},
                      {"isa", backend->isa() ? std::string(isa_name(*backend->isa())) : "none"},
                      {"threads", backend->threads()}});
@@ -48,6 +94,7 @@ int doctor(bool json) {
     std::printf("%-12s %s\n", std::string(isa_name(isa)).c_str(),
                 obstacle ? ("no: " + *obstacle).c_str() : "yes");
   }
+  print_gpus();
   if (!best_isa())
     std::printf(
         "warning: no usable instruction set; only the slow reference backend runs on this "

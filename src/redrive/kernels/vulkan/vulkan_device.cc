@@ -113,7 +113,9 @@ DeviceInfo describe_device(const Api& api, VkPhysicalDevice device) {
   DeviceInfo info;
   info.name = p.deviceName;
   info.driver = std::string(driver.driverName) + " " + driver.driverInfo;
-  info.api = p.apiVersion;
+  info.api = std::to_string(VK_API_VERSION_MAJOR(p.apiVersion)) + "." +
+             std::to_string(VK_API_VERSION_MINOR(p.apiVersion)) + "." +
+             std::to_string(VK_API_VERSION_PATCH(p.apiVersion));
   info.is_cpu = p.deviceType == VK_PHYSICAL_DEVICE_TYPE_CPU;
   VkPhysicalDeviceMemoryProperties memory;
   api.GetPhysicalDeviceMemoryProperties(device, &memory);

@@ -15,23 +15,11 @@
 #include <utility>
 #include <vector>
 
+#include "redrive/kernels/vulkan/device_info.h"
 #include "redrive/kernels/vulkan/shader.h"
 #include "redrive/kernels/vulkan/vulkan_api.h"
 
 namespace redrive::kernels::vulkan {
-
-/// A device that a machine has.
-struct DeviceInfo {
-  std::string name;
-  std::string driver;                ///< name and version
-  std::uint32_t api = 0;             ///< VK_MAKE_API_VERSION
-  bool is_cpu = false;               ///< a software device
-  std::uint64_t memory = 0;          ///< bytes of its own
-  std::vector<std::string> missing;  ///< what the backend needs and the device lacks
-};
-
-/// The devices in the loader's order. `reason`: set where there are none.
-std::vector<DeviceInfo> list_devices(std::string* reason);
 
 class Device;
 
