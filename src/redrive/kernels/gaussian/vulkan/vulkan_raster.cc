@@ -46,6 +46,33 @@ std::size_t append(std::span<const T> block, std::vector<std::byte>* bytes) {
   return at;
 }
 
+/// Sets what follows from the camera and the size of its image.
+void set_camera(const GaussianCamera& from, const RasterSize& size, ShaderParameters* p) {
+  const PlainCamera& camera = from.camera;
+  const RasterBounds bounds = raster_bounds(from);
+  const std::size_t n_keys = from.world_from_camera.size();
+  p->fx = camera.fx;
+  p->fy = camera.fy;
+  p->cx = camera.cx;
+  p->cy = camera.cy;
+  std::ranges::copy(camera.numbers, p->numbers_of_lens);
+  p->max_radius2 = camera.max_radius2;
+  p->width = static_cast<std::uint32_t>(size.width);
+  p->height = static_cast<std::uint32_t>(size.height);
+  p->stride = static_cast<std::uint32_t>(size.stride);
+  p->rows = static_cast<std::uint32_t>(size.rows);
+  p->tiles_x = static_cast<std::uint32_t>(size.stride / kTileSide);
+  p->tiles_y = static_cast<std::uint32_t>(size.rows / kTileSide);
+  p->n_keys = static_cast<std::uint32_t>(n_keys);
+  p->by_column = from.by_column;
+  p->bounds_means = !from.centres.u.empty();
+  p->first_line = first_line(from, bounds);
+  p->row_scale = static_cast<float>(n_keys - 1) / from.image_rows;
+  p->row_offset = (from.first_row + 0.5f) * p->row_scale;
+  p->pixels = bounds;
+  p->means = mean_bounds(from, bounds);
+}
+
 }  // namespace
 
 std::uint32_t VulkanRaster::model() const {
@@ -109,7 +136,6 @@ void VulkanRaster::allocate() {
 
 void VulkanRaster::write_inputs() {
   Device& device = shared_.device();
-  const RasterBounds bounds = raster_bounds(camera_);
   const std::size_t tiles_x = size_.stride / kTileSide, tiles_y = size_.rows / kTileSide,
                     tiles = tiles_x * tiles_y;
   input_bytes_.assign(sizeof(ShaderParameters), std::byte{});
@@ -165,30 +191,10 @@ void VulkanRaster::write_inputs() {
   p.range_error = (has_ranges() ? range_error_ : depth_).address();
   p.log_range = (has_ranges() ? log_range_ : depth_).address();
   p.last = last_.address();
-  const PlainCamera& camera = camera_.camera;
-  p.fx = camera.fx;
-  p.fy = camera.fy;
-  p.cx = camera.cx;
-  p.cy = camera.cy;
-  std::ranges::copy(camera.numbers, p.numbers_of_lens);
-  p.max_radius2 = camera.max_radius2;
   p.n = static_cast<std::uint32_t>(gaussians_.n);
-  p.width = static_cast<std::uint32_t>(size_.width);
-  p.height = static_cast<std::uint32_t>(size_.height);
-  p.stride = static_cast<std::uint32_t>(size_.stride);
-  p.rows = static_cast<std::uint32_t>(size_.rows);
-  p.tiles_x = static_cast<std::uint32_t>(tiles_x);
-  p.tiles_y = static_cast<std::uint32_t>(tiles_y);
   p.n_parts = static_cast<std::uint32_t>(parts_);
-  p.n_keys = static_cast<std::uint32_t>(n_keys);
-  p.by_column = camera_.by_column;
-  p.bounds_means = has_centres();
   p.max_pairs = static_cast<std::uint32_t>(max_pairs_);
-  p.first_line = first_line(camera_, bounds);
-  p.row_scale = static_cast<float>(n_keys - 1) / camera_.image_rows;
-  p.row_offset = (camera_.first_row + 0.5f) * p.row_scale;
-  p.pixels = bounds;
-  p.means = mean_bounds(camera_, bounds);
+  set_camera(camera_, size_, &p);
   std::ranges::copy(options_.background, p.background);
   std::memcpy(input_bytes_.data(), &p, sizeof p);
   device.upload(inputs_, 0, input_bytes_.data(), input_bytes_.size());
