@@ -21,6 +21,7 @@
 #include "redrive/math/so3.h"
 #include "redrive/recording/core/pose_jumps.h"
 #include "redrive/recording/core/summary.h"
+#include "redrive/render/recorded_lidar.h"
 #include "redrive/scene/moving_objects.h"
 
 namespace redrive {
@@ -178,10 +179,24 @@ AlignResult describe(const RigModel& model, BundleResult bundle, const BundlePri
     correction.intrinsics = camera.intrinsics;
     result.camera_corrections.push_back(correction);
   }
+  result.lidar_elevation_rad = model.lidar_elevation_rad;
+  if (!bundle.unobservable_elevation_rad)
+    result.lidar_elevation_sigma_rad = bundle.elevation_sigma_rad;
   for (const UnobservableExtrinsic& held : bundle.unobservable_extrinsics)
     result.camera_corrections[held.camera].extrinsic_sigmas[held.axis].reset();
   result.bundle = std::move(bundle);
   return result;
+}
+
+/// Whether elevations of the LiDAR's returns are elevations of its beams. Where they are not, adds
+/// the reason to the remarks.
+bool knows_elevations(const Recording& recording, std::vector<std::string>* remarks) {
+  if (recording.lidar_files.empty()) return false;
+  std::string why;
+  const auto structure = recorded_structure(recording, &why);
+  if (structure) why = misfit(*structure).value_or("");
+  if (!why.empty()) remarks->push_back("the LiDAR's elevations are not corrected: " + why);
+  return why.empty();
 }
 
 /// Largest distance of the trajectory from its first frame.
@@ -270,6 +285,14 @@ std::string obstacle(const Recording& recording, const AlignResult& result, bool
 
 }  // namespace
 
+Recording with_alignment(Recording recording, const AlignResult& result) {
+  recording.frames = result.frames;
+  recording.lidar_elevation_rad = result.lidar_elevation_rad;
+  for (std::size_t c = 0; c < recording.cameras.size(); ++c)
+    recording.cameras[c].calibration = result.cameras[c];
+  return recording;
+}
+
 void register_with_ground_truth(const Recording& recording, AlignResult* result) {
   if (recording.ground_truth_frames.empty()) return;
   result->initial_vs_ground_truth =
@@ -292,9 +315,11 @@ AlignResult align_with(const Recording& recording, const std::vector<Track>& tra
         input);
   RigModel model = make_rig_model(recording);
   BundleOptions bundle_options = options.bundle;
+  std::vector<std::string> remarks;
+  bundle_options.lidar_elevation =
+      !lidar.empty() && !options.bundle.fixed_cameras && knows_elevations(recording, &remarks);
   BundleResult bundle = adjust_bundle(&model, tracks, lidar, contrast, bundle_options, pool);
   std::vector<ReadoutEstimate> found_readouts;
-  std::vector<std::string> remarks;
   for (;;) {
     const std::vector<std::string> unobservable =
         fix_unobservable_readouts(bundle, &found_readouts, &model, &bundle_options);
@@ -303,6 +328,13 @@ AlignResult align_with(const Recording& recording, const std::vector<Track>& tra
     bundle = adjust_bundle(&model, tracks, lidar, contrast, bundle_options, pool);
   }
   AlignResult result = describe(model, std::move(bundle), options.bundle.priors, lidar.empty());
+  result.lidar_elevation_rad += recording.lidar_elevation_rad;
+  if (const auto& best_rad = result.bundle.unobservable_elevation_rad)
+    remarks.push_back(
+        text("the elevations of the LiDAR are unobservable (%+.3f +- %.3f degrees fits best, and "
+             "+- %.3f is needed): they stay as they are",
+             *best_rad * kDegreesPerRadian, *result.bundle.elevation_sigma_rad * kDegreesPerRadian,
+             kMaxElevationSigma_rad * kDegreesPerRadian));
   result.remarks = std::move(remarks);
   for (const UnobservableTimeOffset& offset : result.bundle.unobservable)
     result.remarks.push_back(
@@ -325,12 +357,11 @@ AlignResult align_with(const Recording& recording, const std::vector<Track>& tra
 
 namespace {
 
-/// The recording with aligned poses and calibrations.
-Recording with_alignment(Recording recording, const AlignResult& result) {
-  recording.frames = result.frames;
-  for (std::size_t c = 0; c < recording.cameras.size(); ++c)
-    recording.cameras[c].calibration = result.cameras[c];
-  return recording;
+/// The model with aligned poses and calibrations, for samples of `recording`.
+RigModel aligned_model(const Recording& recording, const AlignResult& result) {
+  RigModel model = make_rig_model(with_alignment(recording, result));
+  model.lidar_elevation_rad = result.lidar_elevation_rad - recording.lidar_elevation_rad;
+  return model;
 }
 
 /// Returns the time offsets without which edges of LiDAR depth lie better on the images. Where the
@@ -340,7 +371,7 @@ std::vector<UnobservableTimeOffset> offsets_against_edges(const Recording& recor
                                                           const ContrastData& source,
                                                           ThreadPool& pool) {
   constexpr double kMinGain = 0.01;  // differences have a noise of 0.006 over 1000 edges
-  RigModel model = make_rig_model(with_alignment(recording, result));
+  RigModel model = aligned_model(recording, result);
   for (std::size_t c = 0; c < model.cameras.size(); ++c)
     model.cameras[c].offset_s = result.camera_corrections[c].initial_offset_s;
   const std::vector<std::optional<EdgeScore>> without = depth_edge_scores(model, source, pool);
@@ -465,8 +496,7 @@ AlignResult align_whole(const Recording& recording, const AlignOptions& options,
     AlignResult aligned =
         align_with(recording, tracks, of_planes, by, pool, contrast ? &*contrast : nullptr);
     if (contrast)
-      aligned.aligned_edges =
-          depth_edge_scores(make_rig_model(with_alignment(recording, aligned)), *contrast, pool);
+      aligned.aligned_edges = depth_edge_scores(aligned_model(recording, aligned), *contrast, pool);
     return aligned;
   };
   AlignResult result = align_by(options);

@@ -59,6 +59,9 @@ struct AlignResult {
   /// whole, which nothing measures, and without LiDAR the scale, which is the egomotion's.
   std::vector<Correction> corrections;
   std::vector<CameraCorrection> camera_corrections;
+  double lidar_elevation_rad = 0;  ///< Recording::lidar_elevation_rad
+  /// Its standard deviation; nothing: not estimated or unobservable, the initial value is kept.
+  std::optional<double> lidar_elevation_sigma_rad;
   BundleResult bundle;
   /// Scores of the LiDAR's depth edges by camera; empty without images or LiDAR.
   std::vector<std::optional<EdgeScore>> initial_edges, aligned_edges;
@@ -89,6 +92,9 @@ std::vector<LidarSample> load_align_samples(const Recording& recording, const Al
 
 /// Maximum number of LiDAR samples in which planes are searched.
 inline constexpr std::size_t kMaxPlaneSamples = 800'000;
+
+/// Returns the recording with aligned poses and calibrations.
+Recording with_alignment(Recording recording, const AlignResult& result);
 
 /// Registers the initial poses and the poses of `result` with the ground truth, where the recording
 /// ships it.

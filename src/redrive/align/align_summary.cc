@@ -77,7 +77,9 @@ nlohmann::json alignment_to_json(const AlignResult& result) {
     json["lidar"] = {
         {"points", bundle.lidar_points},
         {"patches", bundle.patches},
-        {"residual_m", {{"initial", bundle.initial_lidar_rms_m}, {"aligned", bundle.lidar_rms_m}}}};
+        {"residual_m", {{"initial", bundle.initial_lidar_rms_m}, {"aligned", bundle.lidar_rms_m}}},
+        {"elevation_deg", kDegreesPerRadian * result.lidar_elevation_rad},
+        {"elevation_sigma_deg", null_or(result.lidar_elevation_sigma_rad, kDegreesPerRadian)}};
   if (result.initial_vs_ground_truth && result.aligned_vs_ground_truth)
     json["ground_truth"] = {{"initial", registration_to_json(*result.initial_vs_ground_truth)},
                             {"aligned", registration_to_json(*result.aligned_vs_ground_truth)}};

@@ -47,10 +47,13 @@ TEST(AlignSummary, JsonHasUnitsAndNullsWhereNothingIsDetermined) {
 
   result.bundle.lidar_points = 7;
   result.bundle.lidar_rms_m = 0.02;
+  result.lidar_elevation_rad = std::numbers::pi / 180;
   result.initial_vs_ground_truth = TrajectoryRegistration{};
   result.aligned_vs_ground_truth = TrajectoryRegistration{.residual_m = 0.004};
   const nlohmann::json more = alignment_to_json(result);
   EXPECT_EQ(more.at("lidar").at("residual_m").at("aligned"), 0.02);
+  EXPECT_DOUBLE_EQ(more.at("lidar").at("elevation_deg"), 1);
+  EXPECT_TRUE(more.at("lidar").at("elevation_sigma_deg").is_null());
   EXPECT_EQ(more.at("ground_truth").at("aligned").at("residual_m"), 0.004);
 }
 

@@ -66,12 +66,11 @@ PointMap map_around(const PointsOfFrames& points, const std::vector<FramePose>& 
 }
 
 /// The returns of a part of the recording, placed by its poses.
-std::vector<Eigen::Vector3d> load_points(const Recording& recording,
-                                         const std::vector<FramePose>& aligned,
-                                         const AlignOptions& options, const FrameWindow& window,
-                                         ThreadPool& pool) {
+std::vector<Eigen::Vector3d> load_points(const Recording& recording, const AlignOptions& options,
+                                         const FrameWindow& window, ThreadPool& pool) {
   Recording part = recording;
-  part.frames.assign(aligned.begin() + window.begin, aligned.begin() + window.end);
+  part.frames.assign(recording.frames.begin() + window.begin,
+                     recording.frames.begin() + window.end);
   std::erase_if(part.lidar_files, [&](const FrameFile& file) {
     return file.frame_id < part.frames.front().id || file.frame_id > part.frames.back().id;
   });
@@ -214,12 +213,10 @@ void close_loops(const Recording& recording, const AlignOptions& options, Thread
           " places; without LiDAR, which tells where, they tie nothing together");
     return;
   }
-  const std::vector<FramePose> aligned = result->frames;  // they place the points
+  const Recording placed = with_alignment(recording, *result);
   const LoopClosures report = close_loops(
       recording,
-      [&](const FrameWindow& window) {
-        return load_points(recording, aligned, options, window, pool);
-      },
+      [&](const FrameWindow& window) { return load_points(placed, options, window, pool); },
       result);
   if (report.candidates == 0) return;
   char text[300];

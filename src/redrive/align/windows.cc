@@ -104,6 +104,40 @@ class CameraSum {
   double used_ = 0;
 };
 
+/// Sums of the estimates of all sensors over all windows.
+class CalibrationSum {
+ public:
+  explicit CalibrationSum(std::size_t cameras) : cameras_(cameras) {}
+  /// `cameras`: indices in the drive of the window's. `initial_elevation_rad`: the LiDAR's.
+  void add(const AlignResult& window, const std::vector<int>& cameras,
+           double initial_elevation_rad) {
+    for (std::size_t c = 0; c < cameras.size(); ++c)
+      cameras_[cameras[c]].add(window.camera_corrections[c], window.bundle.cameras[c]);
+    if (window.lidar_elevation_sigma_rad)
+      elevations_.push_back(
+          {window.lidar_elevation_rad - initial_elevation_rad, *window.lidar_elevation_sigma_rad});
+  }
+  /// Combines the estimates for the drive. Sets the model's cameras.
+  void combine(const BundlePriors& priors, double repeated, double initial_elevation_rad,
+               RigModel* model, AlignResult* result) const {
+    for (std::size_t c = 0; c < cameras_.size(); ++c) {
+      result->camera_corrections.push_back(
+          cameras_[c].combined(priors, repeated, &model->cameras[c]));
+      result->cameras.push_back(model->corrected_calibration(static_cast<int>(c)));
+    }
+    result->lidar_elevation_rad = initial_elevation_rad;
+    if (const auto found = combine_estimates(elevations_, priors.lidar_elevation_rad,
+                                             /*robust=*/false, repeated)) {
+      result->lidar_elevation_rad += found->change;
+      result->lidar_elevation_sigma_rad = found->sigma;
+    }
+  }
+
+ private:
+  std::vector<CameraSum> cameras_;
+  std::vector<NumberEstimate> elevations_;
+};
+
 void add_edges(const std::vector<std::optional<EdgeScore>>& of_part,
                const std::vector<int>& cameras, std::size_t n,
                std::vector<std::optional<EdgeScore>>* sums) {
@@ -282,7 +316,7 @@ AlignResult align_in_windows(const Recording& recording, const AlignOptions& opt
   };
 
   AlignResult result;
-  std::vector<CameraSum> sums(n_cameras);
+  CalibrationSum sums(n_cameras);
   std::vector<Vector6d> shape_sigma(n, Vector6d::Zero());
   bool any_lidar = false;
   double frames_in_windows = 0;
@@ -294,8 +328,7 @@ AlignResult align_in_windows(const Recording& recording, const AlignOptions& opt
     for (const int camera : cameras)
       by.bundle.readouts.push_back(options.bundle.estimates_readout(camera));
     const AlignResult aligned = align_named(k, part, by);
-    for (std::size_t c = 0; c < cameras.size(); ++c)
-      sums[cameras[c]].add(aligned.camera_corrections[c], aligned.bundle.cameras[c]);
+    sums.add(aligned, cameras, recording.lidar_elevation_rad);
     for (int i = 0; i < windows[k].size(); ++i) {
       Vector6d& sigma = shape_sigma[windows[k].begin + i];
       sigma = sigma.cwiseMax(aligned.corrections[i].sigma);
@@ -308,11 +341,8 @@ AlignResult align_in_windows(const Recording& recording, const AlignOptions& opt
   }
 
   RigModel model = make_rig_model(recording);
-  for (std::size_t c = 0; c < n_cameras; ++c) {
-    result.camera_corrections.push_back(
-        sums[c].combined(options.bundle.priors, frames_in_windows / n, &model.cameras[c]));
-    result.cameras.push_back(model.corrected_calibration(static_cast<int>(c)));
-  }
+  sums.combine(options.bundle.priors, frames_in_windows / n, recording.lidar_elevation_rad, &model,
+               &result);
   const AlignOptions fixed = with_fixed_cameras(options);
   const Rigid3d world_from_global = model.global_from_world.inverse(Eigen::Isometry);
   result.bundle = empty_bundle(n_cameras, n);
@@ -322,6 +352,7 @@ AlignResult align_in_windows(const Recording& recording, const AlignOptions& opt
     const std::vector<int> cameras = cameras_of(recording, part);
     for (std::size_t c = 0; c < cameras.size(); ++c)
       part.cameras[c].calibration = result.cameras[cameras[c]];
+    part.lidar_elevation_rad = result.lidar_elevation_rad;
     const AlignResult aligned = align_named(k, part, fixed);
     const int before = k > 0 ? windows[k - 1].end - windows[k].begin : 0,
               after = k + 1 < windows.size() ? windows[k].end - windows[k + 1].begin : 0;

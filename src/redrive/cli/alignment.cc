@@ -83,6 +83,11 @@ void print_alignment(const AlignResult& result) {
   if (bundle.lidar_points > 0)
     std::printf("LiDAR: %d points on %d planar patches, %.2f -> %.2f cm RMS\n", bundle.lidar_points,
                 bundle.patches, 100 * bundle.initial_lidar_rms_m, 100 * bundle.lidar_rms_m);
+  if (const auto& elevation_sigma_rad = result.lidar_elevation_sigma_rad)
+    std::printf("elevations of the LiDAR: %s degrees\n",
+                correction_text(kDegreesPerRadian * result.lidar_elevation_rad,
+                                kDegreesPerRadian * *elevation_sigma_rad, 3)
+                    .c_str());
   const ShapeSigma sigma = worst_sigma(result);
   std::printf(
       "the trajectory's shape is known to %.2f cm and %.4f degrees (1 sigma, worst frame)\n",
@@ -107,11 +112,15 @@ AlignResult align_verbose(const Recording& recording, AlignOptions options, Thre
   return result;
 }
 
+PoseFiles aligned_pose_files(const Recording& recording, const AlignResult& result) {
+  return recording.reader->make_pose_files(with_alignment(recording, result), result.frames,
+                                           result.cameras);
+}
+
 void write_alignment(const std::filesystem::path& folder, const Recording& recording,
                      const AlignResult& result) {
   write_folder(folder, /*replace=*/false, [&](const std::filesystem::path& made) {
-    write_pose_files(made,
-                     recording.reader->make_pose_files(recording, result.frames, result.cameras));
+    write_pose_files(made, aligned_pose_files(recording, result));
     write_align_page(made, recording, result);
   });
 }

@@ -73,8 +73,7 @@ std::optional<ExternalPoses> load_external_poses(Run* run, ThreadPool& pool) {
     options.bundle.readouts = apply_readout_options(run->options.rolling_shutter, &run->recording);
     own.recording = run->recording;
     own.alignment = align_verbose(run->recording, options, pool);
-    own.files = run->recording.reader->make_pose_files(run->recording, own.alignment->frames,
-                                                       own.alignment->cameras);
+    own.files = aligned_pose_files(run->recording, *own.alignment);
   } else {
     own.files = read_pose_files(run->recording, run->options.poses);
   }

@@ -273,6 +273,9 @@ void print_inspection(const Inspection& result) {
     std::printf("points         %s\n", recording.points_file.c_str());
   std::printf("lidar          %zu files\n", recording.lidar_files.size());
   if (result.lidar) print_structure(*result.lidar);
+  if (result.lidar && recording.lidar_elevation_rad != 0)
+    std::printf("               elevations corrected by %+.3f degrees\n",
+                kDegreesPerRadian * recording.lidar_elevation_rad);
   std::printf("boxes          %zu files\n", recording.box_files.size());
   std::string others, novel;
   for (const std::string& sensor : recording.other_sensors)

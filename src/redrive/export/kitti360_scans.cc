@@ -36,10 +36,9 @@ struct Counts {
 };
 
 std::vector<LidarPoint> new_points(const Recording& drive, const Scan& scan, Counts* counts) {
-  std::vector<LidarPoint> points = drive.reader->read_lidar(scan.file);
+  std::vector<LidarPoint> points = drive.read_lidar(scan.file);
   if (!scan.before) return points;
-  const std::vector<std::uint8_t> repeated =
-      mark_repeated(points, drive.reader->read_lidar(*scan.before));
+  const std::vector<std::uint8_t> repeated = mark_repeated(points, drive.read_lidar(*scan.before));
   std::size_t kept = 0;
   for (std::size_t i = 0; i < points.size(); ++i)
     if (!repeated[i]) points[kept++] = points[i];

@@ -140,7 +140,7 @@ DriveNotes write_aimotive(const fs::path& folder, const Recording& drive, Thread
       const auto& [frame_id, files] = revolutions[static_cast<std::size_t>(r)];
       std::vector<LidarPoint> points;
       for (const FrameFile& file : files)
-        std::ranges::copy(drive.reader->read_lidar(file), std::back_inserter(points));
+        std::ranges::copy(drive.read_lidar(file), std::back_inserter(points));
       if (files.size() > 1) std::ranges::stable_sort(points, {}, &LidarPoint::t_ns);
       for (LidarPoint& point : points) point.t_ns -= earlier_ns;
       write_file(scans / ("frame_" + padded(frame_id) + ".las"), revolution_las(points));

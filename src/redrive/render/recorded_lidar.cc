@@ -22,7 +22,7 @@ const FrameFile* nearest_revolution(const Recording& recording, std::int64_t fra
   const FrameFile* nearest = nullptr;
   std::int64_t least_ns = 0;
   for (const FrameFile* file : files) {
-    const auto middle = middle_ns(recording.reader->read_lidar(*file));
+    const auto middle = middle_ns(recording.read_lidar(*file));
     if (!middle) continue;
     const std::int64_t off_ns = std::abs(*middle - frame->t_ns);
     if (!nearest || off_ns < least_ns) nearest = file, least_ns = off_ns;
@@ -67,7 +67,7 @@ std::optional<LidarFirings> recorded_firings(const Recording& recording, const S
   out.range_m = returns.range_m;
   for (std::size_t i = 0; i < returns.n; ++i)
     out.direction.push_back(returns.direction_in_sensor(i).normalized());
-  out.ring = rings_of(recording.reader->read_lidar(*file), returns);
+  out.ring = rings_of(recording.read_lidar(*file), returns);
   return out;
 }
 
@@ -75,7 +75,7 @@ std::optional<ScanStructure> recorded_structure(const Recording& recording, std:
   std::vector<std::vector<LidarPoint>> scans;
   const std::size_t middle = recording.lidar_files.size() / 2;
   for (std::size_t i = middle; i < std::min(middle + 2, recording.lidar_files.size()); ++i) try {
-      scans.push_back(recording.reader->read_lidar(recording.lidar_files[i]));
+      scans.push_back(recording.read_lidar(recording.lidar_files[i]));
     } catch (const InputError&) {  // named where all scans are read
     }
   return estimate_structure(scans, *recording.body_from_lidar, why);

@@ -221,6 +221,17 @@ std::vector<std::vector<std::string>> contrast_rows(const AlignResult& result) {
   return rows;
 }
 
+std::string lidar_paragraph(const AlignResult& result) {
+  std::string text = number(
+      "<p>Distance of LiDAR points from their planes: RMS %.2f cm before, "
+      "%.2f cm after",
+      100 * result.bundle.initial_lidar_rms_m, 100 * result.bundle.lidar_rms_m);
+  if (const auto& sigma_rad = result.lidar_elevation_sigma_rad)
+    text += number("; elevations corrected by %+.3f \u00b1 %.3f degrees",
+                   kDegreesPerRadian * result.lidar_elevation_rad, kDegreesPerRadian * *sigma_rad);
+  return text + "</p>\n";
+}
+
 }  // namespace
 
 void write_align_page(const std::filesystem::path& folder, const Recording& recording,
@@ -250,11 +261,7 @@ void write_align_page(const std::filesystem::path& folder, const Recording& reco
           "of one point, and the LiDAR returns of one patch, correlated, and with errors that all "
           "observations share. Unobservable: the drive does not determine it; it stays as "
           "calibrated.</p>\n";
-  if (bundle.lidar_points > 0)
-    body += "<p>Distance of LiDAR points from their planes: RMS " +
-            number("%.2f cm before, %.2f cm after", 100 * bundle.initial_lidar_rms_m,
-                   100 * bundle.lidar_rms_m) +
-            "</p>\n";
+  if (bundle.lidar_points > 0) body += lidar_paragraph(result);
   if (!bundle.contrast.empty())
     body += "<h2>Time offsets by the LiDAR</h2>\n" + html_table(contrast_rows(result), true) +
             html_row(drawn("contrast", contrast_script(result, "contrast"),

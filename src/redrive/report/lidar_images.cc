@@ -155,7 +155,7 @@ std::vector<ImageRow> lidar_image_rows(const Run& run, kernels::Backend& backend
   const auto file = std::ranges::find(run.recording.lidar_files, id, &FrameFile::frame_id);
   if (!firings || file == run.recording.lidar_files.end()) return {};
   const Rigid3d& body_from_lidar = *run.recording.body_from_lidar;
-  const std::vector<LidarPoint> scan = run.recording.reader->read_lidar(*file);
+  const std::vector<LidarPoint> scan = run.recording.read_lidar(*file);
   std::string why;
   const auto structure = recorded_structure(run.recording, &why);
   if (structure) add_lost(lost_rays(scan, body_from_lidar, *structure), &*firings);

@@ -120,7 +120,7 @@ Overlay::Overlay(const Run& run) : run_(run) {
 
 Overlay::Points Overlay::read(const FrameFile& file) const {
   Points points;
-  for (const LidarPoint& point : run_.recording.reader->read_lidar(file))
+  for (const LidarPoint& point : run_.recording.read_lidar(file))
     points.push_back(
         (run_.scene.world_from_body(point.t_ns) * point.in_body_m.cast<double>()).cast<float>());
   return points;

@@ -83,9 +83,11 @@ void AdjustmentProblem::add(std::vector<PlanarPatch>* patches) {
     for (const int i : patch.samples) {
       const LocalMotion motion = model_.motion_at(lidar_[i].t_ns);
       const ceres::ResidualBlockId id = problem_.AddResidualBlock(
-          point_to_plane_cost(motion, lidar_[i].in_body, patch.sigma_m, patch.plane).release(),
+          point_to_plane_cost(motion, {model_.body_from_lidar, lidar_[i].in_body}, patch.sigma_m,
+                              patch.plane)
+              .release(),
           &lidar_loss_, model_.corrections[motion.segment].data(),
-          model_.corrections[motion.segment + 1].data(), plane);
+          model_.corrections[motion.segment + 1].data(), plane, &model_.lidar_elevation_rad);
       groups_[id] = motion.segment * sensors;
     }
   }
@@ -131,29 +133,36 @@ void AdjustmentProblem::add_priors(const BundlePriors& priors) {
         camera.extrinsics.data());
   }
   auto at = static_cast<int>(6 * (model_.corrections.size() + model_.cameras.size()));
-  const auto estimate = [&](bool is_free, double* number,
-                            std::vector<std::optional<int>>* indices) {
-    indices->push_back(is_free ? std::optional(at++) : std::nullopt);
-    if (is_free)
-      rig_.push_back(number);
-    else
+  const auto estimate = [&](bool is_free, double* number) -> std::optional<int> {
+    if (!is_free) {
       problem_.SetParameterBlockConstant(number);
+      return std::nullopt;
+    }
+    rig_.push_back(number);
+    return at++;
   };
   for (std::size_t c = 0; c < model_.cameras.size(); ++c) {
     RigModelCamera& camera = model_.cameras[c];
     problem_.AddResidualBlock(
         scalar_prior_cost(1, 0, priors.offset_s, camera.initial_offset_s()).release(), &prior_loss_,
         &camera.offset_s);
-    estimate(std::ranges::find(held_.time_offsets, static_cast<int>(c),
-                               &UnobservableTimeOffset::camera) == held_.time_offsets.end(),
-             &camera.offset_s, &offset_index_);
+    offset_index_.push_back(
+        estimate(std::ranges::find(held_.time_offsets, static_cast<int>(c),
+                                   &UnobservableTimeOffset::camera) == held_.time_offsets.end(),
+                 &camera.offset_s));
   }
   for (std::size_t c = 0; c < model_.cameras.size(); ++c) {
     RigModelCamera& camera = model_.cameras[c];
     problem_.AddResidualBlock(
         scalar_prior_cost(1, 0, priors.readout_s, camera.initial_readout_s()).release(), nullptr,
         &camera.readout_s);
-    estimate(options_.estimates_readout(c), &camera.readout_s, &readout_index_);
+    readout_index_.push_back(estimate(options_.estimates_readout(c), &camera.readout_s));
+  }
+  if (double* const elevation = &model_.lidar_elevation_rad;
+      problem_.HasParameterBlock(elevation)) {
+    problem_.AddResidualBlock(scalar_prior_cost(1, 0, priors.lidar_elevation_rad).release(),
+                              nullptr, elevation);
+    elevation_index_ = estimate(options_.lidar_elevation && !held_.lidar_elevation, elevation);
   }
   for (RigModelCamera& camera : model_.cameras) {
     for (int k = 0; k < 3; ++k)
@@ -184,6 +193,8 @@ ceres::Solver::Summary AdjustmentProblem::solve(int iterations) {
     for (double* block :
          {camera.extrinsics.data(), &camera.offset_s, &camera.readout_s, camera.intrinsics.data()})
       solver.linear_solver_ordering->AddElementToGroup(block, 2);
+  if (problem_.HasParameterBlock(&model_.lidar_elevation_rad))
+    solver.linear_solver_ordering->AddElementToGroup(&model_.lidar_elevation_rad, 2);
   ceres::Solver::Summary summary;
   ceres::Solve(solver, &problem_, &summary);
   for (std::size_t i = 0; i < targets_.size(); ++i) *targets_[i] = landmarks_[i];
@@ -197,6 +208,7 @@ void AdjustmentProblem::compute_covariance(BundleResult* result) {
   result->variance = std::move(covariance.variance);
   result->offset_index = offset_index_;
   result->readout_index = readout_index_;
+  result->elevation_index = elevation_index_;
 }
 
 double* AdjustmentProblem::landmark(std::array<double, 3>* target) {

@@ -32,6 +32,7 @@ double sigma_of(const Observation& seen, const std::vector<double>& sigma_px);
 struct HeldNumbers {
   std::vector<UnobservableTimeOffset> time_offsets;
   std::vector<UnobservableExtrinsic> extrinsics;
+  bool lidar_elevation = false;
 };
 
 class AdjustmentProblem {
@@ -70,6 +71,7 @@ class AdjustmentProblem {
   std::vector<std::array<double, 3>> landmarks_;
   std::vector<std::array<double, 3>*> targets_;
   std::vector<std::optional<int>> offset_index_, readout_index_;
+  std::optional<int> elevation_index_;
   ResidualGroups groups_;  ///< residuals of an image, or of the LiDAR between two frames
 };
 

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <utility>
 
 #include "redrive/align/bundle/adjustment_problem.h"
 #include "redrive/align/bundle/agreeing_tracks.h"
@@ -28,6 +29,8 @@ constexpr double kMinPose_m = 0.01,
 constexpr int kSecondContrastRound = 2;
 // rounds to converge again after unobservable numbers were reset
 constexpr int kRoundsAfterReset = 3;
+// Error of an elevation that all returns share: distances and times of the LiDAR.
+constexpr double kElevationError_rad = 0.005 * kRadiansPerDegree;
 constexpr double kMaxTied_m = 40;  // largest distance of points that are tied to LiDAR surfaces
 // share of a frame's observations that agree with its pose below which it is unsupported
 constexpr double kUnsupported = 0.25;
@@ -69,7 +72,8 @@ BundlePriors priors_of_round(const BundlePriors& initial, const RigModel& model,
 double patch_distance_m(const RigModel& model, const LidarSample& sample,
                         const PlaneParameters& plane) {
   const Eigen::Vector3d from_centre =
-      model.corrected_pose(model.motion_at(sample.t_ns)) * sample.in_body - plane.centre;
+      model.corrected_pose(model.motion_at(sample.t_ns)) * model.raised(sample.in_body) -
+      plane.centre;
   return (plane.axes * Eigen::Vector3d(plane.value[0], plane.value[1], 1)).dot(from_centre) -
          plane.value[2];
 }
@@ -94,6 +98,7 @@ double initial_plane_rms_m(const RigModel& model, const std::vector<LidarSample>
                            const std::vector<PlanarPatch>& patches) {
   RigModel initial = model;
   for (Vector6d& correction : initial.corrections) correction.setZero();
+  initial.lidar_elevation_rad = 0;
   std::vector<double> distances;
   for (const PlanarPatch& patch : patches) {
     Eigen::MatrixXd a(patch.samples.size(), 3);
@@ -116,6 +121,7 @@ double initial_plane_rms_m(const RigModel& model, const std::vector<LidarSample>
 /// Returns the model with initial values and without corrections.
 RigModel with_initial_values(RigModel model) {
   for (Vector6d& correction : model.corrections) correction.setZero();
+  model.lidar_elevation_rad = 0;
   for (RigModelCamera& camera : model.cameras) {
     camera.extrinsics.setZero();
     camera.intrinsics.setZero();
@@ -227,6 +233,13 @@ std::vector<LidarTie> tie_points(const RigModel& model, const std::vector<Track>
   return ties;
 }
 
+/// Sets the standard deviation of an estimated elevation.
+void note_elevation_sigma(BundleResult* result) {
+  if (!result->elevation_index) return;
+  const double variance = std::max(0.0, result->variance[*result->elevation_index]);
+  result->elevation_sigma_rad = std::hypot(std::sqrt(variance), kElevationError_rad);
+}
+
 /// Finds unobservable numbers and resets them to their initial values. Returns whether there are
 /// any.
 bool hold_unobservable(const std::vector<int>& used, const BundlePriors& priors, bool lidar,
@@ -241,7 +254,12 @@ bool hold_unobservable(const std::vector<int>& used, const BundlePriors& priors,
     reset_extrinsic(&model->cameras[number.camera], number.axis);
   result->unobservable = held->time_offsets;
   result->unobservable_extrinsics = held->extrinsics;
-  return !offsets.empty() || !held->extrinsics.empty();
+  note_elevation_sigma(result);
+  held->lidar_elevation =
+      result->elevation_sigma_rad && *result->elevation_sigma_rad > kMaxElevationSigma_rad;
+  if (held->lidar_elevation)
+    result->unobservable_elevation_rad = std::exchange(model->lidar_elevation_rad, 0);
+  return !offsets.empty() || !held->extrinsics.empty() || held->lidar_elevation;
 }
 
 HeldNumbers all_numbers(const RigModel& model) {
@@ -250,6 +268,7 @@ HeldNumbers all_numbers(const RigModel& model) {
     all.time_offsets.push_back({c});
     for (int axis = 0; axis < kExtrinsicAxes; ++axis) all.extrinsics.push_back({c, axis});
   }
+  all.lidar_elevation = true;
   return all;
 }
 
@@ -270,7 +289,9 @@ void note_changes(const RigModel& now, const RigModel& before, BundleResult* res
   const TrajectoryRegistration change =
       register_trajectories(now.corrected_frames(), before.corrected_frames(), "");
   result->last_translation_m = change.residual_m;
-  result->last_rotation_rad = change.residual_deg * kRadiansPerDegree;
+  result->last_rotation_rad =
+      std::max(change.residual_deg * kRadiansPerDegree,
+               std::abs(now.lidar_elevation_rad - before.lidar_elevation_rad));
   result->last_time_s = 0;
   for (std::size_t c = 0; c < now.cameras.size(); ++c)
     result->last_time_s = std::max(
@@ -321,6 +342,9 @@ void print_round(const RoundFigures& round) {
       round.distances_m.size(), round.patches, 100 * rms(round.distances_m), round.ties,
       100 * round.result.last_translation_m, round.result.last_rotation_rad * kDegreesPerRadian,
       round.seconds);
+  if (round.model.lidar_elevation_rad != 0)
+    std::printf("  elevations of the LiDAR: %+.4f deg\n",
+                round.model.lidar_elevation_rad * kDegreesPerRadian);
   for (std::size_t c = 0; c < round.model.cameras.size(); ++c)
     if (round.options.estimates_readout(c))
       std::printf("  readout of %s: %.2f ms\n", round.model.cameras[c].initial.name.c_str(),
@@ -339,7 +363,7 @@ BundleResult adjust_bundle(RigModel* model, const std::vector<Track>& tracks,
   int rounds = options.rounds;
   bool tested_observability = options.fixed_cameras;
   HeldNumbers held =
-      options.fixed_cameras ? all_numbers(*model) : HeldNumbers{options.held_offsets, {}};
+      options.fixed_cameras ? all_numbers(*model) : HeldNumbers{options.held_offsets, {}, false};
   for (int round = 0; round < rounds && !result.converged; ++round) {
     const Progress progress("round " + std::to_string(round + 1) + " of at most " +
                             std::to_string(rounds));
@@ -395,6 +419,7 @@ BundleResult adjust_bundle(RigModel* model, const std::vector<Track>& tracks,
     }
     if (!result.converged && round + 1 < rounds) continue;
     problem.compute_covariance(&result);
+    note_elevation_sigma(&result);
     result.unsupported_frames = doubtful_frames(agreeing.support, kUnsupported);
     place_between_neighbours(result.unsupported_frames, model);
     fill_result(*model, tracks, lidar, triangulated, patches, sigma_px, pool, &result);

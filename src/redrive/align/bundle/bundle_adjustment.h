@@ -13,6 +13,7 @@
 #include "redrive/align/rig/rig_model.h"
 #include "redrive/align/tracks/tracks.h"
 #include "redrive/base/parallel.h"
+#include "redrive/math/angles.h"
 
 namespace redrive {
 
@@ -29,7 +30,11 @@ struct BundlePriors {
   double offset_s = 0.002;
   double readout_s = 0.03;  ///< weak; for estimated readouts only
   Eigen::Vector3d intrinsics{0.003, 2, 2};
+  double lidar_elevation_rad = 0.0035;  ///< weak
 };
+
+/// Largest standard deviation of an observable offset of the LiDAR's elevations.
+inline constexpr double kMaxElevationSigma_rad = 0.03 * kRadiansPerDegree;
 
 /// An unobservable time offset, which keeps its initial value: the best fit and its standard
 /// deviation by the residual terms alone.
@@ -46,7 +51,8 @@ struct BundleOptions {
   std::vector<bool> readouts;
   PlaneOptions planes;
   std::vector<UnobservableTimeOffset> held_offsets;  ///< known to be unobservable
-  bool fixed_cameras = false;  ///< whether extrinsics and time offsets keep their initial values
+  bool lidar_elevation = false;  ///< whether to estimate an angle that all elevations are off by
+  bool fixed_cameras = false;    ///< whether the sensors' calibration keeps its initial values
   int rounds = 10;       ///< at most; fewer once poses move by less than a tenth of their sigma
   bool verbose = false;  ///< prints one line a round
 
@@ -92,10 +98,14 @@ struct BundleResult {
   bool converged = false;
   int rounds = 0;
   double last_translation_m = 0,
-         last_rotation_rad = 0;  ///< RMS change of the trajectory's shape in the last round
+         last_rotation_rad = 0;  ///< RMS change of the trajectory's shape in the last round; at
+                                 ///< least the change of the LiDAR's elevation
   double last_time_s = 0;        ///< largest change of a time offset or of half a readout there
   std::vector<UnobservableTimeOffset> unobservable;
   std::vector<UnobservableExtrinsic> unobservable_extrinsics;
+  /// Standard deviation of the LiDAR's elevation where it was estimated, also of an unobservable
+  /// one, which is 0: `unobservable_elevation_rad` is its best fit.
+  std::optional<double> elevation_sigma_rad, unobservable_elevation_rad;
   /// Covers pose corrections (6 a frame), extrinsics (6 a camera), and then each camera's other
   /// estimated numbers.
   Eigen::MatrixXd covariance;
@@ -104,6 +114,7 @@ struct BundleResult {
   /// One per camera: the index of its time offset and its readout in these; nothing where they were
   /// not estimated.
   std::vector<std::optional<int>> offset_index, readout_index;
+  std::optional<int> elevation_index;  ///< likewise
 };
 
 /// `contrast`: nullptr where images are not available. Once converged, at the latest after half of

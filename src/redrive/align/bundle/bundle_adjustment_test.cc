@@ -10,6 +10,7 @@
 #include "redrive/base/error.h"
 #include "redrive/math/angles.h"
 #include "redrive/math/so3.h"
+#include "redrive/recording/core/lidar_sensor.h"
 
 namespace redrive {
 namespace {
@@ -424,6 +425,48 @@ TEST(InsufficientData, WithContradictoryObservations) {
     for (Observation& seen : track.seen)
       seen.pixel = {noise.uniform(0, 479), noise.uniform(0, 263)};
   EXPECT_THAT(reason_why_not(rig), HasSubstr("cannot"));
+}
+
+/// Adjusts a rig whose scans show elevations that are off by `error_deg`.
+struct ElevationFit {
+  double correction_deg = 0;
+  BundleResult result;
+};
+ElevationFit fit_elevation(const SyntheticOptions& options, double error_deg) {
+  SyntheticRig rig = make_synthetic_rig(options);
+  rig.recording.body_from_lidar = Rigid3d(Eigen::Translation3d(1, 0, 1.8));
+  for (LidarSample& sample : rig.lidar)
+    sample.in_body = RaisedReturn(*rig.recording.body_from_lidar, sample.in_body)
+                         .at(error_deg * kRadiansPerDegree);
+  RigModel model = make_rig_model(rig.recording);
+  BundleOptions bundle;
+  bundle.lidar_elevation = true;
+  ThreadPool pool(2);
+  BundleResult result = adjust_bundle(&model, rig.tracks, rig.lidar, nullptr, bundle, pool);
+  return {model.lidar_elevation_rad * kDegreesPerRadian, std::move(result)};
+}
+
+TEST(Bundle, FindsTheErrorOfElevations) {
+  for (const double error_deg : {0.0, -0.2}) {
+    const ElevationFit fit = fit_elevation(short_drive(), error_deg);
+    EXPECT_NEAR(fit.correction_deg, -error_deg, 0.02);
+    ASSERT_TRUE(fit.result.elevation_sigma_rad);
+    EXPECT_LT(*fit.result.elevation_sigma_rad * kDegreesPerRadian, 0.02);
+    EXPECT_LT(std::abs(fit.correction_deg + error_deg),
+              3 * *fit.result.elevation_sigma_rad * kDegreesPerRadian);
+    EXPECT_FALSE(fit.result.unobservable_elevation_rad);
+  }
+}
+
+// All scans of a car that stands are alike, and a cone is as good as a plane.
+TEST(Bundle, KeepsElevationsThatItCannotSee) {
+  SyntheticOptions standing = short_drive();
+  standing.speed_m_per_s = 0;
+  standing.straight = true;
+  const ElevationFit fit = fit_elevation(standing, 0.2);
+  EXPECT_EQ(fit.correction_deg, 0);
+  ASSERT_TRUE(fit.result.unobservable_elevation_rad);
+  EXPECT_GT(*fit.result.elevation_sigma_rad, kMaxElevationSigma_rad);
 }
 
 }  // namespace

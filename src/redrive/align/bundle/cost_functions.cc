@@ -160,9 +160,9 @@ class ReprojectionCost final : public ceres::SizedCostFunction<2, 6, 6, 6, 1, 1,
   Vector3d anchor_;  // likewise
 };
 
-class PointToPlaneCost final : public ceres::SizedCostFunction<1, 6, 6, 3> {
+class PointToPlaneCost final : public ceres::SizedCostFunction<1, 6, 6, 3, 1> {
  public:
-  PointToPlaneCost(const LocalMotion& motion, const Vector3d& in_body, double sigma_m,
+  PointToPlaneCost(const LocalMotion& motion, const RaisedReturn& in_body, double sigma_m,
                    const PlaneParameters& plane)
       : motion_(motion),
         in_body_(in_body),
@@ -175,8 +175,9 @@ class PointToPlaneCost final : public ceres::SizedCostFunction<1, 6, 6, 3> {
     const InterpolatedCorrection correction = interpolate(parameters[0], parameters[1], motion_, 0);
     const Map<const Vector3d> plane(parameters[2]);
     const Matrix3d rotation = so3_exp(correction.value.tail<3>());
+    const Vector3d in_body = in_body_.at(parameters[3][0]);
     const Vector3d from_centre =
-        motion_.world_from_body * (rotation * in_body_ + correction.value.head<3>()) - centre_;
+        motion_.world_from_body * (rotation * in_body + correction.value.head<3>()) - centre_;
     const Vector3d normal = axes_ * Vector3d(plane.x(), plane.y(), 1);
     residuals[0] = (normal.dot(from_centre) - plane.z()) / sigma_m_;
     if (!jacobians) return true;
@@ -184,18 +185,19 @@ class PointToPlaneCost final : public ceres::SizedCostFunction<1, 6, 6, 3> {
         normal.transpose() * motion_.world_from_body.linear() / sigma_m_;
     Eigen::Matrix<double, 1, 6> by_correction;
     by_correction << by_body,
-        -by_body * rotation * skew(in_body_) * so3_right_jacobian(correction.value.tail<3>());
+        -by_body * rotation * skew(in_body) * so3_right_jacobian(correction.value.tail<3>());
     if (jacobians[0]) block<1, 6>(jacobians[0]) = (1 - correction.weight) * by_correction;
     if (jacobians[1]) block<1, 6>(jacobians[1]) = correction.weight * by_correction;
     if (jacobians[2])
       block<1, 3>(jacobians[2]) << axes_.col(0).dot(from_centre) / sigma_m_,
           axes_.col(1).dot(from_centre) / sigma_m_, -1 / sigma_m_;
+    if (jacobians[3]) jacobians[3][0] = by_body.dot(rotation * in_body_.slope(parameters[3][0]));
     return true;
   }
 
  private:
   LocalMotion motion_;
-  Vector3d in_body_;
+  RaisedReturn in_body_;
   double sigma_m_;
   Vector3d centre_;
   Matrix3d axes_;
@@ -306,7 +308,7 @@ std::unique_ptr<ceres::CostFunction> reprojection_cost(const RigModelCamera& cam
 }
 
 std::unique_ptr<ceres::CostFunction> point_to_plane_cost(const LocalMotion& motion,
-                                                         const Eigen::Vector3d& in_body,
+                                                         const RaisedReturn& in_body,
                                                          double sigma_m,
                                                          const PlaneParameters& plane) {
   return std::make_unique<PointToPlaneCost>(motion, in_body, sigma_m, plane);

@@ -10,6 +10,7 @@
 
 #include "redrive/align/lidar/planes.h"
 #include "redrive/align/rig/rig_model.h"
+#include "redrive/recording/core/lidar_sensor.h"
 
 namespace ceres {
 class CostFunction;
@@ -48,9 +49,9 @@ std::unique_ptr<ceres::CostFunction> reprojection_cost(const RigModelCamera& cam
                                                        const InverseDepthPoint& point);
 
 /// (n (X - centre) - h) / sigma_m [1] of a LiDAR point. Parameters: corrections [6] [6] of the
-/// motion's two frames, plane [3].
+/// motion's two frames, plane [3], the angle [1] that raises the point.
 std::unique_ptr<ceres::CostFunction> point_to_plane_cost(const LocalMotion& motion,
-                                                         const Eigen::Vector3d& in_body,
+                                                         const RaisedReturn& in_body,
                                                          double sigma_m,
                                                          const PlaneParameters& plane);
 

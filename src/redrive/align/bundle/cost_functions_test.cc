@@ -223,11 +223,15 @@ TEST(CostFunctions, PlaneAndPriorJacobians) {
   PlaneParameters plane;
   plane.centre = {12, 3, 1};
   plane.axes = so3_exp({0.4, 0.9, -0.3});
-  const auto term = point_to_plane_cost(some_instant(), {6, -2, 0.7}, 0.02, plane);
+  Rigid3d body_from_lidar = Rigid3d::Identity();
+  body_from_lidar.linear() = so3_exp({0.1, -0.2, 0.7});
+  body_from_lidar.translation() = Eigen::Vector3d(1, 0.2, 1.8);
+  const auto term =
+      point_to_plane_cost(some_instant(), {body_from_lidar, {6, -2, 0.7}}, 0.02, plane);
   for (int i = 0; i < 3; ++i)
     expect_slopes(*term,
                   {random_block(&noise, kCorrectionSizes), random_block(&noise, kCorrectionSizes),
-                   random_block(&noise, {0.05, 0.05, 0.1})},
+                   random_block(&noise, {0.05, 0.05, 0.1}), random_block(&noise, {0.01})},
                   2e-5);
   InverseDepthPoint point;
   point.anchor = {1, 2, 1.5};

@@ -29,7 +29,7 @@ std::vector<Return> returns_by_cell(const RigModel& model, const std::vector<Lid
   for (std::size_t p = 0; p < patches.size(); ++p)
     for (const int i : patches[p].samples) {
       const Eigen::Vector3d in_world =
-          model.corrected_pose(model.motion_at(lidar[i].t_ns)) * lidar[i].in_body;
+          model.corrected_pose(model.motion_at(lidar[i].t_ns)) * model.raised(lidar[i].in_body);
       returns.push_back({voxel_key(voxel_of(in_world, kNear_m)), static_cast<int>(p), i, in_world});
     }
   std::ranges::stable_sort(returns, {}, &Return::cell);

@@ -420,7 +420,7 @@ ClockCheck check_clock(const Recording& recording) {
   for (std::size_t i = 0; i < files.size(); i += step) {
     const auto frame = std::ranges::find(recording.frames, files[i].frame_id, &FramePose::id);
     if (frame == recording.frames.end()) continue;
-    std::vector<LidarPoint> points = recording.reader->read_lidar(files[i]);
+    std::vector<LidarPoint> points = recording.read_lidar(files[i]);
     if (points.empty()) continue;
     const auto middle = points.begin() + static_cast<std::ptrdiff_t>(points.size() / 2);
     std::ranges::nth_element(points, middle, {}, &LidarPoint::t_ns);

@@ -6,6 +6,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/math/so3.h"
+#include "redrive/recording/core/lidar_sensor.h"
 
 namespace redrive {
 namespace {
@@ -142,6 +143,11 @@ LocalMotion RigModel::row_motion(int camera, int frame, double v) const {
                    std::llround((c.offset_s + c.from_middle_row(v) * c.readout_s) * 1e9));
 }
 
+Eigen::Vector3d RigModel::raised(const Eigen::Vector3d& in_body) const {
+  if (lidar_elevation_rad == 0) return in_body;
+  return RaisedReturn(body_from_lidar, in_body).at(lidar_elevation_rad);
+}
+
 Rigid3d RigModel::corrected_pose(const LocalMotion& motion) const {
   const Vector6d &a = corrections[motion.segment], &b = corrections[motion.segment + 1];
   return motion.world_from_body * rigid_from_vector(a + motion.weight * (b - a));
@@ -194,6 +200,7 @@ RigModel make_rig_model(const Recording& recording) {
   for (const FramePose& frame : recording.frames)
     model.initial_frames.push_back(
         {frame.id, frame.t_ns, world_from_global * frame.global_from_body});
+  if (recording.body_from_lidar) model.body_from_lidar = *recording.body_from_lidar;
   model.corrections.assign(model.initial_frames.size(), Vector6d::Zero());
   for (const RecordedCamera& camera : recording.cameras) {
     RigModelCamera entry;

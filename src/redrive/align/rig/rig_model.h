@@ -2,6 +2,7 @@
 // The rig as the alignment adjusts it: initial poses and extrinsics, and corrections to them.
 //   world_from_body(t_f) = initial_f [exp(phi_f), rho_f]
 //   body_from_sensor = initial [exp(epsilon), eta]
+//   A return of the LiDAR has its elevation + delta.
 //   Row v of an image of frame f is exposed at t_f + offset + ((v + 1/2) / height - 1/2) readout.
 // Between the frames the body moves smoothly through its corrected poses: a cubic Hermite spline
 // whose slopes are the slopes of parabolas through three frames. Linear interpolation would cut the
@@ -54,6 +55,8 @@ struct RigModel {
   std::vector<PosedFrame> initial_frames;  ///< at least two
   std::vector<Vector6d> corrections;       ///< (rho, phi) by frame, body axes
   std::vector<RigModelCamera> cameras;     ///< in the order of Recording::cameras
+  Rigid3d body_from_lidar = Rigid3d::Identity();
+  double lidar_elevation_rad = 0;  ///< added to the elevations of the LiDAR's returns
 
   /// The motion that, with the present corrections added, is the smooth motion. Before the first
   /// and after the last frame it continues uniformly.
@@ -65,6 +68,9 @@ struct RigModel {
 
   /// The smooth motion itself, corrections included.
   LocalMotion smooth_motion_at(std::int64_t t_ns) const;
+
+  /// Returns a LiDAR return with its present elevation, in the axes of the body.
+  Eigen::Vector3d raised(const Eigen::Vector3d& in_body) const;
 
   /// world_from_body with the present corrections.
   Rigid3d corrected_pose(const LocalMotion& motion) const;

@@ -11,6 +11,8 @@
 
 #include <Eigen/Core>
 
+#include "redrive/math/rigid3.h"
+
 namespace redrive {
 
 /// Pulses of a revolution, by time. Axes of a sensor: x forward, y left, z up.
@@ -38,6 +40,30 @@ inline Eigen::Vector3d beam_direction(double elevation_rad, double azimuth_rad) 
   return {std::cos(elevation_rad) * std::cos(azimuth_rad),
           std::cos(elevation_rad) * std::sin(azimuth_rad), std::sin(elevation_rad)};
 }
+
+/// A return as a function of an angle that is added to its elevation, in the axes of the body:
+/// origin + cos(angle) ray + sin(angle) up, with |up| = |ray|, at a right angle to it in the plane
+/// of the sensor's axis.
+class RaisedReturn {
+ public:
+  RaisedReturn(const Rigid3d& body_from_sensor, const Eigen::Vector3d& in_body)
+      : origin_(body_from_sensor.translation()), ray_(in_body - origin_) {
+    const Eigen::Vector3d axis = body_from_sensor.linear().col(2),
+                          beside = ray_ - ray_.dot(axis) * axis;
+    const double beside_m = beside.norm();
+    if (beside_m > 0) up_ = beside_m * axis - ray_.dot(axis) / beside_m * beside;
+  }
+  Eigen::Vector3d at(double angle_rad) const {
+    return origin_ + std::cos(angle_rad) * ray_ + std::sin(angle_rad) * up_;
+  }
+  /// Returns the derivative of at().
+  Eigen::Vector3d slope(double angle_rad) const {
+    return std::cos(angle_rad) * up_ - std::sin(angle_rad) * ray_;
+  }
+
+ private:
+  Eigen::Vector3d origin_, ray_, up_ = Eigen::Vector3d::Zero();
+};
 
 /// A pulse of a sensor that does not turn.
 struct LidarPulse {

@@ -73,6 +73,25 @@ TEST(LidarSensor, TurnsAndLooksAheadAtTheFramesTime) {
   for (const std::int64_t t_ns : lidar.revolution(5).t_ns) EXPECT_EQ(t_ns, 5);
 }
 
+TEST(RaisedReturn, HasAnotherElevation) {
+  Rigid3d body_from_sensor(Eigen::Translation3d(1, 0.2, 1.8));
+  body_from_sensor.linear() =
+      Eigen::AngleAxisd(0.4, Eigen::Vector3d(0.2, -0.3, 1).normalized()).matrix();
+  for (const double elevation_rad : {-1.2, -0.1, 0.0, 0.3})
+    for (const double azimuth_rad : {0.0, 2.5, -1.0}) {
+      const auto in_body = [&](double raised_rad) -> Eigen::Vector3d {
+        return body_from_sensor * (20 * beam_direction(elevation_rad + raised_rad, azimuth_rad));
+      };
+      const RaisedReturn point(body_from_sensor, in_body(0));
+      for (const double angle_rad : {-0.02, 0.0, 0.01}) {
+        EXPECT_LT((point.at(angle_rad) - in_body(angle_rad)).norm(), 1e-12);
+        const Eigen::Vector3d slope =
+            (in_body(angle_rad + 1e-6) - in_body(angle_rad - 1e-6)) / 2e-6;
+        EXPECT_LT((point.slope(angle_rad) - slope).norm(), 1e-7);
+      }
+    }
+}
+
 TEST(LidarSensor, APatternIsFiredAsItStands) {
   LidarSensor lidar;
   lidar.azimuth_steps = 0;

@@ -17,6 +17,7 @@
 namespace redrive {
 
 class RecordingReader;  // recording/formats/recording_reader.h
+struct LidarPoint;      // recording/core/lidar_point.h
 
 /// Pose of the body at one frame. Body axes: x forward, y left, z up; the origin is on the ground
 /// under the middle of the rear axle (perception/ego_outline.h).
@@ -97,7 +98,8 @@ struct Recording {
   std::vector<std::string> other_sensors;
   /// its origin is the origin of LiDAR rays; without it lidar_files are not used
   std::optional<Rigid3d> body_from_lidar;
-  std::vector<NovelSet> novel;  ///< sorted by name
+  double lidar_elevation_rad = 0;  ///< added to the elevations of recorded returns
+  std::vector<NovelSet> novel;     ///< sorted by name
   /// exact poses sorted by id, where a made recording ships them; `frames` may carry errors
   std::vector<FramePose> ground_truth_frames;
   std::vector<FrameFile> lidar_files;  ///< sorted by frame id, with or without a pose; for reader
@@ -117,6 +119,8 @@ struct Recording {
   std::filesystem::path outside_file;
 
   const RecordedCamera* find_camera(const std::string& name) const;
+  /// Returns RecordingReader::read_lidar with the elevations corrected by lidar_elevation_rad.
+  std::vector<LidarPoint> read_lidar(const FrameFile& file, std::size_t* left_out = nullptr) const;
 };
 
 /// Poses and calibration to open. Made recordings ship both: with realistic errors, and exact.

@@ -8,14 +8,18 @@
 #include "redrive/base/error.h"
 #include "redrive/base/files/files.h"
 #include "redrive/camera/models.h"
+#include "redrive/math/angles.h"
 #include "redrive/recording/formats/calibration_fields.h"
+#include "redrive/recording/parse/json_numbers.h"
 #include "redrive/recording/parse/rigid_json.h"
 
 namespace redrive {
 namespace {
 
-constexpr double kMaxSensorDistance_m = 50;    // further from the body's origin: not in metres
-constexpr double kMaxTimeOffset_s = 1;         // beyond: another frame's image
+constexpr double kMaxSensorDistance_m = 50;  // further from the body's origin: not in metres
+constexpr double kMaxTimeOffset_s = 1;       // beyond: another frame's image
+constexpr const char* kElevation = "elevation_offset_deg";
+constexpr double kMaxElevation_deg = 2;        // beyond: not an error of a calibration
 constexpr double kPositionTolerance_m = 0.01;  // rounding of pos_meter and RT in files
 
 bool usable_name(const std::string& name) {
@@ -154,6 +158,10 @@ std::vector<CameraCalibration> cameras_from_json(const JsonField& sensors, Other
       cameras.push_back(camera_from_json(sensor, name));
     } else if (others) {
       others->names.push_back(name);
+      if (has_type(sensor, "lidar") && sensor.has(kElevation))
+        others->lidar_elevation_rad =
+            kRadiansPerDegree * number_within(sensor.at(kElevation), -kMaxElevation_deg,
+                                              kMaxElevation_deg, "expected degrees, -2 to 2");
       if (has_type(sensor, "lidar") && sensor.has("RT_body_from_sensor")) {
         others->body_from_lidar = extrinsics_from_json(sensor);
         ++lidars;
@@ -202,6 +210,17 @@ void update_calibration(const CameraCalibration& camera, nlohmann::json* entry) 
   sensor["time_offset_s"] = static_cast<double>(camera.time_offset_ns) * 1e-9;
   if (camera.readout_ns != 0 || sensor.contains("readout_s"))
     sensor["readout_s"] = static_cast<double>(camera.readout_ns) / 1e9;
+}
+
+void update_lidar(double elevation_rad, nlohmann::json* sensors) {
+  auto lidar = std::ranges::find_if(*sensors, [](const nlohmann::json& sensor) {
+    return sensor.value("sensor_type", nlohmann::json()) == "lidar";
+  });
+  if (lidar == sensors->end() && elevation_rad == 0) return;
+  nlohmann::json& entry = lidar == sensors->end() ? (*sensors)["lidar"] : *lidar;
+  entry["sensor_type"] = "lidar";
+  entry.erase(kElevation);
+  if (elevation_rad != 0) entry[kElevation] = kDegreesPerRadian * elevation_rad;
 }
 
 }  // namespace redrive

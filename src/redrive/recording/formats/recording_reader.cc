@@ -2,6 +2,7 @@
 #include "redrive/recording/formats/recording_reader.h"
 
 #include "redrive/base/error.h"
+#include "redrive/recording/core/lidar_sensor.h"
 #include "redrive/recording/formats/calibration_json.h"
 #include "redrive/recording/formats/egomotion_json.h"
 #include "redrive/recording/lidar/ply.h"
@@ -12,6 +13,16 @@ namespace {
 constexpr const char *kEgomotionFile = "egomotion.json", *kCalibrationFile = "calibration.json";
 
 }  // namespace
+
+std::vector<LidarPoint> Recording::read_lidar(const FrameFile& file, std::size_t* left_out) const {
+  std::vector<LidarPoint> points = reader->read_lidar(file, left_out);
+  if (lidar_elevation_rad == 0 || !body_from_lidar) return points;
+  for (LidarPoint& point : points)
+    point.in_body_m = RaisedReturn(*body_from_lidar, point.in_body_m.cast<double>())
+                          .at(lidar_elevation_rad)
+                          .cast<float>();
+  return points;
+}
 
 std::vector<LidarPoint> RecordingReader::read_lidar(const FrameFile& file, std::size_t*) const {
   throw InputError(file.path, "", "", "LiDAR of a recording whose format has none");
@@ -34,11 +45,13 @@ std::vector<std::filesystem::path> RecordingReader::pose_file_names() const {
   return {kEgomotionFile, kCalibrationFile};
 }
 
-PoseFiles RecordingReader::make_pose_files(const Recording&, const std::vector<FramePose>& frames,
+PoseFiles RecordingReader::make_pose_files(const Recording& recording,
+                                           const std::vector<FramePose>& frames,
                                            const std::vector<CameraCalibration>& cameras) const {
   nlohmann::json sensors = nlohmann::json::object();
   for (const CameraCalibration& camera : cameras)
     sensors[camera.name] = calibration_to_json(camera);
+  update_lidar(recording.lidar_elevation_rad, &sensors);
   return {{kEgomotionFile, egomotion_to_json(frames).dump(1) + "\n"},
           {kCalibrationFile, sensors.dump(1) + "\n"}};
 }
@@ -46,9 +59,15 @@ PoseFiles RecordingReader::make_pose_files(const Recording&, const std::vector<F
 CalibratedPoses RecordingReader::parse_pose_files(const PoseFiles& files,
                                                   const std::filesystem::path& folder,
                                                   const DamagedList* damaged) const {
-  const std::filesystem::path frames = folder / kEgomotionFile, cameras = folder / kCalibrationFile;
-  return {parse_egomotion(files.at(kEgomotionFile), frames, damaged),
-          parse_calibration(files.at(kCalibrationFile), cameras, nullptr), frames, cameras};
+  const std::vector<std::filesystem::path> names = pose_file_names();
+  CalibratedPoses poses;
+  poses.frames_file = folder / names[0];
+  poses.cameras_file = folder / names[1];
+  poses.frames = parse_egomotion(files.at(names[0]), poses.frames_file, damaged);
+  OtherSensors others;
+  poses.cameras = parse_calibration(files.at(names[1]), poses.cameras_file, &others);
+  poses.lidar_elevation_rad = others.lidar_elevation_rad;
+  return poses;
 }
 
 std::shared_ptr<const RecordingReader> basic_reader() {

@@ -24,6 +24,7 @@ using PoseFiles = std::map<std::filesystem::path, std::string>;
 struct CalibratedPoses {
   std::vector<FramePose> frames;           ///< sorted by id
   std::vector<CameraCalibration> cameras;  ///< sorted by name
+  double lidar_elevation_rad = 0;          ///< as in Recording
   std::filesystem::path frames_file, cameras_file;
 };
 
@@ -42,8 +43,8 @@ class RecordingReader {
  public:
   virtual ~RecordingReader() = default;
 
-  /// Returns the points of one of Recording::lidar_files. Adds unusable ones to `left_out`, if that
-  /// is given. InputError for a damaged file.
+  /// Returns the points of one of Recording::lidar_files as recorded (Recording::read_lidar). Adds
+  /// unusable ones to `left_out`, if that is given. InputError for a damaged file.
   virtual std::vector<LidarPoint> read_lidar(const FrameFile& file,
                                              std::size_t* left_out = nullptr) const;
   /// Number of points that read_lidar returns at most, without reading them; 0 if the file is
@@ -57,17 +58,17 @@ class RecordingReader {
   /// Findings about single boxes that read_boxes left out of the files that were read so far.
   virtual std::vector<Finding> box_findings() const { return {}; }
 
-  /// Names of the files that make_pose_files returns.
+  /// Names of the files that make_pose_files returns: poses, calibration.
   virtual std::vector<std::filesystem::path> pose_file_names() const;
-  /// Returns `frames` and `cameras` in the format of `recording`; times come back to 1 ms.
+  /// Returns `frames`, `cameras` and recording.lidar_elevation_rad in the format of `recording`;
+  /// times come back to 1 ms.
   virtual PoseFiles make_pose_files(const Recording& recording,
                                     const std::vector<FramePose>& frames,
                                     const std::vector<CameraCalibration>& cameras) const;
   /// Poses that cannot be go to `damaged`; without it they are errors. InputError for damaged
   /// files; `folder`, where they stand, is for messages.
-  virtual CalibratedPoses parse_pose_files(const PoseFiles& files,
-                                           const std::filesystem::path& folder,
-                                           const DamagedList* damaged = nullptr) const;
+  CalibratedPoses parse_pose_files(const PoseFiles& files, const std::filesystem::path& folder,
+                                   const DamagedList* damaged = nullptr) const;
 };
 
 }  // namespace redrive

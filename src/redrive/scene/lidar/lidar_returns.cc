@@ -218,7 +218,7 @@ LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene,
     if (!selected(f) && (selection.repeated || f + 1 == count || !selected(f + 1))) return;
     try {
       std::size_t unusable = 0;
-      points[f] = recording.reader->read_lidar(*files[f], &unusable);
+      points[f] = recording.read_lidar(*files[f], &unusable);
       if (selected(f)) counts[f].unusable = unusable;
     } catch (const InputError& error) {
       damaged[f] = error.what();

@@ -48,14 +48,9 @@ class Reader : public RecordingReader {
     nlohmann::json sensors = read_json(recording.root / kCalibrationFile);
     for (const CameraCalibration& camera : cameras)
       update_calibration(camera, &sensors.at(camera.name));
+    update_lidar(recording.lidar_elevation_rad, &sensors);
     return {{kEgomotionFile, egomotion_to_json(frames).dump(1) + "\n"},
             {kCalibrationFile, sensors.dump(1) + "\n"}};
-  }
-  CalibratedPoses parse_pose_files(const PoseFiles& files, const fs::path& folder,
-                                   const DamagedList* damaged) const override {
-    const fs::path frames = folder / kEgomotionFile, cameras = folder / kCalibrationFile;
-    return {parse_egomotion(files.at(kEgomotionFile), frames, damaged),
-            parse_calibration(files.at(kCalibrationFile), cameras, nullptr), frames, cameras};
   }
 
  private:
@@ -155,6 +150,7 @@ Recording open(const fs::path& root, PoseSource source) {
       parse_calibration(read_file(calibration_file), calibration_file, &others);
   recording.other_sensors = others.names;
   recording.body_from_lidar = others.body_from_lidar;
+  recording.lidar_elevation_rad = others.lidar_elevation_rad;
   if (use_ground_truth || is_there(true_poses_file))
     recording.ground_truth_frames = parse_egomotion(read_file(true_poses_file), true_poses_file);
   if (use_ground_truth) {
