@@ -8,6 +8,7 @@
 #include "redrive/recording/core/recording.h"
 #include "redrive/recording/folder_kind.h"
 #include "redrive/recording/formats/aimotive/aimotive.h"
+#include "redrive/recording/formats/argoverse2/argoverse2.h"
 #include "redrive/recording/formats/kitti/kitti.h"
 #include "redrive/recording/formats/kitti360/kitti360.h"
 #include "redrive/recording/formats/nuscenes/nuscenes.h"
@@ -41,6 +42,8 @@ constexpr Format kFormats[] = {
      nuscenes::open},
     {"pandaset", "camera with lidar/poses.json or front_camera/poses.json", pandaset::looks_like,
      pandaset::open},
+    {"argoverse2", "city_SE3_egovehicle.feather or calibration/egovehicle_SE3_sensor.feather",
+     argoverse2::looks_like, argoverse2::open},
     {"blender", "transforms_train.json", transforms::looks_like_blender, transforms::open_blender},
     {"transforms", "transforms.json", transforms::looks_like, transforms::open},
     {"colmap", "cameras and images, .bin or .txt, in sparse/0, sparse or the folder itself",

@@ -91,4 +91,23 @@ void leave_out_impossible(const std::filesystem::path& file, const PoseFields& f
   });
 }
 
+void leave_out_strays(const std::filesystem::path& file, const std::string& field,
+                      const DamagedList& damaged, std::vector<FramePose>* poses) {
+  constexpr double kMost_m = 1, kMost_m_per_s = 150;
+  const Misfits misfits = find_misfits(poses->size(), [&](std::size_t a, std::size_t b) {
+    const FramePose &before = (*poses)[a], &after = (*poses)[b];
+    const double dt_s = 1e-9 * static_cast<double>(after.t_ns - before.t_ns);
+    return (after.global_from_body.translation() - before.global_from_body.translation()).norm() <=
+           kMost_m + kMost_m_per_s * dt_s;
+  });
+  for (const std::size_t i : misfits.single)
+    damaged.records->push_back(
+        {damaged.sensor, -1,
+         InputError(file, field + " at " + std::to_string((*poses)[i].t_ns) + " ns", "",
+                    "no car moves so to the poses around it")
+             .what()});
+  for (auto i = misfits.single.rbegin(); i != misfits.single.rend(); ++i)
+    poses->erase(poses->begin() + static_cast<std::ptrdiff_t>(*i));
+}
+
 }  // namespace redrive

@@ -51,4 +51,9 @@ void check_trajectory(const std::vector<FramePose>& frames, const std::filesyste
 void leave_out_impossible(const std::filesystem::path& file, const PoseFields& fields,
                           const DamagedList* damaged, std::vector<FramePose>* frames);
 
+/// Moves single poses that are far from the ones around them to `damaged`, for poses milliseconds
+/// apart, which need not be frames: times increase, ids do not count. `field`: a pose's name.
+void leave_out_strays(const std::filesystem::path& file, const std::string& field,
+                      const DamagedList& damaged, std::vector<FramePose>* poses);
+
 }  // namespace redrive

@@ -34,7 +34,9 @@ std::vector<Fired> returns_of(std::span<const LidarPoint> points, const Rigid3d&
   const Eigen::Isometry3f lidar_from_body = body_from_lidar.inverse(Eigen::Isometry).cast<float>();
   std::vector<Fired> returns;
   returns.reserve(points.size());
+  const bool rings = has_rings(points);
   for (const LidarPoint& point : points) {
+    if (rings && point.ring == kNoRing) continue;
     const Eigen::Vector3f p = lidar_from_body * point.in_body_m;
     const float range_m = p.norm();
     if (!(range_m > 0) || !std::isfinite(range_m)) continue;

@@ -148,5 +148,29 @@ TEST_F(LostRaysOf, AStructureThatDoesNotFitSaysNothing) {
   EXPECT_EQ(why, "times of its returns do not fit its rate of rotation");
 }
 
+TEST(LostRays, ReturnsWithoutARingAreAnotherSensors) {
+  const Spinning spinning{.has_rings = true};
+  const std::vector<std::vector<LidarPoint>> own = {spinning.scan(0), spinning.scan(1)};
+  std::vector<std::vector<LidarPoint>> both = own;
+  for (std::vector<LidarPoint>& scan : both)
+    for (std::size_t i = 0; i < scan.size(); i += 6) {
+      LidarPoint other = scan[i];
+      other.ring = kNoRing;
+      other.in_body_m.z() -= 1;
+      scan.insert(scan.begin() + std::ptrdiff_t(i), other);
+    }
+  std::string why;
+  const auto of_own = estimate_structure(own, spinning.body_from_lidar, &why),
+             of_both = estimate_structure(both, spinning.body_from_lidar, &why);
+  ASSERT_TRUE(of_own && of_both) << why;
+  EXPECT_EQ(of_both->sensor.beams.size(), std::size_t(Spinning::kBeams));
+  EXPECT_EQ(of_both->residual_rad, of_own->residual_rad);
+  const LostRays lost = lost_rays(both[0], spinning.body_from_lidar, *of_both, &why),
+                 lost_of_own = lost_rays(own[0], spinning.body_from_lidar, *of_own, &why);
+  ASSERT_EQ(lost.size(), lost_of_own.size()) << why;
+  EXPECT_EQ(lost.returned, lost_of_own.returned);
+  EXPECT_GT(lost.size(), 100u);
+}
+
 }  // namespace
 }  // namespace redrive

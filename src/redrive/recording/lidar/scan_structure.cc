@@ -213,23 +213,27 @@ void fit_steps(const std::vector<Scan>& scans, ScanStructure* out) {
 
 }  // namespace
 
+bool has_rings(std::span<const LidarPoint> points) {
+  return std::ranges::any_of(points, [](const LidarPoint& point) { return point.ring != kNoRing; });
+}
+
 std::optional<ScanStructure> estimate_structure(std::span<const std::vector<LidarPoint>> scans,
                                                 const Rigid3d& body_from_lidar, std::string* why) {
   const Rigid3d lidar_from_body = body_from_lidar.inverse(Eigen::Isometry);
   std::vector<Scan> all(scans.size());
   std::size_t returns = 0;
-  bool has_rings = true;
+  const bool have_rings = std::ranges::any_of(
+      scans, [](const std::vector<LidarPoint>& scan) { return has_rings(scan); });
   std::vector<double> ranges_m;
   std::uint16_t most_intensity = 0;
   for (std::size_t s = 0; s < scans.size(); ++s)
     for (const LidarPoint& point : scans[s]) {
       const Eigen::Vector3d p = lidar_from_body * point.in_body_m.cast<double>();
       const double range_m = p.norm();
-      if (!(range_m > 0)) continue;
+      if (!(range_m > 0) || (have_rings && point.ring == kNoRing)) continue;
       all[s].push_back({std::atan2(p.y(), p.x()), std::asin(p.z() / range_m), range_m,
                         1e-9 * static_cast<double>(point.t_ns - scans[s].front().t_ns),
                         point.ring == kNoRing ? -1 : point.ring});
-      has_rings = has_rings && point.ring != kNoRing;
       ranges_m.push_back(range_m);
       most_intensity = std::max(most_intensity, point.intensity);
       ++returns;
@@ -243,7 +247,7 @@ std::optional<ScanStructure> estimate_structure(std::span<const std::vector<Lida
   sensor.name = "estimated";
   sensor.azimuth_steps = 0;
   sensor.rate_hz = 0;
-  const int beams = has_rings ? kNoRing : cluster_elevations(&all, returns);
+  const int beams = have_rings ? kNoRing : cluster_elevations(&all, returns);
   if (beams == 0) {
     *why = "elevations of its returns form no beams, and the format gives no rings";
     return std::nullopt;

@@ -20,8 +20,12 @@ struct ScanStructure {
   std::uint16_t intensity_scale = 0;
 };
 
-/// Estimates the structure. Beams are the rings of the points or, where these have none, clusters
-/// of elevations that 0.02 degrees separate. Rate, heading and steps follow from azimuths over
+/// Whether some of the points have a ring. Others are another sensor's, then: they belong to no
+/// beam.
+bool has_rings(std::span<const LidarPoint> points);
+
+/// Estimates the structure. Beams are the rings of the points or, where none has one, clusters of
+/// elevations that 0.02 degrees separate. Rate, heading and steps follow from azimuths over
 /// time; without a rate, azimuths of beams are 0. Nothing, and the reason in `why`, where there are
 /// fewer than 1000 returns, or no beam has 20.
 std::optional<ScanStructure> estimate_structure(std::span<const std::vector<LidarPoint>> scans,

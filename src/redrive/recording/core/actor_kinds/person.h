@@ -8,8 +8,9 @@
 
 namespace redrive {
 
-inline constexpr std::array<std::string_view, 7> kPersonWords = {
-    "person", "pedestrian", "human", "cyclist", "rider", "animal", "animals"};
+inline constexpr std::array<std::string_view, 13> kPersonWords = {
+    "person",   "pedestrian", "human",    "cyclist", "bicyclist", "motorcyclist", "rider",
+    "signaler", "wheelchair", "stroller", "animal",  "animals",   "dog"};
 inline constexpr ActorKind kPerson = {
     .name = "person", .words = kPersonWords, .always_moves = true};
 

@@ -15,15 +15,13 @@
 #include "redrive/recording/formats/nuscenes/nuscenes_scan.h"
 #include "redrive/recording/formats/nuscenes/nuscenes_tables.h"
 #include "redrive/recording/formats/recording_reader.h"
+#include "redrive/recording/formats/timed_images.h"
 
 namespace redrive::nuscenes {
 namespace {
 
 namespace fs = std::filesystem;
 
-// Cameras fire as the laser passes them, so a trigger of all of them repeats to a millisecond, and
-// triggers are 50 ms apart or more. A car at 15 m/s moves by 7 cm in this time.
-constexpr std::int64_t kSameFrame_ns = 5'000'000;
 constexpr std::int64_t kSameSample_ns = 200'000'000;
 constexpr std::int64_t kHalfRevolution_ns = 25'000'000;
 constexpr const char *kLidar = "LIDAR_TOP", *kFirstCamera = "CAM_FRONT";
@@ -125,59 +123,16 @@ std::vector<std::int64_t> time_offsets_ns(const fs::path& sample_data, std::size
   return medians;
 }
 
-/// Drops single poses that are far from their neighbours, which are milliseconds away.
-void leave_out_strays(const fs::path& file, SceneTables* scene) {
-  constexpr double kMost_m = 1, kMost_m_per_s = 150;
-  std::vector<FramePose>& poses = scene->poses;
-  const Misfits misfits = find_misfits(poses.size(), [&](std::size_t a, std::size_t b) {
-    const double dt_s = 1e-9 * static_cast<double>(poses[b].t_ns - poses[a].t_ns);
-    return (poses[b].global_from_body.translation() - poses[a].global_from_body.translation())
-               .norm() <= kMost_m + kMost_m_per_s * dt_s;
-  });
-  for (const std::size_t i : misfits.single)
-    scene->damaged.push_back(
-        {"poses", -1,
-         InputError(file, "translation at " + std::to_string(poses[i].t_ns / 1000) + " us", "",
-                    "no car moves so to the poses around it")
-             .what()});
-  for (auto i = misfits.single.rbegin(); i != misfits.single.rend(); ++i)
-    poses.erase(poses.begin() + static_cast<std::ptrdiff_t>(*i));
-}
-
-struct Frames {
-  std::vector<FramePose> poses;
-  std::vector<std::vector<FrameFile>> images;  ///< one list per sensor
-};
-
-/// Images whose times agree up to the cameras' offsets are a frame. It has the pose at the time of
-/// its earliest image minus the offset.
-/// An image at the time of another one of its camera is damaged.
-Frames make_frames(const SceneTables& scene, const std::vector<std::int64_t>& offsets_ns,
-                   const fs::path& sample_data, std::vector<DamagedRecord>* damaged) {
-  std::vector<std::pair<std::int64_t, const SensorFile*>> images;
+/// One list per sensor, empty for others than cameras.
+std::vector<TimedImages> images_of(const SceneTables& scene,
+                                   const std::vector<std::int64_t>& offsets_ns) {
+  std::vector<TimedImages> cameras(scene.sensors.size());
+  for (std::size_t s = 0; s < cameras.size(); ++s)
+    cameras[s] = {scene.sensors[s].calibration.name, offsets_ns[s], {}};
   for (const SensorFile& file : scene.files)
     if (scene.sensors[file.sensor].modality == "camera")
-      images.emplace_back(file.t_ns - offsets_ns[file.sensor], &file);
-  std::ranges::sort(images, {}, [](const auto& image) { return image.first; });
-  Frames frames;
-  frames.images.resize(scene.sensors.size());
-  for (const auto& [t_ns, file] : images) {
-    if (frames.poses.empty() || t_ns - frames.poses.back().t_ns > kSameFrame_ns)
-      frames.poses.push_back(
-          {static_cast<std::int64_t>(frames.poses.size()), t_ns, pose_at(scene.poses, t_ns)});
-    std::vector<FrameFile>& of_camera = frames.images[file->sensor];
-    const std::int64_t id = frames.poses.back().id;
-    const std::string& name = scene.sensors[file->sensor].calibration.name;
-    const DamagedList times{"times of " + name, damaged};
-    const SensorFile& here = *file;
-    if (parse_record(&times, id, [&] {
-          if (!of_camera.empty() && of_camera.back().frame_id == id)
-            throw InputError(sample_data, name, here.path.string(),
-                             "less than 5 ms after " + of_camera.back().path.string());
-        }))
-      of_camera.push_back({id, here.path});
-  }
-  return frames;
+      cameras[file.sensor].images.push_back({file.t_ns, file.path});
+  return cameras;
 }
 
 /// Drops missing files.
@@ -201,12 +156,7 @@ std::vector<FrameFile> list_revolutions(const SceneTables& scene,
   std::vector<FrameFile> revolutions;
   for (const SensorFile& file : scene.files) {
     if (scene.sensors[file.sensor].calibration.name != kLidar) continue;
-    const std::int64_t t_ns = file.t_ns - kHalfRevolution_ns;
-    auto frame = std::ranges::lower_bound(frames, t_ns, {}, &FramePose::t_ns);
-    if (frame == frames.end() ||
-        (frame != frames.begin() && t_ns - (frame - 1)->t_ns < frame->t_ns - t_ns))
-      --frame;
-    revolutions.push_back({frame->id, file.path});
+    revolutions.push_back({nearest_frame(frames, file.t_ns - kHalfRevolution_ns).id, file.path});
     reader->revolution_ends_ns[file.path] = file.t_ns;
   }
   return revolutions;
@@ -228,7 +178,8 @@ Recording open(const fs::path& root, PoseSource source) {
   const fs::path tables = versions.at(0), sample_data = tables / "sample_data.json";
   const std::vector<std::string> missing = missing_tables_of_boxes(tables);
   SceneTables scene = read_scene(tables, wanted, scan_file, missing.empty());
-  leave_out_strays(tables / "ego_pose.json", &scene);
+  const DamagedList strays{"poses", &scene.damaged};
+  leave_out_strays(tables / "ego_pose.json", "translation", strays, &scene.poses);
 
   Recording recording;
   recording.root = root;
@@ -255,21 +206,23 @@ Recording open(const fs::path& root, PoseSource source) {
   if (first == scene.sensors.size())
     throw InputError(sample_data, "", "", "has no image of " + scene.name);
   const std::vector<std::int64_t> offsets_ns = time_offsets_ns(sample_data, first, &scene);
-  Frames frames = make_frames(scene, offsets_ns, sample_data, &scene.damaged);
-  check_trajectory(frames.poses, tables / "ego_pose.json", {"timestamp", "translation"});
+  std::vector<TimedImages> cameras = images_of(scene, offsets_ns);
+  const std::vector<FramePose> frames =
+      join_frames(scene.poses, sample_data, &cameras, &scene.damaged);
+  check_trajectory(frames, tables / "ego_pose.json", {"timestamp", "translation"});
 
-  std::vector<bool> shown(frames.poses.size());
-  for (std::size_t s = 0; s < scene.sensors.size(); ++s) {
-    drop_missing(&frames.images[s], scene.sensors[s].calibration.name, &findings);
-    for (const FrameFile& image : frames.images[s]) shown[std::size_t(image.frame_id)] = true;
+  std::vector<bool> shown(frames.size());
+  for (TimedImages& camera : cameras) {
+    drop_missing(&camera.images, camera.camera, &findings);
+    for (const FrameFile& image : camera.images) shown[std::size_t(image.frame_id)] = true;
   }
-  for (const FramePose& frame : frames.poses)
+  for (const FramePose& frame : frames)
     if (shown[std::size_t(frame.id)]) recording.frames.push_back(frame);
   for (std::size_t s = 0; s < scene.sensors.size(); ++s) {
     CameraCalibration calibration = scene.sensors[s].calibration;
     calibration.time_offset_ns = offsets_ns[s];
-    std::vector<ImageFile> images = images_with_poses(std::move(frames.images[s]), calibration.name,
-                                                      recording.frames, &findings);
+    std::vector<ImageFile> images = images_with_poses(
+        std::move(cameras[s].images), calibration.name, recording.frames, &findings);
     if (!images.empty()) recording.cameras.push_back({calibration, std::move(images)});
   }
   std::ranges::sort(recording.cameras, {},

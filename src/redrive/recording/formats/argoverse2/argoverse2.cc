@@ -1,0 +1,239 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/recording/formats/argoverse2/argoverse2.h"
+
+#include <algorithm>
+#include <cstdlib>
+#include <map>
+#include <optional>
+#include <set>
+
+#include "redrive/base/error.h"
+#include "redrive/base/files/files.h"
+#include "redrive/recording/core/trajectory.h"
+#include "redrive/recording/core/upper_median.h"
+#include "redrive/recording/core/wording.h"
+#include "redrive/recording/formats/argoverse2/argoverse2_boxes.h"
+#include "redrive/recording/formats/argoverse2/argoverse2_scan.h"
+#include "redrive/recording/formats/argoverse2/argoverse2_tables.h"
+#include "redrive/recording/formats/frame_files.h"
+#include "redrive/recording/formats/recording_reader.h"
+#include "redrive/recording/formats/timed_images.h"
+
+namespace redrive::argoverse2 {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr const char *kPoses = "city_SE3_egovehicle.feather", *kAnnotations = "annotations.feather",
+                     *kExtrinsics = "calibration/egovehicle_SE3_sensor.feather",
+                     *kIntrinsics = "calibration/intrinsics.feather", *kUpLidar = "up_lidar",
+                     *kDownLidar = "down_lidar", *kFirstCamera = "ring_front_center";
+constexpr std::int64_t kSameTrigger_ns = 50'000'000;  // cameras fire at 20 Hz
+constexpr std::int64_t kBeyondPoses_ns = 20'000'000;
+
+class Reader : public RecordingReader {
+ public:
+  std::vector<LidarPoint> read_lidar(const FrameFile& file,
+                                     std::size_t* left_out = nullptr) const override {
+    return parse_scan(read_file(file.path), file.path, scan_times_ns.at(file.path), poses,
+                      left_out);
+  }
+  std::uint64_t lidar_point_count(const FrameFile& file) const override {
+    return arrow_rows(file.path);
+  }
+  std::vector<Box> read_boxes(const FrameFile& file) const override {
+    return boxes.at(file.frame_id);
+  }
+
+  std::vector<FramePose> poses;
+  std::map<fs::path, std::int64_t> scan_times_ns;
+  std::map<std::int64_t, std::vector<Box>> boxes;  ///< key: frame; for Recording::box_files
+};
+
+/// Returns the cameras that have images and a calibration, the first one first, with findings about
+/// the others.
+std::vector<TimedImages> list_cameras(const fs::path& root,
+                                      const std::map<std::string, CameraCalibration>& calibrations,
+                                      std::vector<Finding>* findings) {
+  std::vector<TimedImages> cameras;
+  std::vector<std::string> without_images;
+  for (const fs::path& folder : list_folder(root / "sensors/cameras")) {
+    const std::string name = folder.filename().string();
+    if (!is_folder(folder)) continue;
+    if (!calibrations.contains(name)) {
+      findings->push_back({name, std::string("left out: no row of ") + kIntrinsics + " and " +
+                                     kExtrinsics + " has it"});
+      continue;
+    }
+    TimedImages camera{name, 0,
+                       list_frame_files(folder, "", {".jpg", ".jpeg", ".png"}, name, findings)};
+    if (!camera.images.empty()) cameras.push_back(std::move(camera));
+  }
+  for (const auto& [name, calibration] : calibrations)
+    if (std::ranges::find(cameras, name, &TimedImages::camera) == cameras.end())
+      without_images.push_back(name);
+  if (!without_images.empty())
+    findings->push_back({"cameras", counted(without_images.size(), "camera") +
+                                        " of the calibration without images here: " +
+                                        first_few(without_images, 9)});
+  if (cameras.empty())
+    throw InputError(root / "sensors/cameras", "", "",
+                     "has no image of a camera in " + std::string(kIntrinsics));
+  const auto first = std::ranges::find(cameras, kFirstCamera, &TimedImages::camera);
+  if (first != cameras.end()) std::rotate(cameras.begin(), first, first + 1);
+  return cameras;
+}
+
+/// Median of the times of images after the images of the first camera that are nearest to `guess`
+/// before them.
+std::int64_t time_offset_of(const std::vector<FrameFile>& images,
+                            const std::vector<FrameFile>& first, std::int64_t guess_ns) {
+  std::vector<double> offsets;
+  for (const FrameFile& image : images) {
+    const std::int64_t t_ns = image.frame_id - guess_ns;
+    auto after = std::ranges::lower_bound(first, t_ns, {}, &FrameFile::frame_id);
+    if (after == first.end() ||
+        (after != first.begin() && t_ns - (after - 1)->frame_id < after->frame_id - t_ns))
+      --after;
+    if (std::abs(t_ns - after->frame_id) < kSameTrigger_ns)
+      offsets.push_back(static_cast<double>(image.frame_id - after->frame_id));
+  }
+  return offsets.empty() ? guess_ns : std::llround(upper_median(std::move(offsets)));
+}
+
+/// Adds frames, which are the images' times, and the cameras.
+void add_cameras(const fs::path& root, const std::vector<FramePose>& poses,
+                 const std::map<std::string, CameraCalibration>& calibrations,
+                 Recording* recording) {
+  std::vector<TimedImages> cameras = list_cameras(root, calibrations, &recording->findings);
+  // Where offsets are near half a period, some images are nearer to the trigger before and some to
+  // the one after; the second pass takes the same for all.
+  for (TimedImages& camera : cameras)
+    for (int pass = 0; pass < 2 && &camera != &cameras.front(); ++pass)
+      camera.offset_ns = time_offset_of(camera.images, cameras.front().images, camera.offset_ns);
+  recording->frames = join_frames(poses, root / "sensors/cameras", &cameras, &recording->damaged);
+  std::erase_if(recording->frames, [&](const FramePose& frame) {
+    return frame.t_ns < poses.front().t_ns - kBeyondPoses_ns ||
+           frame.t_ns > poses.back().t_ns + kBeyondPoses_ns;
+  });
+  const DamagedList damaged{"poses", &recording->damaged};
+  leave_out_impossible(root / kPoses, {"timestamp_ns", "tx_m, ty_m, tz_m"}, &damaged,
+                       &recording->frames);
+  for (TimedImages& camera : cameras) {
+    CameraCalibration calibration = calibrations.at(camera.camera);
+    calibration.time_offset_ns = camera.offset_ns;
+    std::vector<ImageFile> images = images_with_poses(std::move(camera.images), camera.camera,
+                                                      recording->frames, &recording->findings);
+    if (!images.empty()) recording->cameras.push_back({calibration, std::move(images)});
+  }
+  std::ranges::sort(recording->cameras, {},
+                    [](const RecordedCamera& camera) { return camera.calibration.name; });
+  require_cameras(*recording);
+}
+
+/// Adds scans by the frames that are nearest to their middles.
+void add_scans(const fs::path& root, const std::map<std::string, Rigid3d>& extrinsics,
+               Reader* reader, Recording* recording) {
+  std::vector<Finding>* findings = &recording->findings;
+  for (const char* name : {kDownLidar, kUpLidar})
+    if (extrinsics.contains(name)) recording->other_sensors.push_back(name);
+  std::vector<FrameFile> scans =
+      list_frame_files(root / "sensors/lidar", "", {".feather"}, "lidar", findings);
+  if (scans.empty()) return;
+  const auto up = extrinsics.find(kUpLidar);
+  if (up == extrinsics.end()) {
+    findings->push_back({"lidar", counted(scans.size(), "scan") + " not used: no row of " +
+                                      kExtrinsics + " has the up_lidar"});
+    return;
+  }
+  recording->body_from_lidar = up->second;
+  std::size_t without_frame = 0;
+  for (FrameFile& scan : scans) {
+    const std::int64_t t_ns = std::min(scan.frame_id, kMaxTime_ns),
+                       middle_ns = t_ns + kRevolution_ns / 2;
+    const FramePose& frame = nearest_frame(recording->frames, middle_ns);
+    if (std::abs(frame.t_ns - middle_ns) > kRevolution_ns) {
+      ++without_frame;
+      continue;
+    }
+    reader->scan_times_ns[scan.path] = t_ns;
+    recording->lidar_files.push_back({frame.id, std::move(scan.path)});
+  }
+  if (without_frame > 0)
+    findings->push_back(
+        {"lidar", counted(without_frame, "scan") + " not used: no image within 0.1 s"});
+  findings->push_back({"lidar",
+                       "returns of both LiDARs are rays from the up_lidar's place; beams are the "
+                       "up_lidar's"});
+}
+
+/// Adds the annotated objects. Their times are known from a scan.
+void add_boxes(const fs::path& root, Reader* reader, Recording* recording) {
+  std::vector<Finding>* findings = &recording->findings;
+  const fs::path file = root / kAnnotations;
+  if (!is_there(file)) {
+    findings->push_back({"boxes", std::string("none: ") + kAnnotations + " is missing"});
+    return;
+  }
+  std::optional<SweepTiming> timing;
+  for (const FrameFile& scan : recording->lidar_files) try {
+      timing = sweep_timing(reader->read_lidar(scan), reader->scan_times_ns.at(scan.path),
+                            *recording->body_from_lidar);
+      break;
+    } catch (const InputError&) {  // named where all scans are checked
+    }
+  std::vector<std::string> impossible;
+  const std::vector<Cuboid> cuboids = parse_cuboids(read_file(file), file, &impossible);
+  std::set<std::string> unknown;
+  std::size_t of_unknown = 0;
+  for (const Cuboid& cuboid : cuboids)
+    if (!is_known_category(cuboid.category)) {
+      unknown.insert(cuboid.category);
+      ++of_unknown;
+    }
+  if (!impossible.empty())
+    findings->push_back(
+        {"boxes", counted(impossible.size(), "cuboid") +
+                      " without a size, a place or a name, left out: " + first_few(impossible, 3)});
+  if (!unknown.empty())
+    findings->push_back({"boxes", counted(of_unknown, "cuboid") +
+                                      " of categories that Argoverse 2 does not list, taken for "
+                                      "vehicles: " +
+                                      first_few(std::vector(unknown.begin(), unknown.end()))});
+  reader->boxes = boxes_of_frames(cuboids, reader->poses, recording->frames,
+                                  [&](const Eigen::Vector3d& in_body) {
+                                    return timing ? timing->middle_ns(in_body) : kRevolution_ns / 2;
+                                  });
+  for (const auto& [frame_id, boxes] : reader->boxes)
+    recording->box_files.push_back({frame_id, file});
+}
+
+}  // namespace
+
+bool looks_like(const fs::path& root) {
+  return is_there(root / kPoses) || is_there(root / kExtrinsics);
+}
+
+Recording open(const fs::path& root, PoseSource source) {
+  refuse_ground_truth(root, source);
+  Recording recording;
+  recording.root = root;
+  recording.global_frame = GlobalFrame::kArbitrary;
+  const auto reader = std::make_shared<Reader>();
+  const DamagedList damaged{"poses", &recording.damaged};
+  reader->poses = parse_poses(read_file(root / kPoses), root / kPoses, &damaged);
+  leave_out_strays(root / kPoses, "tx_m, ty_m, tz_m", damaged, &reader->poses);
+  const std::map<std::string, Rigid3d> extrinsics =
+      parse_extrinsics(read_file(root / kExtrinsics), root / kExtrinsics);
+  std::map<std::string, CameraCalibration> calibrations =
+      parse_intrinsics(read_file(root / kIntrinsics), root / kIntrinsics);
+  std::erase_if(calibrations, [&](const auto& named) { return !extrinsics.contains(named.first); });
+  for (auto& [name, camera] : calibrations) camera.body_from_sensor = extrinsics.at(name);
+  add_cameras(root, reader->poses, calibrations, &recording);
+  add_scans(root, extrinsics, reader.get(), &recording);
+  add_boxes(root, reader.get(), &recording);
+  recording.reader = reader;
+  return recording;
+}
+
+}  // namespace redrive::argoverse2

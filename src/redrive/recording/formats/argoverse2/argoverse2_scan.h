@@ -1,0 +1,46 @@
+// SPDX-License-Identifier: Apache-2.0
+// Scans of Argoverse 2: a table of the returns of two stacked Velodyne VLP-32C, which turn in the
+// same direction half a revolution apart. x, y, z: metres in the vehicle's axes, where a return
+// would be at the time of the file's name; intensity, 0..255; laser_number, 0..63; offset_ns, the
+// return's own time after the time of the file.
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <string_view>
+#include <vector>
+
+#include "redrive/recording/core/lidar_point.h"
+#include "redrive/recording/core/recording.h"
+
+namespace redrive::argoverse2 {
+
+constexpr int kLasersOfLidar =
+    32;  ///< numbers below are the up_lidar's, the others the down_lidar's
+constexpr std::int64_t kRevolution_ns = 100'000'000;
+
+/// Returns the points in the body at their own times, in order of time. `poses`: the body's. Rings
+/// are numbers of lasers of the up_lidar; returns of the down_lidar, which has another place, have
+/// none. Adds to `left_out` returns that are not finite; a twentieth of the returns may be further
+/// than 1000 m away, at most, or have impossible values. InputError for a damaged table.
+std::vector<LidarPoint> parse_scan(std::string_view feather, const std::filesystem::path& file,
+                                   std::int64_t t_ns, const std::vector<FramePose>& poses,
+                                   std::size_t* left_out = nullptr);
+
+/// When the LiDARs look into a direction.
+struct SweepTiming {
+  std::int64_t first_ns = 0;  ///< the first return's time after the time of the file
+  double azimuth_at_first_rad =
+      0;  ///< where the up_lidar looks then, to the left of x; it turns right
+  Eigen::Vector3d lidar_in_body = Eigen::Vector3d::Zero();
+
+  /// Returns how long after the time of the file a point is seen: the middle between the times at
+  /// which either LiDAR looks at it.
+  std::int64_t middle_ns(const Eigen::Vector3d& in_body) const;
+};
+
+/// Estimates it from the points of a scan, of which rings are the up_lidar's; nothing without any.
+std::optional<SweepTiming> sweep_timing(const std::vector<LidarPoint>& points, std::int64_t t_ns,
+                                        const Rigid3d& body_from_up_lidar);
+
+}  // namespace redrive::argoverse2
