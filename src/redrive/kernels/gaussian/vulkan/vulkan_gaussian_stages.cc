@@ -55,10 +55,8 @@ class VulkanGaussianStages final : public GaussianStages {
   }
 
   void fetch() override { shared_.fetch(); }
-  void release() override {
-    device_.finish();
-    arena_.release();
-  }
+  /// Passes have none of the host's memory but their images, and are used again at once.
+  void release() override {}
 
  private:
   vulkan::Device& device_;
