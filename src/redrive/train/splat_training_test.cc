@@ -25,17 +25,18 @@ class InterferingRasteriser final : public InterferingBackend, public kernels::G
                             const kernels::Gaussians& gaussians,
                             const kernels::RasterOptions& options) override {
     if (++step_ == what_.stop_after) what_.stop = true;
+    if (step_ == what_.kill_at) throw Killed();
     return inner_.rasterise(camera, gaussians, options);
   }
   kernels::ImageLossOutput image_loss(const kernels::ImageLossInput& input, std::span<float> d_rgb,
                                       std::span<float> error) override {
-    if (step_ == what_.kill_at) throw Killed();
     return inner_.image_loss(input, d_rgb, error);
   }
   void update_gaussians(const kernels::GaussianUpdate& update, std::size_t n,
                         std::span<const float> gradients, std::span<const float> errors) override {
     inner_.update_gaussians(update, n, gradients, errors);
   }
+  void fetch() override { inner_.fetch(); }
   void release() override { inner_.release(); }
 
  private:

@@ -332,7 +332,9 @@ TEST(SplatActors, ColoursOfObjectsStayBetween0And1) {
     model.parameters[gaussian_slot(i, kColourRow + 2)] = 0.25f;
     model.parameters[gaussian_slot(i, kHarmonicsRow)] = -0.5f;
   }
-  Buffer<float> gradients(model.size() - model.updated_in_step());
+  Buffer<float> gradients(model.gradients_size(/*with_update=*/false));
+  for (const std::size_t i : {of_world, of_object})
+    gradients[gaussian_slot(i, kOpacityRow)] = 1e-3f;  // both are drawn
   model.update(*fast_backend(), 1e-3, 1, gradients, &training.adam);
   const auto at = [&](std::size_t i, int row) { return model.parameters[gaussian_slot(i, row)]; };
   EXPECT_EQ(at(of_object, kColourRow), 1);
