@@ -82,8 +82,8 @@ std::map<std::string, CameraCalibration> parse_intrinsics(std::string_view feath
   const std::vector<std::string> names = table.texts("sensor_name");
   std::map<std::string, CameraCalibration> cameras;
   const auto column = [&](const char* name) {
-    return [&file, name, values = table.numbers(name)](std::size_t i, double least,
-                                                               double most, const char* rule) {
+    return [&file, name, values = table.numbers(name)](std::size_t i, double least, double most,
+                                                       const char* rule) {
       if (!(values[i] >= least && values[i] <= most))
         throw InputError(file, row_of(name, i), std::to_string(values[i]), rule);
       return values[i];
