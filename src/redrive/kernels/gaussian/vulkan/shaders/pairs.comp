@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Pairs of drawn Gaussians with tiles, by distance. EMIT 0: counts them; 1: writes them, given
-// their prefix sums; keys of tiles that are not written stay beyond all tiles. A thread for a Gaussian; all threads of a group for one that may meet more
-// than kFew tiles.
+// their prefix sums; keys that are not written stay beyond all tiles. A thread for a Gaussian; all
+// threads of a group for one that may meet more than kFew tiles.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
