@@ -52,6 +52,7 @@ TEST_F(EndToEnd, DoctorListsGpusOrSaysWhyThereAreNone) {
   const ProgramResult found = redrive({"doctor"}), json = redrive({"doctor", "--json"});
   EXPECT_EQ(found.exit_code, kExitOk) << found.err;
   EXPECT_THAT(found.out, ContainsRegex("\ngpu 0  .* Vulkan 1\\.|\ngpu          no: "));
+  EXPECT_THAT(found.out, ContainsRegex("passes the self-test|cannot be used|gpu          no: "));
   EXPECT_TRUE(nlohmann::json::parse(json.out).at("gpus").at("devices").is_array());
   ASSERT_EQ(::setenv("VK_ICD_FILENAMES", "/nowhere.json", 1), 0);
   const ProgramResult none = redrive({"doctor"});

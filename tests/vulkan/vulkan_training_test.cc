@@ -35,11 +35,12 @@ constexpr const char* kLavapipe = "/usr/share/vulkan/icd.d/lvp_icd.x86_64.json";
 constexpr const char* kSwiftShader = "/usr/lib/chromium/vk_swiftshader_icd.json";
 constexpr const char* kValidation =
     "/usr/share/vulkan/explicit_layer.d/VkLayer_khronos_validation.json";
-constexpr int kSteps = 25;
+constexpr int kSteps = 15;
 
 /// 203 Gaussians in front of a camera of 70 x 43 pixels, which learn an image of stripes.
 struct Training {
   static constexpr std::size_t kCount = 203;
+  static constexpr std::uint64_t kVersion = 1;
   std::vector<float> numbers, errors, gains;
   std::vector<std::uint32_t> moments;
   std::vector<std::uint8_t> target;
@@ -74,7 +75,7 @@ struct Training {
   double step(Backend& backend, int number) {
     Raster raster = backend.gaussians().rasterise(
         {.camera = camera, .world_from_camera = pose, .image_rows = float(camera.height)},
-        {kCount, numbers}, {});
+        {kCount, numbers, kVersion}, {});
     ImageLossInput input;
     input.target = {.width = camera.width, .rgb = target};
     input.gains = gains;
@@ -83,6 +84,7 @@ struct Training {
     update.step = adam_step(0, number + 1);
     update.step.epsilon = 1e-15f;
     for (float& rate : update.rates) rate = 0.02f;
+    update.version = kVersion;
     update.numbers = numbers;
     update.moments = moments;
     update.errors = errors;
@@ -153,7 +155,7 @@ TEST_F(VulkanTraining, ThreadsAndVectorWidthsChangeNoBit) {
                         {"LP_NATIVE_VECTOR_WIDTH", width}}));
   };
   const Trained one = train("1", "256");
-  EXPECT_LT(one.last, 0.7 * one.first);
+  EXPECT_LT(one.last, 0.85 * one.first);
   EXPECT_EQ(train("2", "256").bits, one.bits);
   EXPECT_EQ(train("3", "512").bits, one.bits);
   EXPECT_EQ(train("2", "128").bits, one.bits);

@@ -296,7 +296,7 @@ Report run(kernels::Backend& backend, const Options& options,
   for (const Method& method : methods()) {
     if (!method.benchmarks) continue;
     const MethodBenchmarks timed = method.benchmarks();
-    if (backend.name() == "vulkan" && !timed.fill) continue;  // it computes splats alone
+    if (!backend.marches_rays() && !timed.fill) continue;
     for (const RayModelSize& size : timed.sizes) {
       time_step(runner, backend, drive, method, size);
       if (size.renders) time_render(runner, backend, drive, method, size, options.filter);

@@ -14,22 +14,21 @@
 #include "redrive/cli/command.h"
 #include "redrive/cli/json_output.h"
 #include "redrive/kernels/backend.h"
-#include "redrive/kernels/vulkan/device_info.h"
+#include "redrive/kernels/device_info.h"
 
 namespace redrive {
 namespace {
 
 /// The Vulkan devices, why there are none, and what hides one.
 struct Gpus {
-  std::vector<kernels::vulkan::DeviceInfo> devices;
+  std::vector<kernels::DeviceInfo> devices;
   std::string reason, note;
 };
 Gpus find_gpus() {
   Gpus found;
-  found.devices = kernels::vulkan::list_devices(&found.reason);
-  found.note =
-      kernels::vulkan::hidden_nvidia(std::filesystem::exists("/proc/driver/nvidia"),
-                                     std::getenv("NVIDIA_DRIVER_CAPABILITIES"), found.devices);
+  found.devices = kernels::list_devices(&found.reason);
+  found.note = kernels::hidden_nvidia(std::filesystem::exists("/proc/driver/nvidia"),
+                                      std::getenv("NVIDIA_DRIVER_CAPABILITIES"), found.devices);
   return found;
 }
 
@@ -37,12 +36,15 @@ void print_gpus() {
   const Gpus found = find_gpus();
   if (found.devices.empty()) std::printf("gpu          no: %s\n", found.reason.c_str());
   for (std::size_t i = 0; i < found.devices.size(); ++i) {
-    const kernels::vulkan::DeviceInfo& device = found.devices[i];
+    const kernels::DeviceInfo& device = found.devices[i];
     std::printf("gpu %-8zu %s: %sdriver %s, Vulkan %s, %.1f GiB\n", i, device.name.c_str(),
                 device.is_cpu ? "in software, " : "", device.driver.c_str(), device.api.c_str(),
                 0x1p-30 * static_cast<double>(device.memory));
-    for (const std::string& lacks : device.missing)
-      std::printf("warning: gpu %zu cannot be used: it lacks %s\n", i, lacks.c_str());
+    const std::string fault = kernels::device_fault(device, i);
+    if (fault.empty())
+      std::printf("             passes the self-test\n");
+    else
+      std::printf("warning: gpu %zu cannot be used: %s\n", i, fault.c_str());
   }
   if (!found.note.empty()) std::printf("note: %s\n", found.note.c_str());
 }
@@ -50,19 +52,22 @@ void print_gpus() {
 nlohmann::json gpus_json() {
   const Gpus found = find_gpus();
   nlohmann::json devices = nlohmann::json::array();
-  for (const kernels::vulkan::DeviceInfo& device : found.devices)
+  for (std::size_t i = 0; i < found.devices.size(); ++i) {
+    const kernels::DeviceInfo& device = found.devices[i];
     devices.push_back({{"name", device.name},
                        {"driver", device.driver},
                        {"vulkan", device.api},
                        {"software", device.is_cpu},
                        {"memory_bytes", device.memory},
-                       {"lacks", device.missing}});
+                       {"lacks", device.missing},
+                       {"fault", kernels::device_fault(device, i)}});
+  }
   return {{"devices", devices}, {"why_none", found.reason}, {"note", found.note}};
 }
 
 /// Uses the keys of bench --json.
 void print_machine_json(std::int64_t memory_bytes) {
-  const auto backend = kernels::make_backend({});
+  const auto backend = kernels::make_backend({.marches_rays = false});
   nlohmann::json isas;
   for (const Isa isa : all_isas()) {
     const auto obstacle = isa_obstacle(isa);
@@ -103,8 +108,9 @@ int doctor(bool json) {
     std::printf(
         "note: avx512-bf16 works here but is slower than avx512 on Intel processors; --isa "
         "avx512-bf16 selects it\n");
-  std::printf("chosen       %s (the fastest of these; --backend and --isa select another)\n",
-              describe(*kernels::make_backend({})).c_str());
+  std::printf(
+      "chosen       %s (the fastest of these, for splat; --backend and --isa select another)\n",
+      describe(*kernels::make_backend({.marches_rays = false})).c_str());
   return kExitOk;
 }
 

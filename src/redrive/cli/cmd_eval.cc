@@ -169,7 +169,7 @@ void print_edited(const std::map<std::string, EditedScore>& scores) {
 
 int run_eval(EvalCommandOptions options) {
   const Run run = open_to_render(options.run, options.max_damaged);
-  const auto backend = kernels::make_backend(options.backend);
+  const auto backend = make_backend(options.backend, run.options.method);
   if (!options.json) std::printf("%s\n", kernels::describe(*backend).c_str());
   if (!options.edited.empty()) {
     const auto scores = score_edited(run, *backend, options.edited, options.eval);

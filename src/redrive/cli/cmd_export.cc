@@ -188,7 +188,7 @@ int export_ply(const ExportCommandOptions& options) {
   const Source source = open_source(options);
   std::string bytes;
   if (source.is_run) {
-    const auto backend = kernels::make_backend(options.backend);
+    const auto backend = make_backend(options.backend, source.run.options.method);
     const std::vector<PlyPoint> points = field_points(source.run, *backend, kMaxExportedPoints);
     if (points.empty())
       throw InputError(options.from, "", "", "the field has no opaque surface in its images");
@@ -224,7 +224,7 @@ int export_mesh(const ExportCommandOptions& options) {
   const auto write = mesh_writer(options.out);
   if (const auto obstacle = mesh_obstacle()) throw UsageError("--to", "mesh", *obstacle);
   const Run run = open_to_render(options.from, options.max_damaged);
-  const auto backend = kernels::make_backend(options.backend);
+  const auto backend = make_backend(options.backend, run.options.method);
   const FieldMesh field =
       field_mesh(run, *backend, {options.voxel_m, allowed_memory(run.options, memory_bytes())});
   if (field.mesh.triangles.empty())

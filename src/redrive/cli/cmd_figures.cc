@@ -43,7 +43,7 @@ int run_figures(FiguresCommandOptions options) {
                            run.recording.root.string());
     options.figures.compared = &*compared;
   }
-  const auto backend = kernels::make_backend(options.backend);
+  const auto backend = make_backend(options.backend, run.options.method);
   const Evaluation scores = write_figures(run, *backend, options.figures);
   if (options.json) {
     nlohmann::json json = evaluation_to_json(scores);

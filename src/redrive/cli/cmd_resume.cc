@@ -19,9 +19,9 @@
 namespace redrive {
 namespace {
 
-constexpr const char* kChangeable[] = {"epochs", "max-steps", "max-seconds",
-                                       "memory", "backend",   "isa",
-                                       "device", "threads",   "max-damaged"};
+constexpr const char* kChangeable[] = {"epochs",     "max-steps",  "max-seconds", "memory",
+                                       "gpu-memory", "backend",    "isa",         "device",
+                                       "threads",    "max-damaged"};
 
 struct ResumeArguments {
   std::string run;
@@ -84,7 +84,7 @@ int lead_resuming(const ResumeArguments& arguments, ProcessGroup& processes) {
   const std::atomic<bool>& stop = stop_on_signal();
   if (together) check_together(processes, run);
   const std::optional<std::uint64_t> cache =
-      check_run_memory(run, backend->threads(), together ? processes.on_machine() : 1, together);
+      check_run_memory(run, *backend, together ? processes.on_machine() : 1, together);
   std::unique_ptr<LivePage> page = start_live_page(arguments.live);
   const TrainingData training = load_training_data(run, backend->pool(), cache);
   if (!arguments.given.empty()) write_config(run.paths, run.options, run.state.model.get());

@@ -140,7 +140,7 @@ int lead_training(const TrainArguments& arguments, ProcessGroup& processes) {
   const bool together = arguments.data_parallel && processes.size() > 1;
   if (together) check_together(processes, run);
   const std::optional<std::uint64_t> cache =
-      check_run_memory(run, backend->threads(), together ? processes.on_machine() : 1, together);
+      check_run_memory(run, *backend, together ? processes.on_machine() : 1, together);
   std::unique_ptr<LivePage> page = start_live_page(arguments.live);
   const TrainingData training = prepare_training_data(&run, backend->pool(), cache);
   // Nothing is written before the input has been checked.

@@ -46,7 +46,7 @@ int run_view(const ViewOptions& options) {
                           {.folder = options.run,
                            .outside_files = options.outside_files,
                            .max_damaged = options.max_damaged.value_or(kMostDamagedPercent)}));
-  const auto backend = kernels::make_backend(options.backend);
+  const auto backend = make_backend(options.backend, run->options.method);
   std::printf("%s\n", kernels::describe(*backend).c_str());
   for (const RigCamera& rig : run->scene.rig) check_rendering_memory(*run, &rig.camera);
   const view::FirstEdit edit = view::first_edit(run->scene, options.actors, options.edit);

@@ -17,6 +17,7 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <vector>
 
 #include "redrive/base/cpu_features.h"
 #include "redrive/base/parallel.h"
@@ -68,6 +69,11 @@ class Backend {
   virtual std::string name() const = 0;              ///< "ref", "cpu", "vulkan"
   virtual std::optional<Isa> isa() const = 0;        ///< cpu only
   virtual std::string device() const { return ""; }  ///< vulkan only: its name
+  virtual std::string driver() const { return ""; }  ///< vulkan only: name and version
+  /// Bytes of the device's memory that this process may use; 0: the host's is used.
+  virtual std::uint64_t device_memory() const { return 0; }
+  /// Whether it computes methods that march rays; all compute Gaussians.
+  virtual bool marches_rays() const { return true; }
   int threads() const { return pool_.threads(); }
   /// Milliseconds that a device has spent on each of its stages since the last call; empty unless
   /// they are timed, which begins with the first call.
@@ -102,26 +108,35 @@ class Backend {
   virtual GridStages& grid() = 0;
   virtual GaussianStages& gaussians() = 0;
 
+  /// Why it was chosen instead of a GPU, for describe(); empty where there was none to choose.
+  std::string note;
+
  private:
   ThreadPool pool_;
 };
 
-/// --backend, --isa and --device. `name` "auto": cpu where the processor has AVX2, else ref.
+/// --backend, --isa and --device. `name` "auto": the first GPU that passes a self-test
+/// (self_test.h), unless rays are marched or --isa is given; else cpu where the processor has AVX2,
+/// else ref.
 struct BackendChoice {
-  std::string name = "auto";  ///< auto, ref, cpu, vulkan
+  std::string name = "auto";  ///< one of backend_names()
   std::string isa = "auto";   ///< auto, avx2, avx512, avx512-bf16
   int threads = 0;            ///< 0: all that the process may use
   std::string device;         ///< vulkan only: its number or a part of its name; empty: first GPU
+  bool marches_rays = true;   ///< whether the method does, so that auto takes no GPU
 };
+std::vector<std::string> backend_names();
 /// UsageError: the choice is impossible, and why.
 std::unique_ptr<Backend> make_backend(const BackendChoice& choice);
 
 std::unique_ptr<Backend> make_ref_backend();
 std::unique_ptr<Backend> make_cpu_backend(Isa isa, int threads);
-/// UsageError: there is no such device, or this build has no such backend.
+/// UsageError: there is no such device.
 std::unique_ptr<Backend> make_vulkan_backend(const std::string& device, int threads);
 
-/// "backend=cpu isa=avx512 threads=2": printed at start-up.
+/// "backend=cpu isa=avx512 threads=2", and its note: printed at start-up.
 std::string describe(const Backend& backend);
+/// "cpu avx512", "vulkan NAME, driver NAME VERSION": what decides about the bits of results.
+std::string identity(const Backend& backend);
 
 }  // namespace redrive::kernels

@@ -232,6 +232,8 @@ class Trainee : public Configurable, public Field {
 
   // ---- Memory
   virtual std::uint64_t step_bytes() const = 0;  ///< estimate for a step, without gradients
+  /// Estimate of the memory of the backend's device, at the largest size(); 0: it has none.
+  virtual std::uint64_t device_bytes(kernels::Backend&) const { return 0; }
   /// Estimate for steps, besides LidarReturns, with this many returns.
   virtual std::uint64_t lidar_bytes(const Scene&, std::uint64_t /*returns*/) const { return 0; }
 

@@ -39,6 +39,7 @@ void take_limits(const TrainOptions& whole, TrainOptions* options) {
   options->max_steps = whole.max_steps;
   options->max_seconds = whole.max_seconds;
   options->memory = whole.memory;
+  options->gpu_memory = whole.gpu_memory;
   options->backend = whole.backend;
   options->isa = whole.isa;
   options->device = whole.device;

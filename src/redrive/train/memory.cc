@@ -183,6 +183,13 @@ void check_memory(const MemoryEstimate& need, std::uint64_t allowed, const Train
                          {need.step, need.step_option}}));
 }
 
+void check_device_memory(std::uint64_t need, std::uint64_t allowed, const TrainOptions& options) {
+  if (need > allowed)
+    throw UsageError("--gpu-memory", options.gpu_memory,
+                     "training " + memory_text(need, allowed) +
+                         "; lower --max-gaussians, or --backend cpu needs none");
+}
+
 void check_rendering_memory(const Run& run, const Camera* camera) {
   // An estimate of a pixel: its ray, its colour, depth and opacity twice, its bytes and the file.
   constexpr std::uint64_t kPixel = 100;

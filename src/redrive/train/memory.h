@@ -60,6 +60,9 @@ std::string describe_memory(const MemoryEstimate& need, std::uint64_t allowed);
 /// Throws UsageError naming the options to lower if more is needed than allowed.
 void check_memory(const MemoryEstimate& need, std::uint64_t allowed, const TrainOptions& options);
 
+/// Throws UsageError naming --gpu-memory if more of a device's memory is needed than allowed.
+void check_device_memory(std::uint64_t need, std::uint64_t allowed, const TrainOptions& options);
+
 /// Throws UsageError if the run's --memory allows less than its model takes plus, unless `camera`
 /// is null, an image of the camera.
 void check_rendering_memory(const Run& run, const Camera* camera = nullptr);

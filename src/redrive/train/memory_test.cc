@@ -103,6 +103,22 @@ TEST_F(MemoryEstimateTest, RejectsMoreThanAllowedNamingTheOptionToLower) {
   EXPECT_THAT(rejection(), HasSubstr("lower --frames or --lidar-rays 0 (LiDAR: 9.0 GiB), --batch"));
 }
 
+TEST(Memory, OfADeviceIsRefusedWithTheFigures) {
+  TrainOptions options;
+  options.gpu_memory = "50%";
+  const std::uint64_t allowed = allowed_device_memory(options, 4 * kGiB);
+  EXPECT_EQ(allowed, 2 * kGiB);
+  check_device_memory(allowed, allowed, options);
+  try {
+    check_device_memory(3 * kGiB, allowed, options);
+    ADD_FAILURE() << "not rejected";
+  } catch (const UsageError& error) {
+    EXPECT_STREQ(error.what(),
+                 "--gpu-memory 50%: training needs about 3.0 GiB of 2.0 GiB allowed; lower "
+                 "--max-gaussians, or --backend cpu needs none");
+  }
+}
+
 TEST_F(MemoryEstimateTest, CountsWhatSplatsDeriveFromReturns) {
   constexpr std::uint64_t kPoints = 21'000, kReturns = kPoints * 2 / 3;
   const std::vector<LidarRecord> points(kPoints, {{20, 0, 0}, 1});

@@ -158,7 +158,7 @@ class Trainer {
   void check_same_begin() {
     if (!processes_) return;
     nlohmann::json options = options_to_json(options_);
-    for (const char* own : {"threads", "memory"}) options.erase(own);
+    for (const char* own : {"threads", "memory", "gpu-memory"}) options.erase(own);
     std::uint64_t hash = std::hash<std::string>()(options.dump());
     for (const std::uint64_t number : {state_.seed, static_cast<std::uint64_t>(state_.step),
                                        static_cast<std::uint64_t>(sampler_.pixels())})
@@ -248,6 +248,7 @@ class Trainer {
     state_.model->fetch(backend_);
     if (!writes_) return;
     sync_metrics(run_.paths);
+    state_.device = kernels::identity(backend_);
     save_checkpoint(run_.paths.checkpoint(), state_);
   }
 

@@ -112,7 +112,7 @@ int run_render_image(const RenderImageOptions& options) {
                      turned_sensor(camera.body_from_sensor, kRadiansPerDegree * options.yaw_deg,
                                    kRadiansPerDegree * options.pitch_deg),
                      axes, shift_m);
-  const auto backend = kernels::make_backend(options.backend);
+  const auto backend = make_backend(options.backend, run.options.method);
   std::printf("%s\n", kernels::describe(*backend).c_str());
   check_rendering_memory(run, &camera.camera);
   const RayTable rays = make_ray_table(camera.camera, backend->pool());

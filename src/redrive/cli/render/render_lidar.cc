@@ -224,7 +224,7 @@ int run_render_lidar(const RenderLidarOptions& options) {
                      "KITTI has files of a line for every number; a million fit");
   const SensorMotion motion = sensor_motion(options, request, run);
   complete_sensor(options, run, &request);
-  const auto backend = kernels::make_backend(options.backend);
+  const auto backend = make_backend(options.backend, run.options.method);
   std::printf("%s\n", kernels::describe(*backend).c_str());
   ScanCounts counts;
   /// Nothing where the recording has no revolution for a frame.

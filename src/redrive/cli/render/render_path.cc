@@ -99,7 +99,7 @@ int run_render_path(const RenderPathOptions& options) {
       chosen_exposure(options.exposure, run).value_or(path_exposure(path, run.scene, camera));
   Camera lens = own_lens ? *path.lens : run.scene.rig[camera].camera;
 
-  const auto backend = kernels::make_backend(options.backend);
+  const auto backend = make_backend(options.backend, run.options.method);
   std::printf("%s\n", kernels::describe(*backend).c_str());
   check_rendering_memory(run, &lens);
   const std::atomic<bool>& stop = stop_on_signal();

@@ -50,7 +50,7 @@ int run_render_poses(const RenderPosesOptions& options) {
     exposures.push_back(exposure_of(options.exposure, run, camera.name, poses.views[i].frame_id));
   }
 
-  const auto backend = kernels::make_backend(options.backend);
+  const auto backend = make_backend(options.backend, run.options.method);
   std::printf("%s\n", kernels::describe(*backend).c_str());
   for (const RigCamera* camera : cameras) check_rendering_memory(run, &camera->camera);
   std::error_code error;

@@ -106,7 +106,7 @@ TrainingSetup set_up_training(const ProcessGroup& group, Run& run, bool data_par
   TrainOptions here = run.options;
   here.threads = block_resources(group, run.options).threads;
   std::unique_ptr<kernels::Backend> backend = make_backend(here);
-  const auto cache = check_run_memory(run, backend->threads(), group.on_machine(), data_parallel);
+  const auto cache = check_run_memory(run, *backend, group.on_machine(), data_parallel);
   TrainingData data = load_training_data(run, backend->pool(), cache);
   return {std::move(backend), std::move(data)};
 }

@@ -7,6 +7,7 @@
 #include "redrive/base/error.h"
 #include "redrive/base/memory_limit.h"
 #include "redrive/camera/ray_share.h"
+#include "redrive/cli/backend_options.h"
 #include "redrive/cli/help.h"
 #include "redrive/perception/find_moving.h"
 #include "redrive/train/memory.h"
@@ -47,16 +48,25 @@ void parse_given(const GivenFields& given, TrainOptions* options) {
 }
 
 std::unique_ptr<kernels::Backend> make_backend(const TrainOptions& options) {
-  return kernels::make_backend({options.backend, options.isa, options.threads, options.device});
+  return make_backend({options.backend, options.isa, options.threads, options.device},
+                      options.method);
 }
 
-std::optional<std::uint64_t> check_run_memory(const Run& run, int threads, int processes,
-                                              bool data_parallel) {
-  const MemoryEstimate need = estimate_memory(run, threads, data_parallel);
-  const std::uint64_t allowed =
-      allowed_memory(run.options, memory_bytes()) / static_cast<std::uint64_t>(processes);
+std::optional<std::uint64_t> check_run_memory(const Run& run, kernels::Backend& backend,
+                                              int processes, bool data_parallel) {
+  const MemoryEstimate need = estimate_memory(run, backend.threads(), data_parallel);
+  const auto shares = static_cast<std::uint64_t>(processes);
+  const std::uint64_t allowed = allowed_memory(run.options, memory_bytes()) / shares,
+                      of_device = run.state.model->device_bytes(backend),
+                      allowed_of_device =
+                          of_device == 0
+                              ? 0
+                              : allowed_device_memory(run.options, backend.device_memory()) /
+                                    shares;
   check_memory(need, allowed, run.options);
+  check_device_memory(of_device, allowed_of_device, run.options);
   std::printf("%s\n", describe_memory(need, allowed).c_str());
+  if (of_device > 0) std::printf("gpu: %s\n", memory_text(of_device, allowed_of_device).c_str());
   std::fflush(stdout);
   std::printf("preparing %zu images; seconds of training count from the first step\n",
               run.scene.views.size());
@@ -66,6 +76,10 @@ std::optional<std::uint64_t> check_run_memory(const Run& run, int threads, int p
 
 void print_summary(const Run& run, const TrainingData& training, const kernels::Backend& backend) {
   std::printf("%s\n", kernels::describe(backend).c_str());
+  if (const std::string now = kernels::identity(backend);
+      !run.state.device.empty() && run.state.device != now)
+    std::printf("note: step %lld was reached on %s; %s goes on with other last bits\n",
+                static_cast<long long>(run.state.step), run.state.device.c_str(), now.c_str());
   const char* unit = run.recording.metric ? " m" : "";
   std::size_t held_out = 0, bytes = 0;
   for (const View& view : run.scene.views) held_out += view.held_out;

@@ -33,10 +33,10 @@ std::unique_ptr<kernels::Backend> make_backend(const TrainOptions& options);
 
 /// Prints how much memory the run needs and --memory allows. Returns the bytes of a cache of images
 /// (train/training_data.h) where not all fit. Throws UsageError if the run needs more than is
-/// allowed even with the smallest cache. `processes`: number of processes that train on this
-/// machine, each with its part of --memory.
-std::optional<std::uint64_t> check_run_memory(const Run& run, int threads, int processes = 1,
-                                              bool data_parallel = false);
+/// allowed even with the smallest cache, or of the backend's device more than --gpu-memory.
+/// `processes`: number of processes that train on this machine, each with its part of both.
+std::optional<std::uint64_t> check_run_memory(const Run& run, kernels::Backend& backend,
+                                              int processes = 1, bool data_parallel = false);
 
 /// Prints backend, cameras with their masks, frames, pixels, training and held-out views.
 void print_summary(const Run& run, const TrainingData& training, const kernels::Backend& backend);

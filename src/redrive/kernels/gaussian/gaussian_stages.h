@@ -24,7 +24,8 @@ namespace redrive::kernels {
 struct Gaussians {
   std::size_t n = 0;
   std::span<const float> numbers;
-  /// Not 0: no other numbers have this version, so that a device may keep its copy of them.
+  /// Not 0: no other numbers have this version, so that a device may keep its copy of them until
+  /// fetch(). In training the numbers of a version are those that the updates have made.
   std::uint64_t version = 0;
 };
 
@@ -184,6 +185,7 @@ struct GaussianUpdate {
   /// Bounds of the log scales, plus the logarithm of the distance; the lower one holds only for the
   /// two larger axes.
   float min_log_scale = -20, max_log_scale = 20;
+  std::uint64_t version = 0;         ///< Gaussians::version; 0: fetch() follows the update
   std::span<float> numbers;          ///< Gaussians::numbers
   std::span<std::uint32_t> moments;  ///< as numbers (optim/packed_moments.h)
   std::span<float> errors;           ///< one per Gaussian, in whole blocks; added to
@@ -248,7 +250,7 @@ class Raster {
   Raster(Raster&&) noexcept = default;
   Raster& operator=(Raster&&) = delete;
 
-  /// What a device has drawn is copied when it is asked for.
+  /// What a device has drawn is copied when it is asked for, so one thread may call it at a time.
   const RasterImage& image() const { return pass_->image(); }
   RasterCounts counts() const { return pass_->counts(); }
   /// Compares the image with `target`, whose size and rgb are not used, and keeps the derivatives
@@ -293,6 +295,11 @@ class GaussianStages {
   /// Writes what updates have changed on a device to the spans of GaussianUpdate, which until then
   /// have old values: to be called before anyone else reads, writes or frees them.
   virtual void fetch() {}
+  /// Returns an estimate of the bytes of a device's memory that training takes with n Gaussians
+  /// and images of so many pixels; 0: the host's memory is used.
+  virtual std::uint64_t training_bytes(std::size_t /*n*/, std::size_t /*pixels*/) const {
+    return 0;
+  }
   /// Frees the memory of rasters that have ended; the next rasterise() allocates it again.
   virtual void release() = 0;
 };

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The functions of Vulkan 1.2 that compute needs, in a table that is filled at run time: redrive
-// links no loader and runs where there is none. Tests replace entries.
+// links no loader and runs where there is none.
 #pragma once
 
 #define VK_NO_PROTOTYPES
@@ -11,6 +11,8 @@ namespace redrive::kernels::vulkan {
 #define REDRIVE_VULKAN_INSTANCE(X)          \
   X(DestroyInstance)                        \
   X(EnumeratePhysicalDevices)               \
+  X(EnumerateDeviceExtensionProperties)     \
+  X(GetPhysicalDeviceMemoryProperties2)     \
   X(GetPhysicalDeviceProperties2)           \
   X(GetPhysicalDeviceFeatures2)             \
   X(GetPhysicalDeviceMemoryProperties)      \
@@ -67,5 +69,13 @@ struct Api {
   REDRIVE_VULKAN_DEVICE(REDRIVE_VULKAN_MEMBER)
 #undef REDRIVE_VULKAN_MEMBER
 };
+
+template <class Function>
+void set(Function* to, PFN_vkVoidFunction from) {
+  *to = reinterpret_cast<Function>(from);
+}
+
+/// Called with each table once it is filled; null: not. Set by tests, which replace entries.
+extern void (*wrap_api)(Api*);
 
 }  // namespace redrive::kernels::vulkan

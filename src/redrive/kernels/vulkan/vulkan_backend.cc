@@ -19,7 +19,8 @@ namespace {
 VulkanBackend::VulkanBackend(std::unique_ptr<vulkan::Device> device, int threads)
     : Backend(threads),
       device_(std::move(device)),
-      gaussians_(make_vulkan_gaussian_stages(device_.get(), &pool())) {}
+      queue_(vulkan::Queue::make(device_.get())),
+      gaussians_(make_vulkan_gaussian_stages(queue_.get(), &pool())) {}
 
 VulkanBackend::~VulkanBackend() = default;
 

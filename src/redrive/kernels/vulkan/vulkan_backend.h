@@ -6,7 +6,7 @@
 #include <string>
 
 #include "redrive/kernels/backend.h"
-#include "redrive/kernels/vulkan/vulkan_device.h"
+#include "redrive/kernels/vulkan/vulkan_queue.h"
 
 namespace redrive::kernels {
 
@@ -18,7 +18,11 @@ class VulkanBackend final : public Backend {
   std::string name() const override { return "vulkan"; }
   std::optional<Isa> isa() const override { return std::nullopt; }
   std::string device() const override { return device_->info().name; }
-  std::map<std::string, double> take_stage_times() override { return device_->take_times(); }
+  std::string driver() const override { return device_->info().driver; }
+  std::uint64_t device_memory() const override { return device_->info().available; }
+  std::map<std::string, double> take_stage_times() override { return queue_->take_times(); }
+
+  bool marches_rays() const override { return false; }
 
   // UsageError: rays are marched on processors alone.
   void composite_forward(int n_rays, const Samples& samples, std::span<const float> raw,
@@ -36,6 +40,7 @@ class VulkanBackend final : public Backend {
 
  private:
   std::unique_ptr<vulkan::Device> device_;
+  std::unique_ptr<vulkan::Queue> queue_;
   std::unique_ptr<GaussianStages> gaussians_;
 };
 

@@ -155,6 +155,7 @@ void SplatModel::initialize(std::uint64_t) {
   actor_ends.clear();
   actor_keys.clear();
   parameters = Buffer<float>(size());
+  renew_version();
 }
 
 void SplatModel::initialize_from(const TrainingSet& data, std::uint64_t seed, ThreadPool& pool) {
@@ -219,6 +220,7 @@ void SplatModel::set_gaussians(std::span<const GaussianList> lists,
   float* bound = parameters.data() + (blocks_size() + gains.size());
   for (const MovingObject& actor : actors)
     for (int k = 0; k < 3; ++k) *bound++ = static_cast<float>(actor.size_m[k] / 2) + kBeyondBox_m;
+  renew_version();
 }
 
 std::int64_t SplatModel::steps_per_epoch(const TrainingSet& data, int world_size) const {

@@ -125,6 +125,7 @@ struct SplatModel final : Trainee, FieldGaussians {
   bool has_body(std::int64_t id) const override { return !blocks_of(id, nullptr).empty(); }
   ActorBody body(const MovingObject& actor) const override;
   std::uint64_t step_bytes() const override;
+  std::uint64_t device_bytes(kernels::Backend& backend) const override;
   std::uint64_t lidar_bytes(const Scene& scene, std::uint64_t returns) const override;
 
   /// Replaces the Gaussians by the world's and each actor's.
@@ -132,7 +133,10 @@ struct SplatModel final : Trainee, FieldGaussians {
   GaussianLayout layout() const { return {static_cast<std::size_t>(gaussians), actor_ends}; }
 
  private:
-  std::uint64_t version_ = 0;  ///< kernels::Gaussians::version
+  static std::uint64_t new_version();
+  std::uint64_t version_ = new_version();  ///< kernels::Gaussians::version
+  /// To be called after changes of the Gaussians other than a step's updates.
+  void renew_version() { version_ = new_version(); }
 
   kernels::Gaussians world_gaussians() const {
     const auto n = static_cast<std::size_t>(gaussians);

@@ -302,6 +302,11 @@ std::uint64_t SplatModel::step_bytes() const {
          kBytesPerPixel * static_cast<std::uint64_t>(window_pixels);
 }
 
+std::uint64_t SplatModel::device_bytes(kernels::Backend& backend) const {
+  return backend.gaussians().training_bytes(static_cast<std::size_t>(most_gaussians()),
+                                            static_cast<std::size_t>(window_pixels));
+}
+
 std::uint64_t SplatModel::lidar_bytes(const Scene& scene, std::uint64_t returns) const {
   if (lidar_rays == 0 || scene.frames.empty()) return 0;
   constexpr std::uint64_t kReturnsPerUnseen = 8;

@@ -43,6 +43,7 @@ kernels::GaussianUpdate SplatModel::gaussian_update(const StepUpdate& at, SeenBy
   set(kLidarRow, kDistanceRow, lidar_rate);
   update.min_log_scale = std::log(min_scale);
   update.max_log_scale = std::log(max_scale);
+  update.version = version_;
   update.numbers = at.parameters.first(blocks_size());
   update.moments = at.adam->packed;
   update.errors = at.adam->errors;
@@ -73,10 +74,12 @@ void SplatModel::update(kernels::Backend& backend, double learning_rate, std::in
   std::ranges::fill(gradients, 0.0f);
 }
 
-void SplatModel::freeze() {
+std::uint64_t SplatModel::new_version() {
   static std::atomic<std::uint64_t> versions = 0;
-  version_ = ++versions;
+  return ++versions;
 }
+
+void SplatModel::freeze() { renew_version(); }
 
 void SplatModel::fetch(kernels::Backend& backend) const { backend.gaussians().fetch(); }
 
@@ -97,6 +100,7 @@ void SplatModel::finish_step(kernels::Backend& backend, const StepRequest& reque
     backend.gaussians().fetch();
     flatten_gaussians(*surfaces, surface_rate, static_cast<std::size_t>(gaussians),
                       parameters.data(), backend.pool());
+    renew_version();
   }
   if (step % densify_every != 0 || request.progress >= double(densified_until)) return;
   const double grown = std::min(1.0, request.progress / double(grown_by));
@@ -121,6 +125,7 @@ void SplatModel::change_number(const DensifyOptions& options, std::uint64_t key,
   densify(options, key, &layout, &parameters, &adam->packed, &adam->errors);
   gaussians = static_cast<int>(layout.world);
   actor_ends = std::move(layout.actor_ends);
+  renew_version();
 }
 
 }  // namespace redrive

@@ -17,6 +17,7 @@ constexpr const char* kCellErrors = "cell_errors";
 constexpr const char* kMoments[] = {"adam.first_moment", "adam.second_moment"};
 constexpr const char* kPoses[] = {"poses", "poses.first_moment", "poses.second_moment"};
 constexpr const char *kPacked = "adam.packed", *kErrors = "adam.errors";
+constexpr const char* kDevice = "device";
 constexpr const char* kFormat = "redrive-19";
 
 /// Visits the scalars of a state, without its model's, once each by name; writing and reading share
@@ -147,6 +148,7 @@ SafetensorsFile checkpoint_file(const TrainState& state) {
   };
   visit_numbers(state, note);
   visit_model(state, note);
+  if (!state.device.empty()) metadata[kDevice] = state.device;
   std::vector<SafetensorsEntry> entries;
   for (const ModelTensor& tensor : model.tensors())
     entries.push_back({tensor.name,
@@ -267,6 +269,8 @@ TrainState parse_checkpoint(std::string_view bytes, const std::filesystem::path&
   check_ranges([&](HyperparameterVisitor& visit) { model.visit_state(visit); }, fail);
   model.check(fail);
 
+  if (const auto device = parsed.metadata.find(kDevice); device != parsed.metadata.end())
+    state.device = device->second.substr(0, 200);
   read_adam(parsed, file, model, &state.adam);
   const std::vector<ModelTensor> tensors = model.tensors();
   model.parameters = Buffer<float>(model.size());

@@ -422,8 +422,12 @@ std::vector<TrainField> resource_fields() {
             "memory that training may use; a run that needs more is rejected before it begins: "
             "bytes, a number of GiB such as 6GiB, or a percentage of the machine's or control "
             "group's"),
+       text("gpu-memory", "BYTES", &O::gpu_memory, {},
+            "memory of a GPU that training may use, as --memory: a run that needs more is rejected "
+            "before it begins; a percentage is that of what the driver leaves to the program"),
        text("backend", "NAME", &O::backend, {"auto", "ref", "cpu", "vulkan"},
-            "backend that computes: vulkan is a GPU, for method splat"),
+            "backend that computes: vulkan is a GPU, for method splat; auto: the first GPU that "
+            "passes a self-test, for splat, else the processor"),
        text("isa", "NAME", &O::isa, {"auto", "avx2", "avx512", "avx512-bf16"},
             "instruction set of the cpu backend"),
        text("device", "NAME", &O::device, {},

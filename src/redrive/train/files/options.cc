@@ -217,6 +217,7 @@ void validate(const TrainOptions& options) {
     throw UsageError("--holdout-every", "1", "would leave nothing to train on; 0 or 2 and more");
   parse_frame_range(options.frames);
   allowed_memory(options, 1'000'000'000);
+  allowed_device_memory(options, 1'000'000'000);
   const std::set<std::string> distinct(options.cameras.begin(), options.cameras.end());
   if (distinct.size() != options.cameras.size() || distinct.count(""))
     throw UsageError("--cameras", "", "must be names of cameras, each once, separated by commas");
@@ -264,21 +265,34 @@ SceneOptions scene_options(const TrainOptions& options) {
   return scene;
 }
 
-std::uint64_t allowed_memory(const TrainOptions& options, std::uint64_t machine) {
+namespace {
+
+/// Returns the bytes that an option allows of `whole` bytes.
+std::uint64_t allowed_bytes(const char* option, const std::string& text, std::uint64_t whole,
+                            const char* of) {
   constexpr double kGiB = 1024.0 * 1024 * 1024;
-  const std::string& text = options.memory;
   double value = 0;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
   const std::string unit(end, text.data() + text.size());
   const double bytes = unit == ""      ? value
                        : unit == "GiB" ? kGiB * value
-                                       : 0.01 * value * static_cast<double>(machine);
+                                       : 0.01 * value * static_cast<double>(whole);
   if (error != std::errc() || !(bytes >= 1 && bytes < 1e18) ||
       (unit != "" && unit != "GiB" && unit != "%"))
-    throw UsageError(
-        "--memory", text,
-        "must be bytes, or a number with GiB or % (of the machine's memory) behind it");
+    throw UsageError(option, text,
+                     std::string("must be bytes, or a number with GiB or % (of the ") + of +
+                         "'s memory) behind it");
   return static_cast<std::uint64_t>(bytes);
+}
+
+}  // namespace
+
+std::uint64_t allowed_memory(const TrainOptions& options, std::uint64_t machine) {
+  return allowed_bytes("--memory", options.memory, machine, "machine");
+}
+
+std::uint64_t allowed_device_memory(const TrainOptions& options, std::uint64_t device) {
+  return allowed_bytes("--gpu-memory", options.gpu_memory, device, "GPU");
 }
 
 std::int64_t total_steps(const TrainOptions& options, std::int64_t steps_per_epoch) {

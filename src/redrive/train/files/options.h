@@ -68,6 +68,7 @@ struct TrainOptions {
   int threads = 0;             ///< 0: all
   std::string memory = "70%";  ///< memory that training may use: bytes, or a number with GiB or %
   std::string backend = "auto", isa = "auto", device;
+  std::string gpu_memory = "90%";  ///< as memory, for the device of the backend
 
   /// Sets a hyperparameter by name.
   template <class T>
@@ -147,6 +148,8 @@ bool refines_poses(const TrainOptions& options, const Scene& scene);
 /// Returns the bytes that --memory allows on a machine with `machine` bytes: "6000000000", "6GiB"
 /// or "70%". Throws UsageError.
 std::uint64_t allowed_memory(const TrainOptions& options, std::uint64_t machine);
+/// As allowed_memory, by --gpu-memory of `device` bytes.
+std::uint64_t allowed_device_memory(const TrainOptions& options, std::uint64_t device);
 
 /// Returns the steps of the whole run: epochs, or max_steps if that is less.
 std::int64_t total_steps(const TrainOptions& options, std::int64_t steps_per_epoch);

@@ -78,7 +78,8 @@ INSTANTIATE_TEST_SUITE_P(
         Case{"epochs", "10001"}, Case{"epochs", "99999999999999999999"}, Case{"max-steps", "-5"},
         Case{"max-seconds", "-0.5"}, Case{"max-seconds", "inf"}, Case{"max-seconds", "nan"},
         Case{"seed", "-1"}, Case{"seed", "18446744073709551616"}, Case{"checkpoint-every", "0"},
-        Case{"threads", "-2"}, Case{"threads", "1025"}, Case{"backend", "tpu"}, Case{"isa", "sse2"},
+        Case{"gpu-memory", "6GB"}, Case{"gpu-memory", "0%"}, Case{"threads", "-2"},
+        Case{"threads", "1025"}, Case{"backend", "tpu"}, Case{"isa", "sse2"},
         Case{"preset", "report-3"}, Case{"background", "grey"}, Case{"background", "random"}));
 
 TEST(TrainOptions, RejectsCamerasThatAreRepeatedOrEmpty) {

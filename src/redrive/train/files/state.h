@@ -76,8 +76,9 @@ struct TrainState {
   std::uint64_t pixels_drawn = 0;
   std::uint64_t pixels = 0;   ///< pixels that train, an epoch; 0 before the first step
   Buffer<float> cell_errors;  ///< error map, of PixelSampler::cells; empty: not used
-  double seconds = 0;         ///< time of steps, including resumed runs, and of finish_training
-  std::uint64_t seed = 0;     ///< in use; differs from the option after a restart
+  std::string device;      ///< kernels::identity() of the backend that wrote it; empty: not known
+  double seconds = 0;      ///< time of steps, including resumed runs, and of finish_training
+  std::uint64_t seed = 0;  ///< in use; differs from the option after a restart
   int restarts = 0;
   int rollbacks = 0;               ///< roll-backs of this start
   double rate_factor = 1;          ///< product of the roll-backs' factors of the learning rate

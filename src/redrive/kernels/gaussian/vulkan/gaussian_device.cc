@@ -30,13 +30,13 @@ const Shader& shader_of(std::string_view name) {
 
 void GaussianDevice::run(std::string_view shader, const Push& push, std::size_t groups,
                          std::initializer_list<std::uint32_t> constants) {
-  device_.dispatch(shader_of(shader), constants, push.bytes(), static_cast<std::uint32_t>(groups));
+  queue_.dispatch(shader_of(shader), constants, push.bytes(), static_cast<std::uint32_t>(groups));
 }
 
 void GaussianDevice::run_indirect(std::string_view shader, const Push& push,
                                   const DeviceBuffer& control, std::size_t at,
                                   std::initializer_list<std::uint32_t> constants) {
-  device_.dispatch_indirect(shader_of(shader), constants, push.bytes(), control, at);
+  queue_.dispatch_indirect(shader_of(shader), constants, push.bytes(), control, at);
 }
 
 void GaussianDevice::scan(const DeviceBuffer& numbers, const DeviceBuffer& control,
@@ -57,37 +57,33 @@ void GaussianDevice::sort_pass(const SortBuffers& b, const DeviceBuffer& control
   run_indirect("sort1", push, control, by.by_sorted_group());
 }
 
-const DeviceBuffer* GaussianDevice::held(const Gaussians& gaussians) {
-  if (gaussians.version != 0) {
-    const std::size_t size = gaussians.numbers.size();
-    if (gaussians.version != version_ || size > version_size_) {
-      device_.grow(&versioned_, gaussians.numbers.size_bytes());
-      device_.upload(versioned_, 0, gaussians.numbers.data(), gaussians.numbers.size_bytes());
-      version_ = gaussians.version;
-      version_size_ = size;
-    }
-    return &versioned_;
-  }
-  const bool same = !host_numbers_.empty() && gaussians.numbers.data() == host_numbers_.data() &&
-                    gaussians.numbers.size() <= host_numbers_.size();
-  return same ? &numbers_ : nullptr;
+void GaussianDevice::upload_numbers(std::span<const float> numbers, std::uint64_t version) {
+  queue_.grow(&numbers_, numbers.size_bytes());
+  queue_.upload(numbers_, 0, numbers.data(), numbers.size_bytes());
+  version_ = version;
+  size_ = numbers.size();
 }
 
-void GaussianDevice::hold(const GaussianUpdate& update, DeviceBuffer* numbers) {
+const DeviceBuffer* GaussianDevice::held(const Gaussians& gaussians) {
+  if (gaussians.version == 0) return nullptr;
+  if (gaussians.version != version_ || gaussians.numbers.size() > size_) {
+    if (!host_numbers_.empty()) return nullptr;
+    upload_numbers(gaussians.numbers, gaussians.version);
+  }
+  return &numbers_;
+}
+
+void GaussianDevice::hold(const GaussianUpdate& update) {
   if (host_numbers_.data() == update.numbers.data() &&
       host_numbers_.size() == update.numbers.size())
     return;
   REDRIVE_CHECK(host_numbers_.empty());  // fetch() ends what was in training
-  if (numbers) {
-    std::swap(numbers_, *numbers);
-  } else {
-    device_.grow(&numbers_, update.numbers.size_bytes());
-    device_.upload(numbers_, 0, update.numbers.data(), update.numbers.size_bytes());
-  }
-  device_.grow(&moments_, update.moments.size_bytes());
-  device_.grow(&errors_in_training_, update.errors.size_bytes());
-  device_.upload(moments_, 0, update.moments.data(), update.moments.size_bytes());
-  device_.upload(errors_in_training_, 0, update.errors.data(), update.errors.size_bytes());
+  if (update.version == 0 || update.version != version_ || update.numbers.size() > size_)
+    upload_numbers(update.numbers, update.version);
+  queue_.grow(&moments_, update.moments.size_bytes());
+  queue_.grow(&errors_in_training_, update.errors.size_bytes());
+  queue_.upload(moments_, 0, update.moments.data(), update.moments.size_bytes());
+  queue_.upload(errors_in_training_, 0, update.errors.data(), update.errors.size_bytes());
   host_numbers_ = update.numbers;
   host_moments_ = update.moments;
   host_errors_ = update.errors;
@@ -95,12 +91,13 @@ void GaussianDevice::hold(const GaussianUpdate& update, DeviceBuffer* numbers) {
 
 void GaussianDevice::fetch() {
   if (host_numbers_.empty()) return;
-  device_.download(numbers_, 0, host_numbers_.data(), host_numbers_.size_bytes());
-  device_.download(moments_, 0, host_moments_.data(), host_moments_.size_bytes());
-  device_.download(errors_in_training_, 0, host_errors_.data(), host_errors_.size_bytes());
+  queue_.download(numbers_, 0, host_numbers_.data(), host_numbers_.size_bytes());
+  queue_.download(moments_, 0, host_moments_.data(), host_moments_.size_bytes());
+  queue_.download(errors_in_training_, 0, host_errors_.data(), host_errors_.size_bytes());
   host_numbers_ = host_errors_ = {};
   host_moments_ = {};
-  device_.finish();
+  version_ = 0;
+  queue_.finish();
 }
 
 void GaussianDevice::apply(const GaussianUpdate& update, std::size_t n, const DeviceBuffer* drawn,
@@ -126,8 +123,8 @@ void GaussianDevice::apply(const GaussianUpdate& update, std::size_t n, const De
   u.min_log_scale = update.min_log_scale;
   u.max_log_scale = update.max_log_scale;
   std::ranges::copy(update.rates, u.rates);
-  device_.grow(&update_, sizeof u);
-  device_.upload(update_, 0, &u, sizeof u);
+  queue_.grow(&update_, sizeof u);
+  queue_.upload(update_, 0, &u, sizeof u);
   if (drawn)
     run_indirect("adam", Push(update_), *control, Dispatches{0}.by_64());
   else

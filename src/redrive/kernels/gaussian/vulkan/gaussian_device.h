@@ -10,7 +10,7 @@
 
 #include "redrive/base/parallel.h"
 #include "redrive/kernels/gaussian/gaussian_stages.h"
-#include "redrive/kernels/vulkan/vulkan_device.h"
+#include "redrive/kernels/vulkan/vulkan_queue.h"
 
 namespace redrive::kernels::vulkan {
 
@@ -55,9 +55,9 @@ struct Dispatches {
 
 class GaussianDevice {
  public:
-  GaussianDevice(Device* device, ThreadPool* pool) : device_(*device), pool_(*pool) {}
+  GaussianDevice(Queue* queue, ThreadPool* pool) : queue_(*queue), pool_(*pool) {}
 
-  Device& device() { return device_; }
+  Queue& queue() { return queue_; }
   ThreadPool& pool() { return pool_; }
   void run(std::string_view shader, const Push& push, std::size_t groups,
            std::initializer_list<std::uint32_t> constants = {});
@@ -74,12 +74,11 @@ class GaussianDevice {
   void sort_pass(const SortBuffers& buffers, const DeviceBuffer& control, std::uint32_t n_at,
                  const Dispatches& by, std::uint32_t shift);
 
-  /// Returns the numbers of Gaussians that are in training or have a version; uploads the latter
-  /// once. Null: neither.
+  /// Returns the numbers of Gaussians that have a version, which are uploaded once. Null: they have
+  /// none, or others are in training.
   const DeviceBuffer* held(const Gaussians& gaussians);
-  /// Makes the Gaussians of `update` those in training. numbers: theirs, or null: they are
-  /// uploaded.
-  void hold(const GaussianUpdate& update, DeviceBuffer* numbers);
+  /// Makes the Gaussians of `update` those in training.
+  void hold(const GaussianUpdate& update);
   /// GaussianStages::fetch.
   void fetch();
   /// Applies gradients() and errors() to the Gaussians in training; drawn: a pass's, or null: all
@@ -92,12 +91,13 @@ class GaussianDevice {
       gradients, errors, pose_sums;
 
  private:
-  Device& device_;
+  Queue& queue_;
   ThreadPool& pool_;
+  void upload_numbers(std::span<const float> numbers, std::uint64_t version);
+
   DeviceBuffer numbers_, moments_, errors_in_training_, update_;
-  DeviceBuffer versioned_;
-  std::uint64_t version_ = 0;
-  std::size_t version_size_ = 0;
+  std::uint64_t version_ = 0;                    ///< version of numbers_; 0: none
+  std::size_t size_ = 0;                         ///< numbers
   std::span<float> host_numbers_, host_errors_;  ///< empty: none are in training
   std::span<std::uint32_t> host_moments_;
 };

@@ -11,14 +11,9 @@ namespace {
 
 class VulkanGaussianStages final : public GaussianStages {
  public:
-  VulkanGaussianStages(vulkan::Device* device, ThreadPool* pool)
-      : device_(*device), shared_(device, pool), loss_(&shared_) {}
-  ~VulkanGaussianStages() override {
-    try {
-      device_.finish();  // before its memory goes
-    } catch (const std::exception&) {
-    }
-  }
+  VulkanGaussianStages(vulkan::Queue* queue, ThreadPool* pool)
+      : queue_(*queue), shared_(queue, pool), loss_(&shared_) {}
+  ~VulkanGaussianStages() override { queue_.wait_idle(); }  // before its memory goes
 
   Raster rasterise(const GaussianCamera& camera, const Gaussians& gaussians,
                    const RasterOptions& options) override {
@@ -31,35 +26,38 @@ class VulkanGaussianStages final : public GaussianStages {
   ImageLossOutput image_loss(const ImageLossInput& input, std::span<float> d_rgb,
                              std::span<float> error) override {
     check_image_loss(input, d_rgb.size(), error.size());
-    device_.grow(&rgb_, input.rgb.size_bytes());
-    device_.grow(&d_rgb_, d_rgb.size_bytes());
-    device_.grow(&error_, error.size_bytes());
-    device_.upload(rgb_, 0, input.rgb.data(), input.rgb.size_bytes());
+    queue_.grow(&rgb_, input.rgb.size_bytes());
+    queue_.grow(&d_rgb_, d_rgb.size_bytes());
+    queue_.grow(&error_, error.size_bytes());
+    queue_.upload(rgb_, 0, input.rgb.data(), input.rgb.size_bytes());
     loss_.record({input.size, &rgb_, &d_rgb_, &error_}, input, {});
-    device_.download(d_rgb_, 0, d_rgb.data(), d_rgb.size_bytes());
-    device_.download(error_, 0, error.data(), error.size_bytes());
-    device_.finish();
+    queue_.download(d_rgb_, 0, d_rgb.data(), d_rgb.size_bytes());
+    queue_.download(error_, 0, error.data(), error.size_bytes());
+    queue_.finish();
     return loss_.result();
   }
 
   void update_gaussians(const GaussianUpdate& update, std::size_t n,
                         std::span<const float> gradients, std::span<const float> errors) override {
     check_update_gaussians(update, n, gradients.size(), errors.size());
-    shared_.hold(update, nullptr);
-    device_.grow(&shared_.gradients, gradients.size_bytes());
-    device_.grow(&shared_.errors, errors.size_bytes());
-    device_.upload(shared_.gradients, 0, gradients.data(), gradients.size_bytes());
-    device_.upload(shared_.errors, 0, errors.data(), errors.size_bytes());
+    shared_.hold(update);
+    queue_.grow(&shared_.gradients, gradients.size_bytes());
+    queue_.grow(&shared_.errors, errors.size_bytes());
+    queue_.upload(shared_.gradients, 0, gradients.data(), gradients.size_bytes());
+    queue_.upload(shared_.errors, 0, errors.data(), errors.size_bytes());
     shared_.apply(update, n, nullptr, nullptr);
-    device_.submit();
+    queue_.submit();
   }
 
   void fetch() override { shared_.fetch(); }
+  std::uint64_t training_bytes(std::size_t n, std::size_t pixels) const override {
+    return vulkan::VulkanRaster::training_bytes(n, pixels);
+  }
   /// Passes have none of the host's memory but their images, and are used again at once.
   void release() override {}
 
  private:
-  vulkan::Device& device_;
+  vulkan::Queue& queue_;
   vulkan::GaussianDevice shared_;
   vulkan::VulkanLoss loss_;
   vulkan::DeviceBuffer rgb_, d_rgb_, error_;
@@ -68,9 +66,9 @@ class VulkanGaussianStages final : public GaussianStages {
 
 }  // namespace
 
-std::unique_ptr<GaussianStages> make_vulkan_gaussian_stages(vulkan::Device* device,
+std::unique_ptr<GaussianStages> make_vulkan_gaussian_stages(vulkan::Queue* queue,
                                                             ThreadPool* pool) {
-  return std::make_unique<VulkanGaussianStages>(device, pool);
+  return std::make_unique<VulkanGaussianStages>(queue, pool);
 }
 
 }  // namespace redrive::kernels

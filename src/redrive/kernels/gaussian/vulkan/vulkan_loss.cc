@@ -46,7 +46,7 @@ double used_pixels(const TargetWindow& target, const RasterSize& size) {
 
 void VulkanLoss::record(const LossPlanes& planes, const ImageLossInput& input,
                         const PixelWeights& weights) {
-  Device& device = shared_.device();
+  Queue& queue = shared_.queue();
   const RasterSize size = planes.size;
   const TargetWindow& target = input.target;
   const std::size_t plane = size.plane(), tiles = plane / (kTileSide * kTileSide),
@@ -56,18 +56,18 @@ void VulkanLoss::record(const LossPlanes& planes, const ImageLossInput& input,
                     pixels = static_cast<std::size_t>(size.height) * target.width;
   const auto send = [&](DeviceBuffer* to, std::span<const std::uint8_t> from,
                         std::size_t channels) {
-    device.grow(to, channels * pixels + 4);
-    if (!from.empty()) device.upload(*to, 0, from.data() + channels * first, channels * pixels);
+    queue.grow(to, channels * pixels + 4);
+    if (!from.empty()) queue.upload(*to, 0, from.data() + channels * first, channels * pixels);
   };
-  device.grow(&gains_, 3 * plane * sizeof(float));
-  device.grow(&slopes_, 9 * plane * sizeof(float));
-  device.grow(&sums_, tiles * kTileSums * sizeof(float));
-  device.grow(&patches_, n_patches * sizeof(PatchBrightness));
-  device.grow(&parameters_, sizeof(LossParameters));
+  queue.grow(&gains_, 3 * plane * sizeof(float));
+  queue.grow(&slopes_, 9 * plane * sizeof(float));
+  queue.grow(&sums_, tiles * kTileSums * sizeof(float));
+  queue.grow(&patches_, n_patches * sizeof(PatchBrightness));
+  queue.grow(&parameters_, sizeof(LossParameters));
   send(&target_, target.rgb, 3);
   send(&alpha_, target.alpha, 1);
   send(&used_, target.used, 1);
-  device.upload(gains_, 0, input.gains.data(), input.gains.size_bytes());
+  queue.upload(gains_, 0, input.gains.data(), input.gains.size_bytes());
 
   pixels_ = used_pixels(target, size);
   l1_weight_ = static_cast<double>(input.l1_weight);
@@ -109,16 +109,16 @@ void VulkanLoss::record(const LossPlanes& planes, const ImageLossInput& input,
   p.transmittance_each = weights.transmittance / static_cast<float>(std::max(pixels_, 1.0));
   p.range_each = weights.range;
   std::ranges::copy(target.background_change, p.background_change);
-  device.upload(parameters_, 0, &p, sizeof p);
+  queue.upload(parameters_, 0, &p, sizeof p);
   shared_.run("loss0", Push(parameters_), tiles);
   shared_.run("loss1", Push(parameters_), tiles);
-  device.stamp("loss");
+  queue.stamp("loss");
 
   tile_sums_.resize(tiles * kTileSums);
   out_ = {};
   out_.patches.resize(n_patches);
-  device.download(sums_, 0, tile_sums_.data(), tile_sums_.size() * sizeof(float));
-  device.download(patches_, 0, out_.patches.data(), n_patches * sizeof(PatchBrightness));
+  queue.download(sums_, 0, tile_sums_.data(), tile_sums_.size() * sizeof(float));
+  queue.download(patches_, 0, out_.patches.data(), n_patches * sizeof(PatchBrightness));
 }
 
 ImageLossOutput VulkanLoss::result() {

@@ -14,7 +14,7 @@
 namespace redrive::kernels::vulkan {
 namespace {
 
-constexpr std::size_t kWord = 4, kRecordBytes = 64, kSumFloats = 16;
+constexpr std::size_t kWord = 4, kRecordBytes = 64, kSumFloats = 16, kFewestPairs = 1 << 16;
 constexpr BlockShape kBlocks{8, 4};
 constexpr int kDepthShifts[] = {8, 16, 24};  // the bits of a distance down to 2^-16 of it
 
@@ -33,8 +33,8 @@ struct ShaderParameters {
 };
 
 template <class T>
-void grow_for(Device& device, DeviceBuffer* buffer, std::size_t n) {
-  device.grow(buffer, n * sizeof(T));
+void grow_for(Queue& queue, DeviceBuffer* buffer, std::size_t n) {
+  queue.grow(buffer, n * sizeof(T));
 }
 
 /// Appends a block to the bytes of an upload; returns its offset.
@@ -86,45 +86,45 @@ void VulkanRaster::forward(const GaussianCamera& camera, const Gaussians& gaussi
   gaussians_ = gaussians;
   options_ = options;
   size_ = raster_size(camera.camera.width, camera.camera.height);
-  Device& device = shared_.device();
+  Queue& queue = shared_.queue();
   numbers_ = shared_.held(gaussians);
   if (!numbers_) {
-    device.grow(&own_numbers_, gaussians.numbers.size_bytes());
+    queue.grow(&own_numbers_, gaussians.numbers.size_bytes());
     numbers_ = &own_numbers_;
   }
-  max_pairs_ = std::max(max_pairs_, std::size_t{1} << 16);
+  max_pairs_ = std::max(max_pairs_, kFewestPairs);
   allocate();
   if (numbers_ == &own_numbers_)
-    device.upload(own_numbers_, 0, gaussians.numbers.data(), gaussians.numbers.size_bytes());
+    queue.upload(own_numbers_, 0, gaussians.numbers.data(), gaussians.numbers.size_bytes());
   if (has_ranges())
-    device.upload(log_range_, 0, options_.log_range.data(), options_.log_range.size_bytes());
+    queue.upload(log_range_, 0, options_.log_range.data(), options_.log_range.size_bytes());
   write_inputs();
   record_forward();
   complete_ = on_host_ = false;
 }
 
 void VulkanRaster::allocate() {
-  Device& device = shared_.device();
+  Queue& queue = shared_.queue();
   const std::size_t n = gaussian_blocks(gaussians_.n) * kGaussianBlock, plane = size_.plane(),
                     tiles = plane / (kTileSide * kTileSide), most = std::max(n, max_pairs_);
   const auto plane_of = [&](DeviceBuffer* buffer, std::size_t planes) {
     const std::size_t bytes = planes * plane * sizeof(float);
     if (buffer->bytes() >= bytes) return;
-    device.grow(buffer, bytes);
-    device.fill(*buffer, buffer->bytes(), 0);  // unwanted tiles are read, too
+    queue.grow(buffer, bytes);
+    queue.fill(*buffer, buffer->bytes(), 0);  // unwanted tiles are read, too
   };
-  device.grow(&control_, kControlWords * kWord);
-  device.grow(&records_, n * kRecordBytes);
+  queue.grow(&control_, kControlWords * kWord);
+  queue.grow(&records_, n * kRecordBytes);
   for (DeviceBuffer* words : {&depth_key_, &drawn_, &shared_.keys[0], &shared_.keys[1],
                               &shared_.ids[0], &shared_.ids[1], &shared_.first})
-    device.grow(words, n * kWord);
+    queue.grow(words, n * kWord);
   for (DeviceBuffer* words : {&pair_gaussian_, &pair_blocks_, &slots_, &shared_.slots,
                               &shared_.tile_keys[0], &shared_.tile_keys[1]})
-    device.grow(words, max_pairs_ * kWord);
+    queue.grow(words, max_pairs_ * kWord);
   const std::size_t counts = (most / 4096 + 1) * 256;
-  device.grow(&shared_.counts, counts * kWord);
-  device.grow(&shared_.block_sums, (std::max(most, counts) / 2048 + 1) * kWord);
-  device.grow(&ranges_, (tiles + 1) * kWord);
+  queue.grow(&shared_.counts, counts * kWord);
+  queue.grow(&shared_.block_sums, (std::max(most, counts) / 2048 + 1) * kWord);
+  queue.grow(&ranges_, (tiles + 1) * kWord);
   plane_of(&rgb_, 3);
   plane_of(&transmittance_, 1);
   plane_of(&depth_, 1);
@@ -134,8 +134,21 @@ void VulkanRaster::allocate() {
   plane_of(&log_range_, 1);
 }
 
+std::uint64_t VulkanRaster::training_bytes(std::size_t n, std::size_t pixels) {
+  // Of allocate(), backward() and GaussianDevice::hold().
+  constexpr std::uint64_t kPerGaussian = kRecordBytes + kSumFloats * kWord +
+                                         (3 * kGaussianRows + 2 + 7) * kWord,
+                          kPerPair = kSumFloats * kWord + 6 * kWord + kWord / 4;
+  // Images with ranges, and of VulkanLoss a target's window with the pixels beside it.
+  constexpr std::uint64_t kPerPixel = (8 + 6 + 12) * kWord + 2 * (3 + 1 + 1);
+  // 1.5 pairs a Gaussian were counted in windows of drives; a first image may have more.
+  const std::uint64_t pairs = std::max<std::uint64_t>(2 * n, kFewestPairs),
+                      bytes = kPerGaussian * n + kPerPair * pairs + kPerPixel * pixels;
+  return bytes + bytes / 8;  // Queue::grow
+}
+
 void VulkanRaster::write_inputs() {
-  Device& device = shared_.device();
+  Queue& queue = shared_.queue();
   const std::size_t tiles_x = size_.stride / kTileSide, tiles_y = size_.rows / kTileSide,
                     tiles = tiles_x * tiles_y;
   input_bytes_.assign(sizeof(ShaderParameters), std::byte{});
@@ -165,7 +178,7 @@ void VulkanRaster::write_inputs() {
                     extents_at = append<float>(extents, &input_bytes_),
                     u_at = append(camera_.centres.u, &input_bytes_),
                     v_at = append(camera_.centres.v, &input_bytes_);
-  device.grow(&inputs_, input_bytes_.size());
+  queue.grow(&inputs_, input_bytes_.size());
   const VkDeviceAddress inputs = inputs_.address();
   ShaderParameters p{};
   p.numbers = numbers_->address();
@@ -197,7 +210,7 @@ void VulkanRaster::write_inputs() {
   set_camera(camera_, size_, &p);
   std::ranges::copy(options_.background, p.background);
   std::memcpy(input_bytes_.data(), &p, sizeof p);
-  device.upload(inputs_, 0, input_bytes_.data(), input_bytes_.size());
+  queue.upload(inputs_, 0, input_bytes_.data(), input_bytes_.size());
 }
 
 void VulkanRaster::record_depth_order() {
@@ -210,7 +223,7 @@ void VulkanRaster::record_depth_order() {
   shared_.run("flags1", flags, 1);
   shared_.run("flags2", flags, groups);
   shared_.run("plan", Push(control_, kDrawnAt, std::uint32_t{0}, n), 1);
-  shared_.device().stamp("compact");
+  shared_.queue().stamp("compact");
   const DeviceBuffer* values = &drawn_;
   int from = 0;
   for (const int shift : kDepthShifts) {
@@ -220,7 +233,7 @@ void VulkanRaster::record_depth_order() {
     values = &shared_.ids[to];
     from = to;
   }
-  shared_.device().stamp("sort by depth");
+  shared_.queue().stamp("sort by depth");
 }
 
 void VulkanRaster::record_pairs() {
@@ -233,9 +246,9 @@ void VulkanRaster::record_pairs() {
   shared_.run_indirect("pairs0", push, control_, by_gaussian.by_256(), {centres});
   shared_.scan(shared_.first, control_, kDrawnAt, kPairsAt, by_gaussian.by_scanned());
   shared_.run("plan", Push(control_, kPairsAt, set, static_cast<std::uint32_t>(max_pairs_)), 1);
-  shared_.device().fill(shared_.tile_keys[0], max_pairs_ * kWord, UINT32_MAX);
+  shared_.queue().fill(shared_.tile_keys[0], max_pairs_ * kWord, UINT32_MAX);
   shared_.run_indirect("pairs1", push, control_, by_gaussian.by_256(), {centres});
-  shared_.device().stamp("pairs");
+  shared_.queue().stamp("pairs");
   const DeviceBuffer* values = nullptr;
   for (int pass = 0; pass < passes; ++pass) {
     const DeviceBuffer* const out = (passes - 1 - pass) % 2 == 0 ? &slots_ : &shared_.slots;
@@ -243,23 +256,23 @@ void VulkanRaster::record_pairs() {
                       control_, kPairsAt, by_pair, static_cast<std::uint32_t>(8 * pass));
     values = out;
   }
-  shared_.device().fill(ranges_, (tiles + 1) * kWord, 0);
+  shared_.queue().fill(ranges_, (tiles + 1) * kWord, 0);
   shared_.run_indirect("ranges", Push(inputs_, shared_.tile_keys[passes % 2]), control_,
                        by_pair.by_256());
-  shared_.device().stamp("sort by tile");
+  shared_.queue().stamp("sort by tile");
 }
 
 void VulkanRaster::record_forward() {
-  Device& device = shared_.device();
+  Queue& queue = shared_.queue();
   const std::size_t tiles = size_.plane() / (kTileSide * kTileSide);
-  device.fill(control_, kControlWords * kWord, 0);
-  device.stamp("upload");
+  queue.fill(control_, kControlWords * kWord, 0);
+  queue.stamp("upload");
   shared_.run("project", Push(inputs_), (gaussians_.n + 127) / 128, {model()});
-  device.stamp("project");
+  queue.stamp("project");
   record_depth_order();
   record_pairs();
   shared_.run("tile_forward", Push(inputs_, slots_), tiles, {has_centres(), has_ranges()});
-  device.stamp("forward");
+  queue.stamp("forward");
 }
 
 bool VulkanRaster::overflowed() {
@@ -275,8 +288,8 @@ bool VulkanRaster::overflowed() {
 
 void VulkanRaster::complete() {
   while (!complete_) {
-    shared_.device().download(control_, 0, control_words_, sizeof control_words_);
-    shared_.device().finish();
+    shared_.queue().download(control_, 0, control_words_, sizeof control_words_);
+    shared_.queue().finish();
     overflowed();
   }
 }
@@ -292,35 +305,35 @@ const RasterImage& VulkanRaster::image() {
   const auto fetch = [&](const DeviceBuffer& from, std::size_t planes, Buffer<float>* to) {
     const std::size_t n = planes * size_.plane();
     if (to->size() < n) *to = Buffer<float>(n);
-    shared_.device().download(from, 0, to->data(), n * sizeof(float));
+    shared_.queue().download(from, 0, to->data(), n * sizeof(float));
   };
   image_.size = size_;
   fetch(rgb_, 3, &image_.rgb);
   fetch(transmittance_, 1, &image_.transmittance);
   if (options_.depth) fetch(depth_, 1, &image_.depth);
   if (has_ranges()) fetch(range_error_, 1, &image_.range_error);
-  shared_.device().finish();
+  shared_.queue().finish();
   on_host_ = true;
   return image_;
 }
 
 ImageLossOutput VulkanRaster::loss(const ImageLossInput& target, const PixelWeights& weights) {
-  Device& device = shared_.device();
+  Queue& queue = shared_.queue();
   const std::size_t plane = size_.plane();
-  grow_for<float>(device, &d_rgb_, 3 * plane);
-  grow_for<float>(device, &d_transmittance_, plane);
-  grow_for<float>(device, &error_, plane);
+  grow_for<float>(queue, &d_rgb_, 3 * plane);
+  grow_for<float>(queue, &d_transmittance_, plane);
+  grow_for<float>(queue, &error_, plane);
   LossPlanes planes{size_, &rgb_, &d_rgb_, &error_, &transmittance_, &d_transmittance_};
   if (has_ranges()) {
-    grow_for<float>(device, &d_range_, plane);
+    grow_for<float>(queue, &d_range_, plane);
     planes.range_error = &range_error_;
     planes.log_range = &log_range_;
     planes.d_range = &d_range_;
   }
   do {
     loss_.record(planes, target, weights);
-    device.download(control_, 0, control_words_, sizeof control_words_);
-    device.finish();
+    queue.download(control_, 0, control_words_, sizeof control_words_);
+    queue.finish();
   } while (overflowed());
   return loss_.result();
 }
@@ -328,11 +341,11 @@ ImageLossOutput VulkanRaster::loss(const ImageLossInput& target, const PixelWeig
 void VulkanRaster::backward(const RasterGradient& gradient, const GaussianDerivatives& to,
                             std::span<GaussianPoseGradient<NumberMath<double>>> d_poses) {
   check_rasterise_backward(camera_, gaussians_, options_, gradient, to, d_poses.size());
-  Device& device = shared_.device();
+  Queue& queue = shared_.queue();
   complete();
   const auto send = [&](std::span<const float> from, DeviceBuffer* buffer) {
-    device.grow(buffer, from.size_bytes());
-    device.upload(*buffer, 0, from.data(), from.size_bytes());
+    queue.grow(buffer, from.size_bytes());
+    queue.upload(*buffer, 0, from.data(), from.size_bytes());
   };
   send(gradient.d_rgb, &d_rgb_);
   send(gradient.d_transmittance, &d_transmittance_);
@@ -343,15 +356,15 @@ void VulkanRaster::backward(const RasterGradient& gradient, const GaussianDeriva
 
 void VulkanRaster::backward(const GaussianDerivatives& to,
                             std::span<GaussianPoseGradient<NumberMath<double>>> d_poses) {
-  Device& device = shared_.device();
+  Queue& queue = shared_.queue();
   complete();
   const std::size_t n = gaussian_blocks(gaussians_.n) * kGaussianBlock,
                     tiles = size_.plane() / (kTileSide * kTileSide);
-  grow_for<float>(device, &shared_.pair_sums, max_pairs_ * kSumFloats);
-  grow_for<float>(device, &shared_.sums, n * kSumFloats);
-  grow_for<float>(device, &shared_.gradients, n * kGaussianRows);
-  grow_for<float>(device, &shared_.errors, n);
-  grow_for<float>(device, &shared_.pose_sums, 6 * parts_);
+  grow_for<float>(queue, &shared_.pair_sums, max_pairs_ * kSumFloats);
+  grow_for<float>(queue, &shared_.sums, n * kSumFloats);
+  grow_for<float>(queue, &shared_.gradients, n * kGaussianRows);
+  grow_for<float>(queue, &shared_.errors, n);
+  grow_for<float>(queue, &shared_.pose_sums, 6 * parts_);
   ShaderParameters p;
   std::memcpy(&p, input_bytes_.data(), sizeof p);
   p.d_rgb = d_rgb_.address();
@@ -362,36 +375,35 @@ void VulkanRaster::backward(const GaussianDerivatives& to,
   p.sums = shared_.sums.address();
   p.gradients = shared_.gradients.address();
   p.errors = shared_.errors.address();
-  device.upload(inputs_, 0, &p, sizeof p);
+  queue.upload(inputs_, 0, &p, sizeof p);
   if (!to.update) {
-    device.fill(shared_.gradients, n * kGaussianRows * sizeof(float), 0);
-    device.fill(shared_.errors, n * sizeof(float), 0);
+    queue.fill(shared_.gradients, n * kGaussianRows * sizeof(float), 0);
+    queue.fill(shared_.errors, n * sizeof(float), 0);
   }
   const Dispatches by{0};
   const std::uint32_t with_poses = !d_poses.empty();
-  device.stamp("upload");
+  queue.stamp("upload");
   shared_.run("tile_backward", Push(inputs_, slots_), tiles, {has_centres(), has_ranges()});
-  device.stamp("backward");
+  queue.stamp("backward");
   shared_.run_indirect("sum_pairs", Push(inputs_), control_, by.by_16());
-  device.stamp("sum pairs");
+  queue.stamp("sum pairs");
   shared_.run_indirect("adjoint", Push(inputs_, with_poses), control_, by.by_64(), {model()});
-  device.stamp("adjoint");
+  queue.stamp("adjoint");
   std::vector<float> pose_sums(6 * d_poses.size());
   if (with_poses) {
     shared_.run("pose_sums", Push(inputs_, shared_.pose_sums), parts_);
-    device.download(shared_.pose_sums, 0, pose_sums.data(), pose_sums.size() * sizeof(float));
+    queue.download(shared_.pose_sums, 0, pose_sums.data(), pose_sums.size() * sizeof(float));
   }
   if (to.update) {
-    shared_.hold(*to.update, numbers_ == &own_numbers_ ? &own_numbers_ : nullptr);
-    numbers_ = shared_.held(gaussians_);
+    shared_.hold(*to.update);
     shared_.apply(*to.update, gaussians_.n, &drawn_, &control_);
-    device.stamp("update");
-    device.submit();
+    queue.stamp("update");
+    queue.submit();
   } else {
     keep(to);
   }
   if (!with_poses) return;
-  device.finish();
+  queue.finish();
   for (std::size_t s = 0; s < d_poses.size(); ++s)
     for (int k = 0; k < 3; ++k) {
       d_poses[s].translation[k] = static_cast<double>(pose_sums[6 * s + k]);
@@ -400,11 +412,11 @@ void VulkanRaster::backward(const GaussianDerivatives& to,
 }
 
 void VulkanRaster::keep(const GaussianDerivatives& to) {
-  Device& device = shared_.device();
+  Queue& queue = shared_.queue();
   std::vector<float> gradients(to.gradients.size()), errors(to.errors.size());
-  device.download(shared_.gradients, 0, gradients.data(), gradients.size() * sizeof(float));
-  device.download(shared_.errors, 0, errors.data(), errors.size() * sizeof(float));
-  device.finish();
+  queue.download(shared_.gradients, 0, gradients.data(), gradients.size() * sizeof(float));
+  queue.download(shared_.errors, 0, errors.data(), errors.size() * sizeof(float));
+  queue.finish();
   for (std::size_t i = 0; i < gradients.size(); ++i) to.gradients[i] += gradients[i];
   for (std::size_t i = 0; i < errors.size(); ++i) to.errors[i] += errors[i];
 }

@@ -26,6 +26,9 @@ class VulkanRaster final : public RasterPass {
   void backward(const RasterGradient& gradient, const GaussianDerivatives& to,
                 std::span<GaussianPoseGradient<NumberMath<double>>> d_poses) override;
 
+  /// GaussianStages::training_bytes.
+  static std::uint64_t training_bytes(std::size_t n, std::size_t pixels);
+
  private:
   /// Sets the blocks of inputs_ that the parameters point into.
   void write_inputs();

@@ -159,6 +159,7 @@ void SplatModel::finish_training(kernels::Backend& backend, const TrainingSet& d
   change_number(options, 0, adam);
   fill_holes(backend.gaussians(), views, hidden, all().n, layout().world, options.spare,
              parameters.span().first(blocks_size()));
+  renew_version();
 }
 
 void SplatModel::check_actors(const std::filesystem::path& recording,

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/kernels/vulkan/device_info.h"
+#include "redrive/kernels/device_info.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-namespace redrive::kernels::vulkan {
+namespace redrive::kernels {
 namespace {
 
 using ::testing::HasSubstr;
@@ -34,4 +34,4 @@ TEST(DeviceInfo, ListsDevicesOrSaysWhyThereAreNone) {
 }
 
 }  // namespace
-}  // namespace redrive::kernels::vulkan
+}  // namespace redrive::kernels

@@ -1,0 +1,103 @@
+// SPDX-License-Identifier: Apache-2.0
+// Commands for a Vulkan device: recorded into one command buffer at a time, run when they are
+// submitted.
+//
+// Errors: as vulkan_device.h.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <deque>
+#include <map>
+#include <memory>
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "redrive/kernels/vulkan/vulkan_device.h"
+
+namespace redrive::kernels::vulkan {
+
+/// To use by one thread at a time. Buffers must outlive the commands that use them.
+class Queue {
+ public:
+  /// The device must outlive the queue.
+  static std::unique_ptr<Queue> make(Device* device);
+  ~Queue();
+  Queue(const Queue&) = delete;
+  Queue& operator=(const Queue&) = delete;
+
+  /// Makes `buffer` hold at least `bytes`. Where it grows, what is recorded runs first, and its
+  /// contents are lost.
+  void grow(DeviceBuffer* buffer, std::size_t bytes);
+
+  // ---- Recording. Commands run in their order; each sees what those before it have written.
+  void dispatch(const Shader& shader, std::span<const std::uint32_t> constants,
+                std::span<const std::byte> push, std::uint32_t groups);
+  /// Number of groups: three words at `at` in `arguments`, which a shader has written.
+  void dispatch_indirect(const Shader& shader, std::span<const std::uint32_t> constants,
+                         std::span<const std::byte> push, const DeviceBuffer& arguments,
+                         std::size_t at);
+  void fill(const DeviceBuffer& buffer, std::size_t bytes, std::uint32_t word);
+  /// Copies `bytes` of the host, now, to be written when the commands run.
+  void upload(const DeviceBuffer& to, std::size_t offset, const void* from, std::size_t bytes);
+  /// Writes to the host's `to` in finish().
+  void download(const DeviceBuffer& from, std::size_t offset, void* to, std::size_t bytes);
+  /// Names the time since the last stamp, where stamps are on.
+  void stamp(const char* name);
+  /// Begins to run what is recorded.
+  void submit();
+  /// submit(), then waits until all is done.
+  void finish();
+  /// Waits for what runs, and drops what is recorded.
+  void wait_idle() noexcept {
+    api_.DeviceWaitIdle(device_.handle());
+    recording_ = false;
+  }
+
+  /// Backend::take_stage_times.
+  std::map<std::string, double> take_times() {
+    stamps_ = true;
+    return std::exchange(times_, {});
+  }
+
+ private:
+  explicit Queue(Device* device) : device_(*device), api_(device->api()) {}
+  void create();
+  void begin();
+  void wait();
+  void bind(const Shader& shader, std::span<const std::uint32_t> constants,
+            std::span<const std::byte> push);
+  void barrier();
+  /// Returns a place in host memory that the device reads or writes, until the commands have run.
+  struct Place {
+    const DeviceBuffer* buffer;
+    std::size_t offset;
+  };
+  Place stage(std::size_t bytes, Device::Memory memory);
+
+  Device& device_;
+  const Api& api_;
+  VkCommandPool pool_ = VK_NULL_HANDLE;
+  VkCommandBuffer commands_ = VK_NULL_HANDLE;
+  VkSemaphore timeline_ = VK_NULL_HANDLE;
+  VkQueryPool queries_ = VK_NULL_HANDLE;
+
+  bool recording_ = false, running_ = false, stamps_ = false;
+  std::uint64_t submitted_ = 0;  ///< value of the timeline
+  struct Staging {
+    std::deque<DeviceBuffer> chunks;  ///< places point to them
+    std::size_t chunk = 0, used = 0;
+  } staging_[2];  ///< uploads, downloads
+  struct Pending {
+    Place from;
+    void* to;
+    std::size_t bytes;
+  };
+  std::vector<Pending> downloads_;
+  std::vector<const char*> names_;  ///< names of stamps
+  std::map<std::string, double> times_;
+};
+
+}  // namespace redrive::kernels::vulkan
