@@ -13,6 +13,9 @@
 #include "nerf_case.h"
 #include "redrive/base/error.h"
 #include "redrive/kernels/backend.h"
+#ifdef REDRIVE_VULKAN
+#include "tests/vulkan/wrapped_api.h"
+#endif
 
 namespace redrive::kernels::conformance {
 
@@ -68,11 +71,23 @@ class BackendConformance : public testing::TestWithParam<Candidate> {
       } catch (const UsageError& error) {
         GTEST_SKIP() << error.what();
       }
+#ifdef REDRIVE_VULKAN
+      api_.emplace();
+      api_->guards = true;
+#endif
     }
 #if defined(__SANITIZE_THREAD__)
     if (GetParam().is_oracle()) GTEST_SKIP() << GetParam().name << ": it has one thread";
 #endif
   }
+#ifdef REDRIVE_VULKAN
+  void TearDown() override {
+    if (!api_) return;
+    EXPECT_EQ(api_->alive, 0) << "objects of Vulkan are left";
+    EXPECT_EQ(api_->damaged_guards, 0) << "shaders wrote beside their buffers";
+  }
+  std::optional<vulkan::testing::WrappedApi> api_;  ///< guards, which shaders may not touch
+#endif
   std::unique_ptr<Backend> make(int threads = 2) const {
     if (GetParam().isa) return make_cpu_backend(*GetParam().isa, threads);
     if (GetParam().is_vulkan()) return make_vulkan_backend("0", threads);
