@@ -6,7 +6,9 @@
 #include <fstream>
 #include <string_view>
 
+#include "redrive/base/files/file_container.h"
 #include "redrive/base/files/files.h"
+#include "redrive/image/ppm.h"
 
 namespace redrive {
 namespace {
@@ -100,13 +102,15 @@ std::optional<ImageHead> parse_image_head(string_view bytes) {
   std::optional<ImageHead> head;
   if (bytes.starts_with("\x89PNG\r\n\x1a\n")) head = png_head(bytes);
   if (bytes.starts_with("\xFF\xD8")) head = jpeg_head(bytes);
+  if (const auto ppm = parse_ppm_head(bytes))
+    head = ImageHead{ppm->width, ppm->height, ppm->channels == 1, std::nullopt};
   if (head && (head->width < 1 || head->height < 1)) return std::nullopt;
   return head;
 }
 
 std::optional<ImageHead> read_image_head(const std::filesystem::path& path) {
   std::error_code error;
-  if (!std::filesystem::is_regular_file(path, error)) return std::nullopt;
+  if (!std::filesystem::is_regular_file(path, error) && !container_of(path)) return std::nullopt;
   if (const auto head = parse_image_head(read_head(path, kUsualHeadBytes))) return head;
   return parse_image_head(read_head(path, kHeadBytes));
 }
@@ -114,6 +118,7 @@ std::optional<ImageHead> read_image_head(const std::filesystem::path& path) {
 bool has_image_end(const std::filesystem::path& path) {
   constexpr string_view kPng("\x89PNG\r\n\x1a\n"), kPngEnd("IEND\xAE\x42\x60\x82"),
       kJpeg("\xFF\xD8"), kJpegEnd("\xFF\xD9");
+  if (container_of(path)) return true;  // it knows the file's length; checking reads all of it
   std::ifstream file(path, std::ios::binary);
   char head[kPng.size()], tail[kPngEnd.size()];
   if (!file.read(head, sizeof head) ||

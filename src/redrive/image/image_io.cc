@@ -5,6 +5,7 @@
 #include "redrive/base/files/files.h"
 #include "redrive/image/jpeg.h"
 #include "redrive/image/png.h"
+#include "redrive/image/ppm.h"
 
 namespace redrive {
 namespace {
@@ -17,6 +18,7 @@ Image8 read_image(const std::filesystem::path& path) {
   const std::string bytes = read_file(path, kMaxImageBytes);
   if (is_jpeg(bytes)) return decode_jpeg(bytes, path);
   if (is_png(bytes)) return decode_png(bytes, path);
+  if (parse_ppm_head(bytes)) return decode_ppm(bytes, path);
   throw InputError(path, "", "",
                    bytes.empty() ? "the file is empty" : "neither a JPEG nor a PNG image");
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/math/wgs84.h"
+#include "redrive/math/local_level.h"
 
 #include <numbers>
 
@@ -29,6 +29,26 @@ TEST(Wgs84, ConvertsFromEcef) {
   const Geodetic pole = geodetic_from_ecef(0, 0, kWgs84SemiMinor_m + 3);
   EXPECT_NEAR(pole.latitude_rad, std::numbers::pi / 2, 1e-12);
   EXPECT_NEAR(pole.height_m, 3, 1e-4);
+}
+
+TEST(LocalLevel, ItsAxesLeadEastNorthAndUp) {
+  constexpr double kStep = 1e-5;
+  const Geodetic place{0.83, 0.33, 150};
+  const Rigid3d level = ecef_from_enu(place);
+  const Geodetic again =
+      geodetic_from_ecef(level.translation().x(), level.translation().y(), level.translation().z());
+  EXPECT_NEAR(again.latitude_rad, place.latitude_rad, 1e-9);
+  EXPECT_NEAR(again.longitude_rad, place.longitude_rad, 1e-12);
+  EXPECT_NEAR(again.height_m, place.height_m, 1e-4);
+  const Geodetic moved[] = {{place.latitude_rad, place.longitude_rad + kStep, place.height_m},
+                            {place.latitude_rad + kStep, place.longitude_rad, place.height_m},
+                            {place.latitude_rad, place.longitude_rad, place.height_m + 60}};
+  for (int axis = 0; axis < 3; ++axis) {
+    const Eigen::Vector3d step =
+        level.inverse() * ecef_from_enu(moved[axis]).translation();  // about 60 m
+    EXPECT_GT(step[axis], 40);
+    EXPECT_LT((step - step.norm() * Eigen::Vector3d::Unit(axis)).norm(), 1e-3);
+  }
 }
 
 }  // namespace

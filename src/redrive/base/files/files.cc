@@ -13,6 +13,7 @@
 #include <nlohmann/json.hpp>
 
 #include "redrive/base/error.h"
+#include "redrive/base/files/file_container.h"
 #include "redrive/base/files/unfinished.h"
 #include "redrive/base/memory_limit.h"
 
@@ -103,6 +104,8 @@ int json_levels(std::string_view text) {
 }  // namespace
 
 std::string read_file(const std::filesystem::path& path, std::uint64_t most) {
+  const auto container = container_of(path);
+  if (container && container->size(path) <= most) return container->read(path, most);
   const InputFile file(path);
   // Asks for the machine's memory only where it may matter.
   if (file.size() > kMaxTextBytes) most = std::min(most, memory_bytes());
@@ -123,6 +126,7 @@ std::string read_file(const std::filesystem::path& path, std::uint64_t most) {
 }
 
 std::string read_head(const std::filesystem::path& path, std::size_t size) {
+  if (const auto container = container_of(path)) return container->read(path, size);
   const InputFile file(path);
   std::string bytes(size, '\0');
   std::size_t have = 0;

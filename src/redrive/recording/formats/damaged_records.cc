@@ -10,6 +10,7 @@
 #include "redrive/base/cpu_features.h"
 #include "redrive/base/error.h"
 #include "redrive/base/evenly_spaced.h"
+#include "redrive/base/files/file_container.h"
 #include "redrive/base/parallel.h"
 #include "redrive/base/progress.h"
 #include "redrive/image/image_head.h"
@@ -33,10 +34,9 @@ struct RecordCheck {
 };
 
 void require_content(const fs::path& file) {
-  std::error_code error;
-  const std::uintmax_t bytes = fs::file_size(file, error);
-  if (error) throw InputError(file, "", "", error.message());
-  if (bytes == 0) throw InputError(file, "", "", "the file is empty");
+  const std::optional<std::uint64_t> bytes = file_bytes(file);
+  if (!bytes) throw InputError(file, "", "", "no such file, or not readable");
+  if (*bytes == 0) throw InputError(file, "", "", "the file is empty");
 }
 
 void check_scan(const RecordingReader& reader, const FrameFile& file, bool whole) {

@@ -8,6 +8,8 @@
 #include <numbers>
 
 #include "redrive/base/error.h"
+#include "redrive/base/files/file_container.h"
+#include "redrive/base/files/files.h"
 #include "redrive/recording/core/wording.h"
 #include "redrive/recording/formats/damaged_records.h"
 
@@ -43,8 +45,20 @@ std::uintmax_t equal_bytes(std::ifstream& a, std::ifstream& b, std::uintmax_t a_
   return size;
 }
 
+/// Whether two files in a container hold the same image, equal in all bytes. Damaged ones are not.
+bool holds_same_bytes(const std::filesystem::path& a, const std::filesystem::path& b) {
+  constexpr std::size_t kHead = 1 << 14;
+  try {
+    return file_bytes(a) == file_bytes(b) && read_head(a, kHead) == read_head(b, kHead) &&
+           read_file(a, kMaxImageBytes) == read_file(b, kMaxImageBytes);
+  } catch (const InputError&) {
+    return false;
+  }
+}
+
 /// Whether two files hold the same image: compressed pixels of different images differ all over.
 bool holds_same(const std::filesystem::path& a, const std::filesystem::path& b) {
+  if (container_of(a)) return holds_same_bytes(a, b);
   std::error_code failed;
   const std::uintmax_t a_size = std::filesystem::file_size(a, failed);
   if (failed) return false;

@@ -17,13 +17,22 @@ struct TimedImages {
   std::vector<FrameFile> images;  ///< frame_id: time in ns, after join_frames the frame
 };
 
-/// Makes frames of the images whose times minus their cameras' offsets agree to 5 ms, numbered by
-/// time. A frame has the pose at the time of its earliest image minus the offset. An image at the
-/// time of another one of its camera is left out and damaged; `file` is for messages.
+/// Sets the offset of each camera: the median of the times of its images after the images of the
+/// first camera that are nearest to them. `same_trigger_ns`: images further apart do not count.
+void set_time_offsets(std::int64_t same_trigger_ns, std::vector<TimedImages>* cameras);
+
+/// Cameras fire as the laser passes them, so a trigger of all of them repeats to a millisecond, and
+/// triggers are 50 ms apart or more. A car at 15 m/s moves by 7 cm in this time.
+constexpr std::int64_t kOneFrame_ns = 5'000'000;
+
+/// Makes frames of the images whose times minus their cameras' offsets agree to `same_ns`, numbered
+/// by time. A frame has the pose at the time of its earliest image minus the offset. An image at
+/// the time of another one of its camera is left out and damaged; `file` is for messages.
 std::vector<FramePose> join_frames(const std::vector<FramePose>& poses,
                                    const std::filesystem::path& file,
                                    std::vector<TimedImages>* cameras,
-                                   std::vector<DamagedRecord>* damaged);
+                                   std::vector<DamagedRecord>* damaged,
+                                   std::int64_t same_ns = kOneFrame_ns);
 
 /// Returns the frame that is nearest in time; `frames`: at least one.
 const FramePose& nearest_frame(const std::vector<FramePose>& frames, std::int64_t t_ns);

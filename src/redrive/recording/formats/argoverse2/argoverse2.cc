@@ -10,7 +10,6 @@
 #include "redrive/base/error.h"
 #include "redrive/base/files/files.h"
 #include "redrive/recording/core/trajectory.h"
-#include "redrive/recording/core/upper_median.h"
 #include "redrive/recording/core/wording.h"
 #include "redrive/recording/formats/argoverse2/argoverse2_boxes.h"
 #include "redrive/recording/formats/argoverse2/argoverse2_scan.h"
@@ -84,33 +83,12 @@ std::vector<TimedImages> list_cameras(const fs::path& root,
   return cameras;
 }
 
-/// Median of the times of images after the images of the first camera that are nearest to `guess`
-/// before them.
-std::int64_t time_offset_of(const std::vector<FrameFile>& images,
-                            const std::vector<FrameFile>& first, std::int64_t guess_ns) {
-  std::vector<double> offsets;
-  for (const FrameFile& image : images) {
-    const std::int64_t t_ns = image.frame_id - guess_ns;
-    auto after = std::ranges::lower_bound(first, t_ns, {}, &FrameFile::frame_id);
-    if (after == first.end() ||
-        (after != first.begin() && t_ns - (after - 1)->frame_id < after->frame_id - t_ns))
-      --after;
-    if (std::abs(t_ns - after->frame_id) < kSameTrigger_ns)
-      offsets.push_back(static_cast<double>(image.frame_id - after->frame_id));
-  }
-  return offsets.empty() ? guess_ns : std::llround(upper_median(std::move(offsets)));
-}
-
 /// Adds frames, which are the images' times, and the cameras.
 void add_cameras(const fs::path& root, const std::vector<FramePose>& poses,
                  const std::map<std::string, CameraCalibration>& calibrations,
                  Recording* recording) {
   std::vector<TimedImages> cameras = list_cameras(root, calibrations, &recording->findings);
-  // Where offsets are near half a period, some images are nearer to the trigger before and some to
-  // the one after; the second pass takes the same for all.
-  for (TimedImages& camera : cameras)
-    for (int pass = 0; pass < 2 && &camera != &cameras.front(); ++pass)
-      camera.offset_ns = time_offset_of(camera.images, cameras.front().images, camera.offset_ns);
+  set_time_offsets(kSameTrigger_ns, &cameras);
   recording->frames = join_frames(poses, root / "sensors/cameras", &cameras, &recording->damaged);
   std::erase_if(recording->frames, [&](const FramePose& frame) {
     return frame.t_ns < poses.front().t_ns - kBeyondPoses_ns ||

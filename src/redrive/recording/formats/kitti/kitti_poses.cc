@@ -10,7 +10,7 @@
 #include <utility>
 
 #include "redrive/base/error.h"
-#include "redrive/math/wgs84.h"
+#include "redrive/math/local_level.h"
 #include "redrive/recording/parse/rigid_json.h"
 #include "redrive/recording/parse/text_lines.h"
 
@@ -94,21 +94,11 @@ Rigid3d pose_of_packet(const TextLine& line) {
   for (std::size_t i = 6; i < line.size(); ++i)
     line.number(i, "value " + std::to_string(i + 1), -kAnyNumber, kAnyNumber);
 
-  const Eigen::Vector3d up(std::cos(latitude_rad) * std::cos(longitude_rad),
-                           std::cos(latitude_rad) * std::sin(longitude_rad),
-                           std::sin(latitude_rad));
-  const Eigen::Vector3d east(-std::sin(longitude_rad), std::cos(longitude_rad), 0);
-  const double normal_m =  // radius of curvature of the prime vertical
-      kWgs84SemiMajor_m / std::sqrt(1 - kWgs84EccentricitySquared * up.z() * up.z());
-  Eigen::Matrix3d ecef_from_enu;
-  ecef_from_enu << east, up.cross(east), up;
-  Rigid3d ecef_from_imu = Rigid3d::Identity();
-  ecef_from_imu.translation() = (normal_m + altitude_m) * up;
-  ecef_from_imu.translation().z() -= kWgs84EccentricitySquared * normal_m * up.z();
-  ecef_from_imu.linear() = ecef_from_enu * (Eigen::AngleAxisd(yaw_rad, Eigen::Vector3d::UnitZ()) *
-                                            Eigen::AngleAxisd(pitch_rad, Eigen::Vector3d::UnitY()) *
-                                            Eigen::AngleAxisd(roll_rad, Eigen::Vector3d::UnitX()))
-                                               .toRotationMatrix();
+  Rigid3d ecef_from_imu = ecef_from_enu({latitude_rad, longitude_rad, altitude_m});
+  ecef_from_imu.linear() *= (Eigen::AngleAxisd(yaw_rad, Eigen::Vector3d::UnitZ()) *
+                             Eigen::AngleAxisd(pitch_rad, Eigen::Vector3d::UnitY()) *
+                             Eigen::AngleAxisd(roll_rad, Eigen::Vector3d::UnitX()))
+                                .toRotationMatrix();
   return ecef_from_imu;
 }
 
