@@ -4,6 +4,7 @@
 #include <cstdio>
 #include <memory>
 #include <numbers>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -11,6 +12,7 @@
 #include "redrive/align/tracks/patch.h"
 #include "redrive/base/cpu_features.h"
 #include "redrive/base/error.h"
+#include "redrive/base/files/files.h"
 #include "redrive/base/files/unfinished.h"
 #include "redrive/camera/camera.h"
 #include "redrive/camera/ray_share.h"
@@ -128,7 +130,7 @@ struct InspectOptions {
   std::vector<std::string> cameras;
   double max_damaged = kMostDamagedPercent;
   int threads = 0;
-  bool json = false, outside_files = false;
+  bool json = false, outside_files = false, write_rig = false;
 };
 
 Inspection inspect(const InspectOptions& options, ThreadPool& pool) {
@@ -277,10 +279,31 @@ std::vector<ObjectSummary> list_objects(const Recording& recording, const std::s
   return objects;
 }
 
+/// Shows the streams of a recording that needs a mapping, and the proposed one, which --write-rig
+/// writes. Returns false where it leaves open what has to be decided first.
+bool show_mapping(const InspectOptions& options, std::optional<Mapping>* mapping) {
+  *mapping = mapping_of(options.recording);
+  if (!*mapping) {
+    if (options.write_rig)
+      throw UsageError("--write-rig", "", "is for bags of ROS 2, whose topics have to be mapped");
+    return true;
+  }
+  if (options.write_rig && (*mapping)->is_there)
+    throw UsageError("--write-rig", (*mapping)->file.string(), "exists already; edit it");
+  if (!options.json) print_mapping(**mapping);
+  if (options.write_rig) write_file((*mapping)->file, (*mapping)->text);
+  if (options.write_rig && !options.json) std::printf("written to %s\n", (*mapping)->file.c_str());
+  if ((*mapping)->questions.empty()) return true;
+  if (options.json) print_json(mapping_to_json(**mapping));
+  return false;
+}
+
 int run_inspect(const InspectOptions& options) {
   const std::string &masks = options.masks, &report = options.report;
   if (!masks.empty()) require_empty_folder("--masks-out", masks);
   if (!report.empty()) require_empty_folder("--report", report);
+  std::optional<Mapping> mapping;
+  if (!show_mapping(options, &mapping)) return options.write_rig ? kExitOk : kExitBadInput;
   ThreadPool pool(options.threads > 0 ? options.threads : hardware_threads());
   Inspection result = inspect(options, pool);
   if (!options.actors.empty() && result.problems.empty())
@@ -290,7 +313,9 @@ int run_inspect(const InspectOptions& options) {
                  [&](const std::filesystem::path& made) { write_masks(made, pool, &result); });
   if (!report.empty() && result.problems.empty()) write_report(report, pool, &result);
   if (options.json) {
-    print_json(inspection_to_json(result));
+    nlohmann::ordered_json json = inspection_to_json(result);
+    if (mapping) json["mapping"] = mapping_to_json(*mapping);
+    print_json(json);
   } else {
     print_inspection(result);
   }
@@ -308,6 +333,10 @@ Action configure_inspect(CLI::App& command) {
   add_outside_files_option(command, &options->outside_files);
   add_max_damaged_option(command, &options->max_damaged);
   add_json_option(command, &options->json);
+  command.add_flag(
+      "--write-rig", options->write_rig,
+      "writes the proposed mapping of a ROS 2 bag's topics to sensors as rig.yaml into "
+      "its folder, to be edited");
   command.add_flag("--actors{all},--objects{all}", options->actors,
                    "lists annotated objects, and ones that move by the LiDAR: type, moving or "
                    "parked, boxes, metres driven, least distance, images; --actors=3,17: these "

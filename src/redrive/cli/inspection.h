@@ -11,6 +11,7 @@
 #include "redrive/edit/object_summary.h"
 #include "redrive/recording/core/recording.h"
 #include "redrive/recording/core/summary.h"
+#include "redrive/recording/formats/mapping.h"
 #include "redrive/recording/lidar/scan_structure.h"
 
 namespace redrive {
@@ -38,5 +39,8 @@ struct Inspection {
 
 nlohmann::ordered_json inspection_to_json(const Inspection& inspection);
 void print_inspection(const Inspection& inspection);
+
+nlohmann::ordered_json mapping_to_json(const Mapping& mapping);
+void print_mapping(const Mapping& mapping);
 
 }  // namespace redrive

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Findings of inspect, as JSON and as text.
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <limits>
 
 #include <nlohmann/json.hpp>
 
@@ -289,6 +291,44 @@ void print_inspection(const Inspection& result) {
   if (!result.problems.empty()) print_findings("NOT USABLE", result.problems);
   if (result.findings.empty() && result.problems.empty())
     std::printf("nothing missing, nothing odd\n");
+}
+
+nlohmann::ordered_json mapping_to_json(const Mapping& mapping) {
+  nlohmann::ordered_json streams = nlohmann::ordered_json::array(), out;
+  for (const Stream& stream : mapping.streams)
+    streams.push_back({{"name", stream.name},
+                       {"type", stream.type},
+                       {"frame", stream.frame},
+                       {"messages", stream.messages},
+                       {"rate_hz", stream.rate_hz()},
+                       {"first_ns", stream.first_ns},
+                       {"last_ns", stream.last_ns}});
+  out["file"] = mapping.file.string();
+  out["is_there"] = mapping.is_there;
+  out["proposed"] = mapping.text;
+  out["questions"] = mapping.questions;
+  out["streams"] = streams;
+  return out;
+}
+
+void print_mapping(const Mapping& mapping) {
+  std::printf("%-44s %-32s %8s %8s %9s %9s  %s\n", "topic", "type", "messages", "Hz", "first s",
+              "last s", "frame");
+  std::int64_t start_ns = std::numeric_limits<std::int64_t>::max();
+  for (const Stream& stream : mapping.streams)
+    if (stream.messages > 0) start_ns = std::min(start_ns, stream.first_ns);
+  for (const Stream& stream : mapping.streams)
+    if (stream.messages > 0)
+      std::printf("%-44s %-32s %8llu %8.2f %9.3f %9.3f  %s\n", stream.name.c_str(),
+                  stream.type.c_str(), static_cast<unsigned long long>(stream.messages),
+                  stream.rate_hz(), 1e-9 * static_cast<double>(stream.first_ns - start_ns),
+                  1e-9 * static_cast<double>(stream.last_ns - start_ns), stream.frame.c_str());
+  if (mapping.is_there)
+    std::printf("\nmapped by %s\n\n", mapping.file.c_str());
+  else
+    std::printf("\nproposed %s:\n\n%s\n", mapping.file.filename().c_str(), mapping.text.c_str());
+  if (!mapping.questions.empty()) std::printf("to decide\n");
+  for (const std::string& question : mapping.questions) std::printf("  %s\n", question.c_str());
 }
 
 }  // namespace redrive

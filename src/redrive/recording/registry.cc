@@ -11,11 +11,13 @@
 #include "redrive/recording/formats/argoverse2/argoverse2.h"
 #include "redrive/recording/formats/kitti/kitti.h"
 #include "redrive/recording/formats/kitti360/kitti360.h"
+#include "redrive/recording/formats/mapping.h"
 #include "redrive/recording/formats/nuscenes/nuscenes.h"
 #include "redrive/recording/formats/pandaset/pandaset.h"
 #include "redrive/recording/formats/photographs/colmap.h"
 #include "redrive/recording/formats/photographs/transforms.h"
 #include "redrive/recording/formats/repeated_images.h"
+#include "redrive/recording/formats/rosbag/rosbag.h"
 
 namespace redrive {
 namespace {
@@ -25,6 +27,7 @@ struct Format {
   const char* looks_for;  ///< listed by the error for an unknown folder
   bool (*looks_like)(const std::filesystem::path& root);
   Recording (*open)(const std::filesystem::path& root, PoseSource source);
+  Mapping (*mapping)(const std::filesystem::path& root) = nullptr;  ///< null: none is needed
 };
 
 // CONTRIBUTING.md says how to add one.
@@ -44,6 +47,7 @@ constexpr Format kFormats[] = {
      pandaset::open},
     {"argoverse2", "city_SE3_egovehicle.feather or calibration/egovehicle_SE3_sensor.feather",
      argoverse2::looks_like, argoverse2::open},
+    {"rosbag", "files .mcap or .db3 of ROS 2", rosbag::looks_like, rosbag::open, rosbag::mapping},
     {"blender", "transforms_train.json", transforms::looks_like_blender, transforms::open_blender},
     {"transforms", "transforms.json", transforms::looks_like, transforms::open},
     {"colmap", "cameras and images, .bin or .txt, in sparse/0, sparse or the folder itself",
@@ -56,6 +60,12 @@ std::string recording_format(const std::filesystem::path& folder) {
   const auto found = std::ranges::find_if(
       kFormats, [&](const Format& format) { return format.looks_like(folder); });
   return found == std::end(kFormats) ? "" : found->name;
+}
+
+std::optional<Mapping> mapping_of(const std::filesystem::path& root) {
+  const auto format = std::ranges::find(kFormats, recording_format(root), &Format::name);
+  if (format == std::end(kFormats) || !format->mapping) return std::nullopt;
+  return format->mapping(root);
 }
 
 namespace {

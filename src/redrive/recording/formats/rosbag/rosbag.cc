@@ -1,0 +1,269 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/recording/formats/rosbag/rosbag.h"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+
+#include "redrive/base/error.h"
+#include "redrive/base/files/files.h"
+#include "redrive/recording/core/trajectory.h"
+#include "redrive/recording/core/upper_median.h"
+#include "redrive/recording/core/wording.h"
+#include "redrive/recording/formats/frame_files.h"
+#include "redrive/recording/formats/image_size.h"
+#include "redrive/recording/formats/recording_reader.h"
+#include "redrive/recording/formats/rosbag/contents.h"
+#include "redrive/recording/formats/rosbag/pose_topics.h"
+#include "redrive/recording/formats/rosbag/rig.h"
+#include "redrive/recording/formats/timed_images.h"
+
+namespace redrive::rosbag {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::int64_t kSameImage_ns = 1'000'000;      // a car at 15 m/s moves by 1.5 cm
+constexpr std::int64_t kBeyondPoses_ns = 250'000'000;  // further from a pose a frame has none
+constexpr std::int64_t kScanToImage_ns = 100'000'000;
+
+class Reader : public RecordingReader {
+ public:
+  std::vector<LidarPoint> read_lidar(const FrameFile& file,
+                                     std::size_t* left_out = nullptr) const override {
+    return contents->read_scan(file.path, scan, body_from_lidar, left_out);
+  }
+  std::uint64_t lidar_point_count(const FrameFile& file) const override {
+    return contents->points(file.path);
+  }
+
+  std::shared_ptr<Contents> contents;
+  ScanFields scan;
+  Rigid3d body_from_lidar = Rigid3d::Identity();
+};
+
+const Topic& require_topic(const Bag& bag, const std::string& name, const std::string& field) {
+  const Topic* const topic = bag.find(name);
+  if (topic && !topic->messages.empty()) return *topic;
+  throw InputError(bag.folder() / kRigFile, field, name,
+                   topic ? "has no message in the bag" : "is no topic of the bag");
+}
+
+/// Returns rig.yaml, or the proposal where it leaves nothing open.
+Rig find_rig(const Bag& bag, const Survey& survey, std::vector<Finding>* findings) {
+  const fs::path file = bag.folder() / kRigFile;
+  if (is_there(file)) return parse_rig(read_file(file), file);
+  const Proposal proposal = propose_rig(bag, survey);
+  if (!proposal.questions.empty())
+    throw InputError(bag.folder(), "", "",
+                     "its topics leave open " + first_few(proposal.questions, 9) +
+                         "; `redrive inspect --write-rig` writes a " + kRigFile +
+                         " into its folder, to be edited");
+  findings->insert(findings->end(), proposal.findings.begin(), proposal.findings.end());
+  return proposal.rig;
+}
+
+/// Sets time offsets of cameras that are triggered together; others run freely, each image with a
+/// frame of its own.
+void set_offsets(std::vector<TimedImages>* cameras) {
+  std::vector<double> steps;
+  const std::vector<FrameFile>& first = cameras->front().images;
+  for (std::size_t i = 1; i < first.size(); ++i)
+    steps.push_back(static_cast<double>(first[i].frame_id - first[i - 1].frame_id));
+  if (steps.empty()) return;
+  set_time_offsets(std::llround(upper_median(std::move(steps)) / 2), cameras);
+  for (TimedImages& camera : *cameras) {
+    std::vector<double> apart;
+    for (const FrameFile& image : camera.images) {
+      const std::int64_t t_ns = image.frame_id - camera.offset_ns;
+      const auto after = std::ranges::lower_bound(first, t_ns, {}, &FrameFile::frame_id);
+      double least = INFINITY;
+      if (after != first.end()) least = static_cast<double>(after->frame_id - t_ns);
+      if (after != first.begin())
+        least = std::min(least, static_cast<double>(t_ns - (after - 1)->frame_id));
+      apart.push_back(least);
+    }
+    if (apart.empty() || upper_median(std::move(apart)) > double(kSameImage_ns))
+      camera.offset_ns = 0;
+  }
+}
+
+/// Takes frames out that are too far from a pose in time.
+void leave_out_unposed(const std::vector<FramePose>& poses, Recording* recording) {
+  const auto is_far = [&](const FramePose& frame) {
+    return std::abs(nearest_frame(poses, frame.t_ns).t_ns - frame.t_ns) > kBeyondPoses_ns;
+  };
+  const std::size_t count = std::erase_if(recording->frames, is_far);
+  if (count > 0)
+    recording->findings.push_back(
+        {"poses", counted(count, "time") + " of images further than 0.25 s from a pose"});
+}
+
+void add_cameras(const Rig& rig, const Survey& survey, const std::vector<FramePose>& poses,
+                 Contents* contents, Recording* recording) {
+  const Bag& bag = contents->bag();
+  std::vector<TimedImages> cameras;
+  std::map<std::string, CameraCalibration> calibrations;
+  for (const CameraTopics& camera : rig.cameras) {
+    const std::string field = "cameras." + camera.name;
+    const Topic& topic = require_topic(bag, camera.image, field + ".image");
+    if (!is_image(topic))
+      throw InputError(bag.folder() / kRigFile, field + ".image", topic.type,
+                       "is Image or CompressedImage");
+    if (!camera.intrinsics && !survey.infos.contains(camera.info))
+      throw InputError(bag.folder() / kRigFile, field + ".info", camera.info,
+                       "is no topic with a CameraInfo");
+    const auto head = survey.images.find(camera.image);
+    if (head == survey.images.end())
+      throw InputError(bag.folder(), camera.image, "", "none of its first messages can be read");
+    CameraTopics with_frame = camera;
+    if (with_frame.place.frame.empty()) with_frame.place.frame = head->second.header.frame;
+    TimedImages images{camera.name, 0, contents->add(topic, camera.name, rig.clock, recording)};
+    int width = static_cast<int>(head->second.width),
+        height = static_cast<int>(head->second.height);
+    if (is_compressed(topic) && !images.images.empty())
+      if (const auto size = image_size(images.images.front().path))
+        width = size->width, height = size->height;
+    CameraCalibration calibration =
+        calibration_of(camera, camera.intrinsics ? CameraInfo{} : survey.infos.at(camera.info),
+                       width, height, bag.folder(), &recording->findings);
+    const auto pose = place_of(with_frame.place, rig, survey.transforms);
+    if (!pose)
+      throw InputError(bag.folder() / kRigFile, field + ".frame", with_frame.place.frame,
+                       "no extrinsic: /tf_static does not lead to it from " + rig.body +
+                           "; body_from_sensor gives it");
+    calibration.body_from_sensor = *pose;
+    if (!camera.optical) {
+      Eigen::Matrix3d axes;  // axes of a camera that looks ahead
+      axes << 0, 0, 1, -1, 0, 0, 0, -1, 0;
+      calibration.body_from_sensor.linear() *= axes;
+    }
+    calibrations[camera.name] = calibration;
+    cameras.push_back(std::move(images));
+  }
+  std::erase_if(cameras, [](const TimedImages& camera) { return camera.images.empty(); });
+  if (cameras.empty()) require_cameras(*recording);
+  std::ranges::stable_sort(cameras, std::ranges::greater{},
+                           [](const TimedImages& camera) { return camera.images.size(); });
+  set_offsets(&cameras);
+  recording->frames =
+      join_frames(poses, bag.folder(), &cameras, &recording->damaged, kSameImage_ns);
+  leave_out_unposed(poses, recording);
+  const DamagedList damaged{"poses", &recording->damaged};
+  leave_out_impossible(bag.folder(), {"stamp", "position"}, &damaged, &recording->frames);
+  for (TimedImages& camera : cameras) {
+    CameraCalibration& calibration = calibrations.at(camera.camera);
+    calibration.time_offset_ns = camera.offset_ns;
+    std::vector<ImageFile> images = images_with_poses(std::move(camera.images), camera.camera,
+                                                      recording->frames, &recording->findings);
+    if (!images.empty()) recording->cameras.push_back({calibration, std::move(images)});
+  }
+  std::ranges::sort(recording->cameras, {},
+                    [](const RecordedCamera& camera) { return camera.calibration.name; });
+  require_cameras(*recording);
+}
+
+/// Adds scans by the frames that are nearest to their middles.
+void add_scans(const Rig& rig, const Survey& survey, Reader* reader, Recording* recording) {
+  for (const auto& [topic, cloud] : survey.clouds) recording->other_sensors.push_back(topic);
+  if (rig.lidar.empty()) return;
+  const Bag& bag = reader->contents->bag();
+  const Topic& topic = require_topic(bag, rig.lidar, "lidar.topic");
+  if (topic.type != "sensor_msgs/msg/PointCloud2")
+    throw InputError(bag.folder() / kRigFile, "lidar.topic", topic.type, "is PointCloud2");
+  Place place = rig.lidar_place;
+  if (place.frame.empty() && survey.clouds.contains(rig.lidar))
+    place.frame = survey.clouds.at(rig.lidar).header.frame;
+  const auto pose = place_of(place, rig, survey.transforms);
+  if (!pose)
+    throw InputError(bag.folder() / kRigFile, "lidar.frame", place.frame,
+                     "no extrinsic: /tf_static does not lead to it from " + rig.body +
+                         "; body_from_sensor gives it");
+  if (const auto cloud = survey.clouds.find(rig.lidar); cloud != survey.clouds.end())
+    for (const auto& [key, name] : {std::pair("time", rig.scan.time),
+                                    {"intensity", rig.scan.intensity},
+                                    {"ring", rig.scan.ring}})
+      if (!name.empty() && std::ranges::find(cloud->second.fields, name, &PointField::name) ==
+                               cloud->second.fields.end())
+        throw InputError(bag.folder() / kRigFile, std::string("lidar.") + key, name,
+                         "is no field of " + rig.lidar);
+  recording->body_from_lidar = reader->body_from_lidar = *pose;
+  reader->scan = rig.scan;
+  double middle_s = 0;
+  if (const auto seen = survey.scans.find(rig.lidar);
+      seen != survey.scans.end() && seen->second.time == rig.scan.time)
+    middle_s = seen->second.middle_s;
+  std::size_t without_frame = 0;
+  for (FrameFile& scan : reader->contents->add(topic, "lidar", rig.clock, recording)) {
+    const std::int64_t middle_ns = scan.frame_id + std::llround(1e9 * middle_s);
+    const FramePose& frame = nearest_frame(recording->frames, middle_ns);
+    if (std::abs(frame.t_ns - middle_ns) > kScanToImage_ns) {
+      ++without_frame;
+      continue;
+    }
+    recording->lidar_files.push_back({frame.id, std::move(scan.path)});
+  }
+  if (without_frame > 0)
+    recording->findings.push_back(
+        {"lidar", counted(without_frame, "scan") + " not used: no image within 0.1 s"});
+}
+
+}  // namespace
+
+bool looks_like(const fs::path& root) {
+  std::error_code error;
+  fs::directory_iterator it(root, error);
+  for (const fs::directory_iterator end; !error && it != end; it.increment(error))
+    if (has_extension(it->path(), {".mcap", ".db3"}) ||
+        (has_extension(it->path(), {".zstd"}) &&
+         has_extension(it->path().stem(), {".mcap", ".db3"})))
+      return true;
+  return false;
+}
+
+Recording open(const fs::path& root, PoseSource source) {
+  refuse_ground_truth(root, source);
+  Recording recording;
+  recording.root = root;
+  recording.global_frame = GlobalFrame::kArbitrary;
+  const auto bag = std::make_shared<const Bag>(root);
+  Survey seen = survey(*bag, Clock::kHeader);
+  recording.findings = bag->findings();
+  const Rig rig = find_rig(*bag, seen, &recording.findings);
+  if (rig.clock == Clock::kLog) seen = survey(*bag, Clock::kLog);
+  recording.findings.insert(recording.findings.end(), seen.findings.begin(), seen.findings.end());
+  const std::vector<FramePose> poses = read_poses(
+      *bag, require_topic(*bag, rig.poses, "poses.topic"), rig, seen.transforms, &recording);
+  const auto reader = std::make_shared<Reader>();
+  reader->contents = std::make_shared<Contents>(bag);
+  mount(root, reader->contents);
+  add_cameras(rig, seen, poses, reader->contents.get(), &recording);
+  add_scans(rig, seen, reader.get(), &recording);
+  recording.reader = reader;
+  return recording;
+}
+
+Mapping mapping(const fs::path& root) {
+  const Bag bag(root);
+  Mapping out;
+  out.file = root / kRigFile;
+  out.is_there = is_there(out.file);
+  const Survey seen = survey(bag, Clock::kHeader);
+  for (const Topic& topic : bag.topics()) {
+    Stream stream{topic.name, topic.type, "", topic.messages.size()};
+    if (!topic.messages.empty()) {
+      stream.first_ns = topic.messages.front().log_ns;
+      stream.last_ns = topic.messages.back().log_ns;
+    }
+    if (const auto frame = seen.frames.find(topic.name); frame != seen.frames.end())
+      stream.frame = frame->second;
+    out.streams.push_back(std::move(stream));
+  }
+  if (out.is_there) return out;
+  const Proposal proposal = propose_rig(bag, seen);
+  out.text = rig_text(proposal);
+  out.questions = proposal.questions;
+  return out;
+}
+
+}  // namespace redrive::rosbag
