@@ -107,7 +107,7 @@ double difference(std::span<const float> a, std::span<const float> b) {
 }
 
 Check check_gradients(const Step& found, const Step& expected) {
-  constexpr double kAllowed = 6e-3;  // of a row's largest
+  constexpr double kAllowed = 6e-3;  // share of the largest in the row
   double worst = 0;
   for (int row = 0; row < kDistanceRow; ++row) {
     double most = 0, off = 0;
