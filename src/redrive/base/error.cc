@@ -22,10 +22,17 @@ std::string usage_message(std::string_view option, std::string_view value, std::
 
 InputError::InputError(const std::filesystem::path& file, std::string_view field,
                        std::string_view value, std::string_view rule)
-    : std::runtime_error(input_message(file, field, value, rule)) {}
+    : std::runtime_error(input_message(file, field, value, rule)),
+      file(file.string()),
+      field(field),
+      value(value),
+      rule(rule) {}
 
 UsageError::UsageError(std::string_view option, std::string_view value, std::string_view rule)
-    : std::runtime_error(usage_message(option, value, rule)) {}
+    : std::runtime_error(usage_message(option, value, rule)),
+      option(option),
+      value(value),
+      rule(rule) {}
 
 IoError::IoError(const std::filesystem::path& file, std::string_view what)
     : std::runtime_error(file.string() + ": " + std::string(what)) {}

@@ -30,12 +30,14 @@ class InputError : public std::runtime_error {
   /// `value`: its value; `rule`: the expectation it breaks.
   InputError(const std::filesystem::path& file, std::string_view field, std::string_view value,
              std::string_view rule);
+  const std::string file, field, value, rule;
 };
 
 /// An option that cannot be used.
 class UsageError : public std::runtime_error {
  public:
   UsageError(std::string_view option, std::string_view value, std::string_view rule);
+  const std::string option, value, rule;
 };
 
 /// A file or folder that could not be written (disk full, permissions).

@@ -16,9 +16,9 @@
 #include "redrive/cli/command.h"
 #include "redrive/cli/frames_option.h"
 #include "redrive/cli/help.h"
+#include "redrive/cli/notes.h"
 #include "redrive/cli/output_file.h"
 #include "redrive/cli/train/training.h"
-#include "redrive/cli/without_model.h"
 #include "redrive/edit/edit_actors.h"
 #include "redrive/export/drive.h"
 #include "redrive/export/field_mesh.h"
@@ -27,6 +27,7 @@
 #include "redrive/export/write_photo_set.h"
 #include "redrive/model/method.h"
 #include "redrive/recording/core/wording.h"
+#include "redrive/recording/formats/damaged_records.h"
 #include "redrive/recording/lidar/las.h"
 #include "redrive/render/open_to_render.h"
 #include "redrive/scene/lidar/lidar_points.h"
@@ -65,15 +66,18 @@ struct Source {
 
 Source open_source(const ExportCommandOptions& options) {
   constexpr int kDownscale = 2;  // downscaling of the images that give points their colours
-  if (!is_run_folder(options.from))
-    return {false,
-            open_without_model({.folder = options.from,
-                                .downscale = kDownscale,
-                                .frames = options.frames,
-                                .poses = options.poses,
-                                .outside_files = options.outside_files,
-                                .max_damaged = options.max_damaged.value_or(kMostDamagedPercent),
-                                .whole = DamageCheck::kAll})};
+  if (!is_run_folder(options.from)) {
+    Source source{
+        false, open_without_model({.folder = options.from,
+                                   .downscale = kDownscale,
+                                   .frames = options.frames,
+                                   .poses = options.poses,
+                                   .outside_files = options.outside_files,
+                                   .max_damaged = options.max_damaged.value_or(kMostDamagedPercent),
+                                   .whole = DamageCheck::kAll})};
+    print_notes(source.run.recording);
+    return source;
+  }
   refuse_part_of_run(options);
   return {true, open_to_render(options.from, options.max_damaged)};
 }

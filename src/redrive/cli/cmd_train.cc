@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // redrive train RECORDING --out RUN [options]: every option comes from train_fields().
 #include <filesystem>
-#include <map>
 #include <memory>
 #include <optional>
 #include <utility>
@@ -31,26 +30,6 @@ struct TrainArguments {
   bool data_parallel = false;
   LiveViewOptions live;
 };
-
-std::vector<std::string> given_names(const TrainArguments& arguments) {
-  std::vector<std::string> names;
-  for (const auto& [name, values] : arguments.given) names.push_back(name);
-  return names;
-}
-
-TrainOptions parse_options(const TrainArguments& arguments) {
-  TrainOptions options;
-  parse_given(arguments.given, &options);
-  validate_fields(options);
-  apply_preset(&options, given_names(arguments));
-  if (options.recording.empty()) throw UsageError("RECORDING", "", "must name a folder");
-  std::error_code error;
-  const std::filesystem::path recording = std::filesystem::absolute(options.recording, error);
-  if (error) throw UsageError("RECORDING", options.recording, error.message());
-  options.recording = recording.lexically_normal().string();
-  validate(options);
-  return options;
-}
 
 /// Poses that replace the recording's; the run keeps a copy.
 struct ExternalPoses {
@@ -113,7 +92,7 @@ std::optional<int> train_divided(const TrainArguments& arguments, ProcessGroup& 
 
 int lead_training(const TrainArguments& arguments, ProcessGroup& processes) {
   Run run;
-  run.options = parse_options(arguments);
+  run.options = options_of_new_run(arguments.given);
   check_run_is_new(arguments.out);
   check_live_view(arguments.live);
   if (arguments.blocks.empty() && !arguments.data_parallel) check_one_process(processes);
@@ -127,9 +106,7 @@ int lead_training(const TrainArguments& arguments, ProcessGroup& processes) {
   run.recording = open_recording(run.options);
   if (!arguments.blocks.empty()) check_divisible(arguments.blocks, run.options, run.recording);
   const std::optional<ExternalPoses> poses = load_external_poses(&run, backend->pool());
-  resolve_cameras(&run.options, &run.recording);
-  resolve_bounds(&run.options, given_names(arguments), run.recording);
-  run.scene = make_scene(run.recording, scene_options(run.options));
+  make_run_scene(&run, given_names(arguments.given));
   print_notes(run.recording, run.scene);
   if (!arguments.blocks.empty())
     if (const auto code = train_divided(arguments, processes, run, poses, backend->pool()))

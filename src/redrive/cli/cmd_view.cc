@@ -11,9 +11,10 @@
 #include "redrive/cli/backend_options.h"
 #include "redrive/cli/command.h"
 #include "redrive/cli/frames_option.h"
+#include "redrive/cli/notes.h"
 #include "redrive/cli/train/training.h"
 #include "redrive/cli/view_server.h"
-#include "redrive/cli/without_model.h"
+#include "redrive/render/open_to_render.h"
 #include "redrive/train/memory.h"
 #include "redrive/view/run_watch.h"
 #include "redrive/view/traffic.h"
@@ -46,6 +47,7 @@ int run_view(const ViewOptions& options) {
                           {.folder = options.run,
                            .outside_files = options.outside_files,
                            .max_damaged = options.max_damaged.value_or(kMostDamagedPercent)}));
+  if (!is_run) print_notes(run->recording);
   const auto backend = make_backend(options.backend, run->options.method);
   std::printf("%s\n", kernels::describe(*backend).c_str());
   for (const RigCamera& rig : run->scene.rig) check_rendering_memory(*run, &rig.camera);

@@ -16,7 +16,7 @@
 #include "redrive/base/error.h"
 #include "redrive/base/files/files.h"
 #include "redrive/cli/help.h"
-#include "redrive/cli/without_model.h"
+#include "redrive/render/open_to_render.h"
 
 namespace redrive {
 namespace {

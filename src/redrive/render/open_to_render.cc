@@ -5,7 +5,11 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/memory_limit.h"
+#include "redrive/recording/core/frame_range.h"
+#include "redrive/recording/formats/damaged_records.h"
+#include "redrive/recording/formats/pose_files.h"
 #include "redrive/render/divided_field.h"
+#include "redrive/scene/load_views.h"
 #include "redrive/train/divided_run.h"
 #include "redrive/train/memory.h"
 
@@ -111,6 +115,31 @@ Run open_to_render(const fs::path& root, std::optional<double> max_damaged) {
   }
   load_actors(&run);
   correct_tracks(divided, &run.scene.actors);
+  return run;
+}
+
+bool is_run_folder(const fs::path& folder) { return fs::exists(RunPaths{folder}.config()); }
+
+Run open_without_model(const WithoutModel& from) {
+  Run run;
+  run.recording = open_recording(from.folder, from.source, from.outside_files);
+  keep_frames(parse_frame_range(from.frames), &run.recording);
+  require_few_damaged(
+      {.cameras = from.cameras, .most_percent = from.max_damaged, .whole = from.whole},
+      &run.recording);
+  if (!from.poses.empty())
+    apply_pose_files(read_pose_files(run.recording, from.poses), from.poses, &run.recording);
+  SceneOptions options;
+  options.cameras = from.cameras;
+  options.downscale = from.downscale;
+  options.shown_only = true;
+  run.scene = make_scene(run.recording, options);
+  try {
+    load_view(run.scene, run.scene.views.front());
+  } catch (const UsageError&) {  // transparent images
+    options.background = Background::kWhite;
+    run.scene = make_scene(run.recording, options);
+  }
   return run;
 }
 

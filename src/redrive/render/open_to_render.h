@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Opens a run or a divided run (train/files/blocks.h) for rendering.
+// Opens a run or a divided run (train/files/blocks.h) for rendering, or a recording in its place.
 #pragma once
 
 #include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
 
 #include "redrive/train/run.h"
 
@@ -14,5 +17,26 @@ namespace redrive {
 /// drawn, each block is opened once for its corrections of their tracks. Errors as open_run; a
 /// block that is missing or damaged is an InputError when it is needed.
 Run open_to_render(const std::filesystem::path& root, std::optional<double> max_damaged = {});
+
+/// Whether the folder is a run rather than a recording.
+bool is_run_folder(const std::filesystem::path& folder);
+
+/// What to open in place of a run.
+struct WithoutModel {
+  std::filesystem::path folder;
+  int downscale = 1;
+  std::string frames = "",
+              poses = "";  ///< recording/core/frame_range.h; a folder of pose files, or ""
+  bool outside_files = false;
+  double max_damaged = kMostDamagedPercent;
+  std::size_t whole = 0;                  ///< DamageCheck::whole
+  std::vector<std::string> cameras = {};  ///< empty: all
+  PoseSource source = PoseSource::kRecorded;
+};
+
+/// Returns a recording, with its poses replaced and without damaged records, as a run without a
+/// model, over white where its images are transparent. Throws InputError as open_recording and
+/// apply_pose_files, UsageError as make_scene.
+Run open_without_model(const WithoutModel& from);
 
 }  // namespace redrive

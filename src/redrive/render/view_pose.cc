@@ -2,10 +2,13 @@
 #include "redrive/render/view_pose.h"
 
 #include <algorithm>
+#include <charconv>
+#include <cmath>
 #include <string>
 
 #include "redrive/base/did_you_mean.h"
 #include "redrive/base/error.h"
+#include "redrive/math/angles.h"
 #include "redrive/math/wgs84.h"
 
 namespace redrive {
@@ -32,6 +35,11 @@ const FramePose* find_frame(const Scene& scene, std::int64_t id) {
 }
 
 }  // namespace
+
+std::optional<std::int64_t> time_of_frame(const Scene& scene, std::int64_t frame_id) {
+  const FramePose* const frame = find_frame(scene, frame_id);
+  return frame ? std::optional(frame->t_ns) : std::nullopt;
+}
 
 Exposure exposure_at(const Scene& scene, const std::string& camera, std::int64_t frame_id) {
   const int index = scene.camera_index(camera);
@@ -106,6 +114,64 @@ Rigid3d turned_sensor(const Rigid3d& body_from_sensor, double yaw_rad, double pi
                     body_from_sensor.linear() *
                     Eigen::AngleAxisd(pitch_rad, Eigen::Vector3d::UnitX()).toRotationMatrix();
   return turned;
+}
+
+Rigid3d moved_camera(const Scene& scene, const Rigid3d& body_from_camera, std::int64_t t_ns,
+                     const SensorShift& shift) {
+  return shifted_camera(scene.global_from_world, scene.world_from_body(t_ns),
+                        turned_sensor(body_from_camera, kRadiansPerDegree * shift.yaw_deg,
+                                      kRadiansPerDegree * shift.pitch_deg),
+                        shift.axes, shift.shift_m);
+}
+
+std::vector<Rigid3d> moved_camera_during(const Scene& scene, const RigCamera& camera,
+                                         std::int64_t exposed_ns, const SensorShift& shift) {
+  const int keys = camera.readout_ns == 0 ? 1 : ShutterPoses::kKeys;
+  std::vector<Rigid3d> poses;
+  for (int key = 0; key < keys; ++key) {
+    const double part = keys == 1 ? 0 : key / (keys - 1.0) - 0.5;
+    poses.push_back(moved_camera(
+        scene, camera.body_from_sensor,
+        exposed_ns + std::llround(part * static_cast<double>(camera.readout_ns)), shift));
+  }
+  return poses;
+}
+
+ShiftAxes shift_axes(const std::string& name, const Recording& recording) {
+  const std::optional<ShiftAxes> axes = shift_axes_from_name(name);
+  if (!axes) throw UsageError("--axes", name, "must be body, camera or local");
+  if (*axes == ShiftAxes::kLocal && recording.global_frame != GlobalFrame::kEcef)
+    throw UsageError("--axes", name,
+                     "needs a recording whose poses are in ECEF; use body or camera");
+  return *axes;
+}
+
+std::int64_t parse_frame(const char* option, const std::string& text) {
+  std::int64_t id = -1;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), id);
+  if (error != std::errc{} || end != text.data() + text.size() || id < 0)
+    throw UsageError(option, text, "must be a frame id, a whole number from 0");
+  return id;
+}
+
+std::optional<Exposure> chosen_exposure(const std::string& exposure, const Scene& scene) {
+  if (exposure == "own") return std::nullopt;
+  if (exposure == "none") return Exposure{};
+  const std::size_t colon = exposure.find(':');
+  const auto fail = [&](const std::string& rule) -> void {
+    throw UsageError("--exposure", exposure, rule);
+  };
+  if (colon == std::string::npos) fail("must be own, none or CAMERA:FRAME");
+  const Exposure chosen = exposure_at(scene, exposure.substr(0, colon),
+                                      parse_frame("--exposure", exposure.substr(colon + 1)));
+  if (chosen.camera < 0) fail("the run has no such camera or the recording no such frame");
+  return chosen;
+}
+
+Exposure exposure_of(const std::string& exposure, const Scene& scene, const std::string& camera,
+                     std::int64_t frame) {
+  const std::optional<Exposure> chosen = chosen_exposure(exposure, scene);
+  return chosen ? *chosen : exposure_at(scene, camera, frame);
 }
 
 std::optional<RigCamera> mounted_camera(const Mount& mount, const Lens& lens, const Scene& scene) {

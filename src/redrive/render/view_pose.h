@@ -24,6 +24,10 @@ enum class ShiftAxes {
 std::optional<ShiftAxes> shift_axes_from_name(
     std::string_view name);  ///< "body", "camera", "local"
 
+/// Returns the time of a frame of the recording, even of one that the run left out; nothing if
+/// there is no such pose.
+std::optional<std::int64_t> time_of_frame(const Scene& scene, std::int64_t frame_id);
+
 /// Returns world_from_body when `camera` exposes its image of a frame of the recording
 /// (RigCamera::time_offset_ns after the frame's time), even of a frame that the run left out;
 /// nothing if there is no such pose.
@@ -55,6 +59,36 @@ Eigen::Vector3d up_in_world(const Scene& scene);
 Rigid3d shifted_camera(const Rigid3d& global_from_world, const Rigid3d& world_from_body,
                        const Rigid3d& body_from_sensor, ShiftAxes axes,
                        const Eigen::Vector3d& shift_m);
+
+/// How a sensor is moved from its place on the body.
+struct SensorShift {
+  Eigen::Vector3d shift_m = Eigen::Vector3d::Zero();
+  ShiftAxes axes = ShiftAxes::kBody;
+  double yaw_deg = 0, pitch_deg = 0;  ///< turned_sensor
+};
+
+/// Returns world_from_camera of a moved camera at a time. UsageError as shifted_camera.
+Rigid3d moved_camera(const Scene& scene, const Rigid3d& body_from_camera, std::int64_t t_ns,
+                     const SensorShift& shift);
+
+/// Returns the same while a camera's rows are exposed, the middle one at a time: one pose for a
+/// global shutter, else ShutterPoses::kKeys.
+std::vector<Rigid3d> moved_camera_during(const Scene& scene, const RigCamera& camera,
+                                         std::int64_t exposed_ns, const SensorShift& shift);
+
+/// Returns the axes of that name. UsageError where there are none, and for kLocal where the
+/// recording's poses are not in ECEF.
+ShiftAxes shift_axes(const std::string& name, const Recording& recording);
+
+/// Parses a decimal frame id, with or without leading zeros. UsageError naming `option`.
+std::int64_t parse_frame(const char* option, const std::string& text);
+
+/// Returns the exposure that --exposure asks for: none, or CAMERA:FRAME; nothing for "own".
+/// UsageError.
+std::optional<Exposure> chosen_exposure(const std::string& exposure, const Scene& scene);
+/// Resolves --exposure for a view of `camera` at `frame`. UsageError.
+Exposure exposure_of(const std::string& exposure, const Scene& scene, const std::string& camera,
+                     std::int64_t frame);
 
 /// Returns body_from_sensor turned about the camera's centre: by yaw about the body's z axis,
 /// positive to the left, then by pitch about the camera's x axis, positive upwards.

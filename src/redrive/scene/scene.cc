@@ -208,7 +208,7 @@ Rigid3d Scene::world_from_body(const View& view, Poses which) const {
 }
 
 std::vector<Rigid3d> Scene::body_during(const View& view, Poses which) const {
-  constexpr int kKeys = 9;  // rows of a readout of 30 ms have one every 4 ms
+  constexpr int kKeys = ShutterPoses::kKeys;
   const std::int64_t readout_ns = rig[view.camera].readout_ns;
   if (readout_ns == 0) return {world_from_body(view, which)};
   std::vector<Rigid3d> keys;

@@ -28,6 +28,9 @@ class ShutterPoses {
     std::shared_ptr<const ActorBody> imported = nullptr;  ///< MovingObject::imported
   };
 
+  /// Number of keys of a rolling shutter: rows of a readout of 30 ms have one every 4 ms.
+  static constexpr int kKeys = 9;
+
   ShutterPoses(const Rigid3d& pose) : keys_{plain(pose)} {}  // NOLINT: most images have one pose
   /// `keys`: at evenly spaced times from the upper edge of the image to the lower one; at least
   /// one.

@@ -137,6 +137,27 @@ void write_config(const RunPaths& paths, const TrainOptions& options, Trainee* m
   write_file(paths.config(), json.dump(2) + "\n");
 }
 
+std::unique_ptr<kernels::Backend> make_backend(kernels::BackendChoice choice,
+                                               const std::string& method) {
+  choice.marches_rays = !find_method(method)->rasterises;
+  std::unique_ptr<kernels::Backend> backend = kernels::make_backend(choice);
+  if (choice.marches_rays && !backend->marches_rays())
+    throw UsageError("--backend", choice.name,
+                     "does not compute method " + method + ", which processors do: --backend cpu");
+  return backend;
+}
+
+std::unique_ptr<kernels::Backend> make_backend(const TrainOptions& options) {
+  return make_backend({options.backend, options.isa, options.threads, options.device},
+                      options.method);
+}
+
+void make_run_scene(Run* run, const std::vector<std::string>& given) {
+  resolve_cameras(&run->options, &run->recording);
+  resolve_bounds(&run->options, given, run->recording);
+  run->scene = make_scene(run->recording, scene_options(run->options));
+}
+
 std::unique_ptr<Trainee> make_run_model(const TrainOptions& options, const Scene& scene) {
   auto model = make_model(options.method);
   model->configure(scene);

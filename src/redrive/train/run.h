@@ -10,6 +10,7 @@
 #include <string_view>
 #include <vector>
 
+#include "redrive/kernels/backend.h"
 #include "redrive/scene/moving_objects.h"
 #include "redrive/train/files/blocks.h"
 #include "redrive/train/files/options.h"
@@ -77,6 +78,15 @@ void load_actors(Run* run, const std::vector<MovingObject>& found);
 /// InputError as read_moving_file, and if the masks of a block (train/files/blocks.h) did not come
 /// with it.
 void load_actors(Run* run);
+/// Makes the backend for a method. UsageError: as kernels::make_backend, or it does not compute the
+/// method.
+std::unique_ptr<kernels::Backend> make_backend(kernels::BackendChoice choice,
+                                               const std::string& method);
+/// Returns the backend that the options choose. UsageError.
+std::unique_ptr<kernels::Backend> make_backend(const TrainOptions& options);
+/// Resolves options of a new run that depend on run->recording (resolve_cameras, resolve_bounds),
+/// and makes its scene. `given`: names of the options that were given.
+void make_run_scene(Run* run, const std::vector<std::string>& given);
 /// Returns the model of options and scene, without parameters.
 std::unique_ptr<Trainee> make_run_model(const TrainOptions& options, const Scene& scene);
 /// Returns the state that a run starts from.

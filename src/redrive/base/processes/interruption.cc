@@ -4,6 +4,7 @@
 #include <signal.h>
 #include <unistd.h>
 
+#include <mutex>
 #include <string_view>
 
 #include "redrive/base/error.h"
@@ -52,6 +53,37 @@ const std::atomic<bool>& stop_on_signal() {
 }
 
 void request_stop() { stop = true; }
+
+namespace {
+
+std::mutex lending;
+int calls = 0, lookers = 0;
+struct sigaction lender {};
+
+}  // namespace
+
+InterruptibleCall::InterruptibleCall(bool looks) : looks_(looks) {
+  const std::lock_guard lock(lending);
+  lookers += looks;
+  caller_looks = lookers > 0;
+  if (calls++ > 0) return;
+  stop = false;
+  struct sigaction action {};
+  action.sa_handler = [](int) { stop = true; };
+  action.sa_flags = SA_RESTART;
+  sigaction(SIGINT, &action, &lender);
+}
+
+InterruptibleCall::~InterruptibleCall() {
+  const std::lock_guard lock(lending);
+  lookers -= looks_;
+  caller_looks = lookers > 0;
+  if (--calls > 0) return;
+  sigaction(SIGINT, &lender, nullptr);
+  if (stop.exchange(false)) ::raise(SIGINT);
+}
+
+const std::atomic<bool>& InterruptibleCall::came() { return stop; }
 
 void check_interruption() {
   if (!stop.load(std::memory_order_relaxed) || caller_looks) return;

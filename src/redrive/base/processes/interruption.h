@@ -20,6 +20,23 @@ const std::atomic<bool>& stop_on_signal();
 /// Sets that flag as a signal would.
 void request_stop();
 
+/// Lends SIGINT to a call from a program with a handler of its own, such as Python's: while it
+/// lives, Ctrl-C sets a flag, which check_interruption turns into Interrupted, or with `looks` the
+/// caller looks at. The last one that ends gives the signal back, and raises it again if it came.
+/// Calls from several threads may overlap: all of them are interrupted.
+class InterruptibleCall {
+ public:
+  explicit InterruptibleCall(bool looks = false);
+  ~InterruptibleCall();
+  InterruptibleCall(const InterruptibleCall&) = delete;
+  InterruptibleCall& operator=(const InterruptibleCall&) = delete;
+
+  static const std::atomic<bool>& came();  ///< the flag
+
+ private:
+  bool looks_;
+};
+
 /// Throws Interrupted if a signal came, unless stop_on_signal was called. ThreadPool calls it
 /// before each chunk.
 void check_interruption();

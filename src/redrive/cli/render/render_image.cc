@@ -16,10 +16,8 @@
 #include "redrive/cli/render/render_options.h"
 #include "redrive/image/exr.h"
 #include "redrive/image/image_io.h"
-#include "redrive/math/angles.h"
 #include "redrive/render/normals.h"
-#include "redrive/render/renderer.h"
-#include "redrive/train/memory.h"
+#include "redrive/render/run_renderer.h"
 
 namespace redrive {
 namespace {
@@ -100,26 +98,20 @@ void write_images(const RenderImageOptions& options, const RenderedImage& image,
 
 int run_render_image(const RenderImageOptions& options) {
   const std::int64_t frame = parse_frame("--frame", options.frame);
-  const Eigen::Vector3d shift_m = parse_translation(options.translate);
+  parse_translation(options.translate);  // checks it before the run is opened
   check_image_outputs(options);
-  const Run run = open_edited_run(options);
-  const RigCamera camera = chosen_camera(options, run.scene);
-  const auto pose = world_from_body(run.scene, frame, camera);
-  if (!pose) no_such_frame(options.frame, run);
-  const ShiftAxes axes = shift_axes(options, run);
-  const Rigid3d world_from_camera =
-      shifted_camera(run.scene.global_from_world, *pose,
-                     turned_sensor(camera.body_from_sensor, kRadiansPerDegree * options.yaw_deg,
-                                   kRadiansPerDegree * options.pitch_deg),
-                     axes, shift_m);
-  const auto backend = make_backend(options.backend, run.options.method);
-  std::printf("%s\n", kernels::describe(*backend).c_str());
-  check_rendering_memory(run, &camera.camera);
-  const RayTable rays = make_ray_table(camera.camera, backend->pool());
-  const RenderedImage image = render_image(
-      *backend, *run.field(), rays, posed_at_frame(run.scene, camera, world_from_camera, frame),
-      exposure_of(options.exposure, run, camera.name, frame));
-  write_images(options, image, rays);
+  RunRenderer renderer(std::make_shared<const Run>(open_edited_run(options)), options.backend);
+  const Run& run = renderer.run();
+  ImageRequest request{chosen_camera(options, run.scene)};
+  const auto frame_ns = time_of_frame(run.scene, frame);
+  if (!frame_ns) no_such_frame(options.frame, run);
+  request.exposed_ns = *frame_ns + request.camera.time_offset_ns;
+  request.world_from_camera = {moved_camera(run.scene, request.camera.body_from_sensor,
+                                            request.exposed_ns, sensor_shift(options, run))};
+  request.exposure = exposure_of(options.exposure, run.scene, request.camera.name, frame);
+  std::printf("%s\n", kernels::describe(renderer.backend()).c_str());
+  const RenderedImage image = renderer.image(request);
+  write_images(options, image, *renderer.rays(request.camera.camera));
   return kExitOk;
 }
 

@@ -3,7 +3,6 @@
 // folder.
 #include <algorithm>
 #include <cctype>
-#include <charconv>
 #include <cstdio>
 #include <filesystem>
 #include <memory>
@@ -19,13 +18,11 @@
 #include "redrive/cli/output_file.h"
 #include "redrive/cli/render/render_options.h"
 #include "redrive/cli/train/training.h"
-#include "redrive/math/angles.h"
 #include "redrive/recording/formats/kitti/kitti_write.h"
 #include "redrive/recording/formats/nuscenes/nuscenes_scan.h"
 #include "redrive/recording/lidar/las.h"
 #include "redrive/recording/lidar/scan_files.h"
-#include "redrive/render/lidar_scan.h"
-#include "redrive/render/recorded_lidar.h"
+#include "redrive/render/lidar_request.h"
 
 namespace redrive {
 namespace {
@@ -33,13 +30,8 @@ namespace {
 namespace fs = std::filesystem;
 
 struct RenderLidarOptions : MovedSensorOptions {
-  std::string sensor = "recorded", mount, range, points_in = "sensor";
-  std::optional<int> azimuth_steps;   ///< firings in a turn; nothing: the sensor's own
-  std::optional<double> rate_hz;      ///< likewise
-  std::optional<std::uint64_t> seed;  ///< nothing: returns are not drawn
+  LidarOptions lidar;
 };
-
-constexpr double kMaxLidarRange_m = 1e4;
 
 /// A point file format, by the end of its name.
 struct ScanFormat {
@@ -65,93 +57,6 @@ const ScanFormat* scan_format(const RenderLidarOptions& options) {
         "--out", options.out,
         "must end in .las, .pcd, .ply, .bin or .pcd.bin, or be a folder for all frames");
   return nullptr;
-}
-
-void parse_range(const std::string& text, ScanOptions* scan) {
-  const char* const end = text.data() + text.size();
-  const auto [colon, error] = std::from_chars(text.data(), end, scan->min_range_m);
-  bool valid = error == std::errc{} && colon != end && *colon == ':';
-  if (valid) {
-    const auto [last, failed] = std::from_chars(colon + 1, end, scan->max_range_m);
-    valid = failed == std::errc{} && last == end;
-  }
-  if (!valid || !(scan->min_range_m >= 0 && scan->min_range_m < scan->max_range_m &&
-                  scan->max_range_m <= kMaxLidarRange_m))
-    throw UsageError("--range", text, "must be MIN:MAX in metres, 0 <= MIN < MAX <= 1e4");
-}
-
-/// The request of --sensor.
-struct LidarRequest {
-  bool recorded = false;              ///< the recorded revolutions
-  std::optional<LidarSensor> sensor;  ///< nothing: the recording's, to be estimated
-  std::optional<Mount> mount;
-  ScanOptions scan;
-
-  bool is_of_recording() const { return recorded || !sensor; }
-};
-
-/// Checks the options before the run is opened.
-LidarRequest lidar_request(const RenderLidarOptions& options) {
-  LidarRequest request;
-  request.recorded = options.sensor == "recorded";
-  if (!request.recorded && options.sensor != "estimated") {
-    request.sensor = parse_lidar_sensor(options.sensor);
-    if (!request.sensor) throw UsageError("--sensor", options.sensor, lidar_sensor_rule());
-  }
-  const bool turns = !request.recorded && !(request.sensor && request.sensor->beams.empty());
-  if (!turns && (options.azimuth_steps || options.rate_hz))
-    throw UsageError("--sensor", options.sensor,
-                     "has its own --azimuth-steps and --rate: leave them out");
-  if (!options.mount.empty()) request.mount = parsed_mount(options.mount);
-  if (!options.range.empty()) parse_range(options.range, &request.scan);
-  request.scan.seed = options.seed;
-  request.scan.axes = options.points_in == "sensor" ? PointAxes::kSensor
-                      : options.points_in == "body" ? PointAxes::kBody
-                                                    : PointAxes::kWorld;
-  return request;
-}
-
-/// Estimates the recording's LiDAR where it is requested, and applies the options of a sensor.
-void complete_sensor(const RenderLidarOptions& options, const Run& run, LidarRequest* request) {
-  if (request->recorded) return;
-  if (!request->sensor) {
-    std::string why;
-    const auto found = recorded_structure(run.recording, &why);
-    if (found) why = misfit(*found).value_or("");
-    if (!why.empty()) throw UsageError("--sensor", options.sensor, "cannot be estimated: " + why);
-    request->sensor = found->sensor;
-    std::printf("estimated: %zu beams, %d steps a turn, %.2f Hz\n", found->sensor.beams.size(),
-                found->sensor.azimuth_steps, found->sensor.rate_hz);
-  }
-  LidarSensor& sensor = *request->sensor;
-  sensor.azimuth_steps = options.azimuth_steps.value_or(sensor.azimuth_steps);
-  sensor.rate_hz = options.rate_hz.value_or(sensor.rate_hz);
-  if (options.range.empty()) {
-    request->scan.min_range_m = sensor.min_range_m;
-    request->scan.max_range_m = sensor.max_range_m;
-  }
-}
-
-SensorMotion sensor_motion(const RenderLidarOptions& options, const LidarRequest& request,
-                           const Run& run) {
-  if (!run.recording.metric)
-    throw UsageError("RUN", options.run,
-                     "must be of a drive: photographs have neither metres nor times");
-  if (!run.recording.body_from_lidar && (!request.mount || request.is_of_recording()))
-    throw UsageError("--sensor", options.sensor,
-                     request.is_of_recording() ? "the recording has no LiDAR"
-                                               : "needs --mount: the recording has no LiDAR");
-  SensorMotion motion{run.scene};
-  motion.axes = shift_axes(options, run);
-  motion.shift_m = parse_translation(options.translate);
-  const Rigid3d camera_from_lidar = camera_from_lidar_axes();
-  const Rigid3d body_from_camera =
-      request.mount ? request.mount->body_from_sensor()
-                    : *run.recording.body_from_lidar * camera_from_lidar.inverse(Eigen::Isometry);
-  motion.body_from_sensor = turned_sensor(body_from_camera, kRadiansPerDegree * options.yaw_deg,
-                                          kRadiansPerDegree * options.pitch_deg) *
-                            camera_from_lidar;
-  return motion;
 }
 
 /// Counts of all scans.
@@ -196,7 +101,7 @@ class KittiFolder {
 /// UsageError if no ray has a return: the file would be empty.
 void require_points(const ScanCounts& counts, const RenderLidarOptions& options) {
   if (counts.points == 0)
-    throw UsageError("--sensor", options.sensor,
+    throw UsageError("--sensor", options.lidar.sensor,
                      "has no return: of " + std::to_string(counts.rays) + " rays " +
                          std::to_string(counts.lost) + " are lost and " +
                          std::to_string(counts.out_of_range) + " end out of --range");
@@ -214,7 +119,7 @@ int run_render_lidar(const RenderLidarOptions& options) {
     check_output_file("--out", out, options.force);
   else
     check_output_folder("--out", out, options.force);
-  LidarRequest request = lidar_request(options);
+  LidarRequest request = parse_lidar_request(options.lidar);
   const std::int64_t wanted = format ? parse_frame("--frame", options.frame) : -1;
 
   const Run run = open_edited_run(options);
@@ -222,15 +127,16 @@ int run_render_lidar(const RenderLidarOptions& options) {
   if (!format && last_id >= kitti::kMaxTimes)
     throw InputError(run.recording.root, "frame id", std::to_string(last_id),
                      "KITTI has files of a line for every number; a million fit");
-  const SensorMotion motion = sensor_motion(options, request, run);
-  complete_sensor(options, run, &request);
+  const SensorMotion motion =
+      sensor_motion(request, run.recording, run.scene, sensor_shift(options, run));
+  if (complete_sensor(run.recording, &request))
+    std::printf("estimated: %zu beams, %d steps a turn, %.2f Hz\n", request.sensor->beams.size(),
+                request.sensor->azimuth_steps, request.sensor->rate_hz);
   const auto backend = make_backend(options.backend, run.options.method);
   std::printf("%s\n", kernels::describe(*backend).c_str());
   ScanCounts counts;
-  /// Nothing where the recording has no revolution for a frame.
-  const auto firings_of = [&](std::int64_t id, std::int64_t t_ns) {
-    return request.sensor ? std::optional(request.sensor->revolution(t_ns))
-                          : recorded_firings(run.recording, run.scene, id, backend->pool());
+  const auto firings_at = [&](std::int64_t id, std::int64_t t_ns) {
+    return firings_of(request, run.recording, run.scene, id, t_ns, backend->pool());
   };
   const auto scan_of = [&](const LidarFirings& firings) {
     LidarScan scan = render_scan(*backend, *run.field(), firings, motion, request.scan);
@@ -240,7 +146,7 @@ int run_render_lidar(const RenderLidarOptions& options) {
   if (format) {
     const auto frame = std::ranges::find(run.recording.frames, wanted, &FramePose::id);
     if (frame == run.recording.frames.end()) no_such_frame(options.frame, run);
-    const auto firings = firings_of(frame->id, frame->t_ns);
+    const auto firings = firings_at(frame->id, frame->t_ns);
     if (!firings)
       throw UsageError("--frame", options.frame, "the run has no LiDAR revolution of this frame");
     const LidarScan scan = scan_of(*firings);
@@ -254,14 +160,14 @@ int run_render_lidar(const RenderLidarOptions& options) {
       KittiFolder files(folder);
       for (const Frame& frame : run.scene.frames) {
         if (stop) throw Interrupted();
-        if (const auto firings = firings_of(frame.id, frame.t_ns)) {
+        if (const auto firings = firings_at(frame.id, frame.t_ns)) {
           files.add(frame.id, frame.t_ns, *firings, scan_of(*firings));
           ++scans;
         }
         progress.count();
       }
       if (scans == 0)
-        throw UsageError("--sensor", options.sensor, "the run has no LiDAR revolution");
+        throw UsageError("--sensor", options.lidar.sensor, "the run has no LiDAR revolution");
       require_points(counts, options);
       files.finish();
     });
@@ -279,30 +185,32 @@ Action configure_render_lidar(CLI::App& command) {
   auto options = std::make_shared<RenderLidarOptions>();
   add_run_option(command, &options->run);
   command
-      .add_option("--sensor", options->sensor,
+      .add_option("--sensor", options->lidar.sensor,
                   "recorded (the rays of the recording's own revolution that returned), estimated "
                   "(the recording's beams, all rays), " +
                       known_lidar_names() +
                       ", N beams as usual sensors have them, N:MIN:MAX (from MIN to MAX degrees of "
                       "elevation) or elevations E1,E2,..")
       ->capture_default_str();
-  add_mount_option(command, &options->mount, "the LiDAR")->default_str("the recording's");
+  add_mount_option(command, &options->lidar.mount, "the LiDAR")->default_str("the recording's");
   command
-      .add_option("--azimuth-steps", options->azimuth_steps, "firings of a beam in a revolution")
+      .add_option("--azimuth-steps", options->lidar.azimuth_steps,
+                  "firings of a beam in a revolution")
       ->check(within("--azimuth-steps", 1, 36000))
       ->default_str("the sensor's, or " + std::to_string(LidarSensor().azimuth_steps));
-  command.add_option("--rate", options->rate_hz, "revolutions a second")
+  command.add_option("--rate", options->lidar.rate_hz, "revolutions a second")
       ->check(within("--rate", 0.1, 1000.0))
       ->default_str("the sensor's, or " + number_text(LidarSensor().rate_hz));
-  command.add_option("--range", options->range, "MIN:MAX metres: returns outside are dropped")
+  command
+      .add_option("--range", options->lidar.range, "MIN:MAX metres: returns outside are dropped")
       ->default_str("the sensor's, or 0.5:200");
   command
       .add_option(
-          "--seed", options->seed,
+          "--seed", options->lidar.seed,
           "draw which rays return by their probabilities; otherwise those of 0.5 or more do")
       ->default_str("not drawn");
   command
-      .add_option("--points-in", options->points_in,
+      .add_option("--points-in", options->lidar.points_in,
                   "axes of the points: sensor or body (those at the time of each point), or world "
                   "(of the scene, motion compensated)")
       ->check(one_of("--points-in", {"sensor", "body", "world"}))

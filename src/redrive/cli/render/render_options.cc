@@ -10,8 +10,8 @@
 #include "redrive/cli/backend_options.h"
 #include "redrive/cli/frames_option.h"
 #include "redrive/cli/help.h"
-#include "redrive/edit/edit_actors.h"
 #include "redrive/render/open_to_render.h"
+#include "redrive/render/run_renderer.h"
 
 namespace redrive {
 
@@ -79,40 +79,9 @@ Run open_edited_run(const RenderOptions& options) {
   std::optional<TrafficEdit> edit;
   if (!options.edit.empty()) edit = read_traffic_edit(options.edit);
   Run run = open_to_render(options.run, options.max_damaged);
-  if (edit) check_added(*edit, run.field()->draws_actors());
-  if (edit)
-    for (const std::string& remark : edit_actors(*edit, &run.scene))
-      std::printf("%s: %s\n", options.edit.c_str(), remark.c_str());
-  select_actors(options.actors, &run.scene);
+  for (const std::string& remark : change_traffic(*run.field(), edit, options.actors, &run.scene))
+    std::printf("%s: %s\n", options.edit.c_str(), remark.c_str());
   return run;
-}
-
-std::optional<Exposure> chosen_exposure(const std::string& exposure, const Run& run) {
-  if (exposure == "own") return std::nullopt;
-  if (exposure == "none") return Exposure{};
-  const std::size_t colon = exposure.find(':');
-  const auto fail = [&](const std::string& rule) -> void {
-    throw UsageError("--exposure", exposure, rule);
-  };
-  if (colon == std::string::npos) fail("must be own, none or CAMERA:FRAME");
-  const Exposure chosen = exposure_at(run.scene, exposure.substr(0, colon),
-                                      parse_frame("--exposure", exposure.substr(colon + 1)));
-  if (chosen.camera < 0) fail("the run has no such camera or the recording no such frame");
-  return chosen;
-}
-
-Exposure exposure_of(const std::string& exposure, const Run& run, const std::string& camera,
-                     std::int64_t frame) {
-  const std::optional<Exposure> chosen = chosen_exposure(exposure, run);
-  return chosen ? *chosen : exposure_at(run.scene, camera, frame);
-}
-
-std::int64_t parse_frame(const char* option, const std::string& text) {
-  std::int64_t id = -1;
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), id);
-  if (error != std::errc{} || end != text.data() + text.size() || id < 0)
-    throw UsageError(option, text, "must be a frame id, a whole number from 0");
-  return id;
 }
 
 Eigen::Vector3d parse_translation(const std::string& text) {
@@ -130,12 +99,9 @@ Eigen::Vector3d parse_translation(const std::string& text) {
   return shift_m;
 }
 
-ShiftAxes shift_axes(const MovedSensorOptions& options, const Run& run) {
-  const ShiftAxes axes = *shift_axes_from_name(options.axes);
-  if (axes == ShiftAxes::kLocal && run.recording.global_frame != GlobalFrame::kEcef)
-    throw UsageError("--axes", options.axes,
-                     "needs a recording whose poses are in ECEF; use body or camera");
-  return axes;
+SensorShift sensor_shift(const MovedSensorOptions& options, const Run& run) {
+  return {parse_translation(options.translate), shift_axes(options.axes, run.recording),
+          options.yaw_deg, options.pitch_deg};
 }
 
 void no_such_frame(const std::string& frame, const Run& run) {

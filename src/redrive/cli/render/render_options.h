@@ -48,21 +48,11 @@ Mount parsed_mount(const std::string& text);
 /// UsageError, InputError.
 Run open_edited_run(const RenderOptions& options);
 
-/// Returns the exposure that --exposure asks for; nothing for `own`. UsageError.
-std::optional<Exposure> chosen_exposure(const std::string& exposure, const Run& run);
-
-/// Resolves --exposure for a view of `camera` at `frame`. UsageError.
-Exposure exposure_of(const std::string& exposure, const Run& run, const std::string& camera,
-                     std::int64_t frame);
-
-/// Parses a decimal frame id, with or without leading zeros. UsageError.
-std::int64_t parse_frame(const char* option, const std::string& text);
-
 /// Parses the value of --translate. UsageError.
 Eigen::Vector3d parse_translation(const std::string& text);
 
-/// Returns the axes that --axes names. UsageError where the recording has none of that kind.
-ShiftAxes shift_axes(const MovedSensorOptions& options, const Run& run);
+/// Returns --translate, --axes, --yaw and --pitch. UsageError.
+SensorShift sensor_shift(const MovedSensorOptions& options, const Run& run);
 
 /// Throws UsageError for a frame that the recording does not have.
 [[noreturn]] void no_such_frame(const std::string& frame, const Run& run);

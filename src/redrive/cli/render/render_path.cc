@@ -96,7 +96,7 @@ int run_render_path(const RenderPathOptions& options) {
   const bool own_lens = path.camera.empty();
   const int camera = std::max(0, run.scene.camera_index(path.camera));
   const Exposure exposure =
-      chosen_exposure(options.exposure, run).value_or(path_exposure(path, run.scene, camera));
+      chosen_exposure(options.exposure, run.scene).value_or(path_exposure(path, run.scene, camera));
   Camera lens = own_lens ? *path.lens : run.scene.rig[camera].camera;
 
   const auto backend = make_backend(options.backend, run.options.method);

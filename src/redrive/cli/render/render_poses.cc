@@ -47,7 +47,8 @@ int run_render_poses(const RenderPosesOptions& options) {
                        requested_world_from_body(poses, i, camera, run.scene, options.relative) *
                            camera.body_from_sensor,
                        poses.views[i].frame_id));
-    exposures.push_back(exposure_of(options.exposure, run, camera.name, poses.views[i].frame_id));
+    exposures.push_back(
+        exposure_of(options.exposure, run.scene, camera.name, poses.views[i].frame_id));
   }
 
   const auto backend = make_backend(options.backend, run.options.method);

@@ -16,12 +16,6 @@
 
 namespace redrive {
 
-TrainField field_named(const std::string& name) {
-  for (const TrainField& field : train_fields())
-    if (field.name == name) return field;
-  throw std::logic_error("no training option " + name);
-}
-
 void add_field(CLI::App& command, const TrainField& field, GivenFields* given) {
   const std::string name = field.name;
   CLI::Option* option = nullptr;
@@ -38,18 +32,6 @@ void add_field(CLI::App& command, const TrainField& field, GivenFields* given) {
   }
   option->description(help_text(field));
   if (!field.group.empty()) option->group(field.group);
-}
-
-void parse_given(const GivenFields& given, TrainOptions* options) {
-  for (const auto& [name, values] : given) {
-    const TrainField field = field_named(name);
-    for (const std::string& value : values) field.parse(*options, value);
-  }
-}
-
-std::unique_ptr<kernels::Backend> make_backend(const TrainOptions& options) {
-  return make_backend({options.backend, options.isa, options.threads, options.device},
-                      options.method);
 }
 
 std::optional<std::uint64_t> check_run_memory(const Run& run, kernels::Backend& backend,

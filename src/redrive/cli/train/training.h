@@ -4,7 +4,6 @@
 #pragma once
 
 #include <atomic>
-#include <map>
 #include <memory>
 #include <string>
 #include <vector>
@@ -12,25 +11,15 @@
 #include "redrive/base/processes/interruption.h"
 #include "redrive/cli/view_server.h"
 #include "redrive/kernels/backend.h"
+#include "redrive/train/files/given_options.h"
 #include "redrive/train/trainer.h"
 #include "redrive/train/training_data.h"
 #include "redrive/view/preparation.h"
 
 namespace redrive {
 
-/// Values of training options on the command line, by name. A flag has an empty value; only fields
-/// that repeat have several.
-using GivenFields = std::map<std::string, std::vector<std::string>>;
 /// Adds an option of train_fields() to a command. `given`: must outlive the command.
 void add_field(CLI::App& command, const TrainField& field, GivenFields* given);
-/// Returns the field of this name, which must exist.
-TrainField field_named(const std::string& name);
-/// Sets the given options; rules that involve several of them are not checked.
-void parse_given(const GivenFields& given, TrainOptions* options);
-
-/// Returns the backend that the options choose. Throws UsageError.
-std::unique_ptr<kernels::Backend> make_backend(const TrainOptions& options);
-
 /// Prints how much memory the run needs and --memory allows. Returns the bytes of a cache of images
 /// (train/training_data.h) where not all fit. Throws UsageError if the run needs more than is
 /// allowed even with the smallest cache, or of the backend's device more than --gpu-memory.

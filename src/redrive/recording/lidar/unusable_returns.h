@@ -41,7 +41,7 @@ class UnusableReturns {
   void add_missing() { ++missing_; }
   /// Counts an impossible value. Throws the first one's error if there are too many.
   void add_impossible(const InputError& error) {
-    if (!first_) first_ = error;
+    if (!first_) first_.emplace(error);
     if (++impossible_ * kOneImpossibleOf > all_) throw *first_;
   }
   std::size_t count() const { return missing_ + impossible_; }
