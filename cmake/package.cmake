@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # The Debian packages (scripts/package): redrive has what src/redrive/cli installs, redrive-samples
-# the sample street, redrive-mpi the library for several processes, which alone depends on MPI.
+# the sample street, redrive-mpi the library for several processes, which alone depends on MPI,
+# python3-redrive the Python module.
 install(FILES LICENSE DESTINATION ${CMAKE_INSTALL_DOCDIR} RENAME copyright COMPONENT program)
 install(FILES README.md CHANGELOG.md DESTINATION ${CMAKE_INSTALL_DOCDIR} COMPONENT program)
 install(DIRECTORY samples/street DESTINATION ${CMAKE_INSTALL_DATADIR}/redrive/samples 
@@ -21,6 +22,23 @@ if(TARGET redrive_mpi)
   set(CPACK_DEBIAN_MPI_PACKAGE_DEPENDS "redrive (= ${PROJECT_VERSION}), openmpi-bin")
   set(CPACK_COMPONENT_MPI_DESCRIPTION "several processes of redrive by MPI
  The library that redrive loads when mpirun starts it.")
+endif()
+if(TARGET redrive_python)
+  list(APPEND CPACK_COMPONENTS_ALL python)
+  set(CPACK_DEBIAN_PYTHON_PACKAGE_NAME python3-redrive)
+  set(CPACK_DEBIAN_PYTHON_FILE_NAME DEB-DEFAULT)
+  set(CPACK_DEBIAN_PYTHON_PACKAGE_SECTION python)
+  set(CPACK_DEBIAN_PYTHON_PACKAGE_SHLIBDEPS ON)
+  math(EXPR after "${Python_VERSION_MINOR} + 1")
+  set(CPACK_DEBIAN_PYTHON_PACKAGE_DEPENDS
+    "python3 (>= 3.${Python_VERSION_MINOR}), python3 (<< 3.${after}), python3-numpy")
+  set(CPACK_COMPONENT_PYTHON_DESCRIPTION "recordings and radiance fields of redrive in Python
+ Images, poses, rays, LiDAR and boxes of recordings as numpy arrays; training and rendering.")
+endif()
+# What scripts/package builds.
+add_custom_target(packaged DEPENDS redrive_cli)
+if(TARGET redrive_python)
+  add_dependencies(packaged redrive_python)
 endif()
 set(CPACK_DEB_COMPONENT_INSTALL ON)
 set(CPACK_DEBIAN_PACKAGE_SECTION science)

@@ -109,10 +109,10 @@ INSTANTIATE_TEST_SUITE_P(Docs, Documents,
                          testing::Values("ARCHITECTURE.md", "CONTRIBUTING.md", "README.md",
                                          "docs/benchmarks.md", "docs/cli.md", "docs/evaluation.md",
                                          "docs/experiments.md", "docs/hyperparameters.md",
-                                         "docs/methods.md", "docs/poses.md", "docs/recordings.md",
-                                         "docs/viewer.md", "samples/README.md",
-                                         "tools/drive/README.md", "tools/object/README.md",
-                                         "tools/street/README.md"),
+                                         "docs/methods.md", "docs/poses.md", "docs/python.md",
+                                         "docs/recordings.md", "docs/viewer.md",
+                                         "samples/README.md", "tools/drive/README.md",
+                                         "tools/object/README.md", "tools/street/README.md"),
                          [](const auto& info) {
                            std::string name = info.param;
                            for (char& c : name)
