@@ -18,8 +18,9 @@ constexpr double kCorrelation = 2.5;  // integral of a squared exponential over 
                                       // times: sqrt(2 pi)
 constexpr double kHeld = 1e-7;        // m and rad: far stronger than any other prior
 
-ceres::Problem::Options problem_options() {
+ceres::Problem::Options problem_options(ceres::EvaluationCallback* evaluation) {
   ceres::Problem::Options options;
+  options.evaluation_callback = evaluation;
   options.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
   return options;
 }
@@ -33,13 +34,14 @@ double sigma_of(const Observation& seen, const std::vector<double>& sigma_px) {
 AdjustmentProblem::AdjustmentProblem(RigModel* model, const std::vector<Track>& tracks,
                                      const std::vector<LidarSample>& lidar,
                                      const BundleOptions& options, const HeldNumbers& held,
-                                     std::size_t landmarks)
+                                     std::size_t landmarks, ThreadPool& pool)
     : model_(*model),
       tracks_(tracks),
       lidar_(lidar),
       options_(options),
       held_(held),
-      problem_(problem_options()) {
+      evaluation_(pool),
+      problem_(problem_options(&evaluation_)) {
   landmarks_.reserve(landmarks);  // Ceres keeps pointers to them
 }
 
@@ -57,21 +59,19 @@ void AdjustmentProblem::add(std::vector<TriangulatedTrack>* triangulated,
       const Observation& seen = tracks_[entry.track].seen[i];
       const LocalMotion motion = times.of(seen);
       RigModelCamera& camera = model_.cameras[seen.camera];
-      const ceres::ResidualBlockId id = problem_.AddResidualBlock(
-          reprojection_cost(camera, motion, seen.pixel, sigma_of(seen, sigma_px), entry.point)
-              .release(),
-          &image_loss_, model_.corrections[motion.segment].data(),
-          model_.corrections[motion.segment + 1].data(), camera.extrinsics.data(), &camera.offset_s,
-          &camera.readout_s, camera.intrinsics.data(), point);
-      groups_[id] = seen.frame * sensors + 1 + seen.camera;
+      add_term(reprojection_cost(camera, motion, seen.pixel, sigma_of(seen, sigma_px), entry.point),
+               &image_loss_,
+               {model_.corrections[motion.segment].data(),
+                model_.corrections[motion.segment + 1].data(), camera.extrinsics.data(),
+                &camera.offset_s, &camera.readout_s, camera.intrinsics.data(), point},
+               seen.frame * sensors + 1 + seen.camera);
     }
     for (; tie != ties.end() && tie->point == t; ++tie) {
       const LocalMotion motion = model_.motion_at(tie->t_ns);
-      const ceres::ResidualBlockId id = problem_.AddResidualBlock(
-          point_on_surface_cost(motion, tie->surface, entry.point).release(), &image_loss_,
-          model_.corrections[motion.segment].data(), model_.corrections[motion.segment + 1].data(),
-          point);
-      groups_[id] = motion.segment * sensors;
+      add_term(point_on_surface_cost(motion, tie->surface, entry.point), &image_loss_,
+               {model_.corrections[motion.segment].data(),
+                model_.corrections[motion.segment + 1].data(), point},
+               motion.segment * sensors);
     }
   }
 }
@@ -82,13 +82,12 @@ void AdjustmentProblem::add(std::vector<PlanarPatch>* patches) {
     double* const plane = landmark(&patch.plane.value);
     for (const int i : patch.samples) {
       const LocalMotion motion = model_.motion_at(lidar_[i].t_ns);
-      const ceres::ResidualBlockId id = problem_.AddResidualBlock(
-          point_to_plane_cost(motion, {model_.body_from_lidar, lidar_[i].in_body}, patch.sigma_m,
-                              patch.plane)
-              .release(),
-          &lidar_loss_, model_.corrections[motion.segment].data(),
-          model_.corrections[motion.segment + 1].data(), plane, &model_.lidar_elevation_rad);
-      groups_[id] = motion.segment * sensors;
+      add_term(point_to_plane_cost(motion, {model_.body_from_lidar, lidar_[i].in_body},
+                                   patch.sigma_m, patch.plane),
+               &lidar_loss_,
+               {model_.corrections[motion.segment].data(),
+                model_.corrections[motion.segment + 1].data(), plane, &model_.lidar_elevation_rad},
+               motion.segment * sensors);
     }
   }
 }
@@ -209,6 +208,14 @@ void AdjustmentProblem::compute_covariance(BundleResult* result) {
   result->offset_index = offset_index_;
   result->readout_index = readout_index_;
   result->elevation_index = elevation_index_;
+}
+
+void AdjustmentProblem::add_term(std::unique_ptr<ceres::CostFunction> cost,
+                                 ceres::LossFunction* loss, const std::vector<double*>& parameters,
+                                 int group) {
+  const ceres::ResidualBlockId id = problem_.AddResidualBlock(
+      evaluation_.copy_of(std::move(cost), parameters).release(), loss, parameters);
+  groups_[id] = group;
 }
 
 double* AdjustmentProblem::landmark(std::array<double, 3>* target) {

@@ -12,6 +12,7 @@
 #include "redrive/align/bundle/bundle_adjustment.h"
 #include "redrive/align/bundle/cost_functions.h"
 #include "redrive/align/bundle/lidar_ties.h"
+#include "redrive/align/bundle/parallel_evaluation.h"
 #include "redrive/align/bundle/reduced_covariance.h"
 
 namespace redrive {
@@ -41,7 +42,7 @@ class AdjustmentProblem {
   /// number of points and planes.
   AdjustmentProblem(RigModel* model, const std::vector<Track>& tracks,
                     const std::vector<LidarSample>& lidar, const BundleOptions& options,
-                    const HeldNumbers& held, std::size_t landmarks);
+                    const HeldNumbers& held, std::size_t landmarks, ThreadPool& pool);
 
   /// Adds reprojection errors, and distances of the tied points from the LiDAR's surfaces.
   void add(std::vector<TriangulatedTrack>* triangulated, const std::vector<double>& sigma_px,
@@ -58,6 +59,9 @@ class AdjustmentProblem {
   /// Returns a copy of `target` that is solved instead. Ceres orders the blocks of a group by their
   /// addresses: contiguous copies have the same order, and so the same sums, in every run.
   double* landmark(std::array<double, 3>* target);
+  /// Adds a residual that is evaluated in parallel. `group`: its value in ResidualGroups.
+  void add_term(std::unique_ptr<ceres::CostFunction> cost, ceres::LossFunction* loss,
+                const std::vector<double*>& parameters, int group);
 
   RigModel& model_;
   const std::vector<Track>& tracks_;
@@ -66,6 +70,7 @@ class AdjustmentProblem {
   const HeldNumbers& held_;
   ceres::CauchyLoss image_loss_{2}, lidar_loss_{2}, prior_loss_{1};
   ceres::CauchyLoss egomotion_loss_{10};  ///< quadratic except for poses that are wrong by far more
+  ParallelEvaluation evaluation_;
   ceres::Problem problem_;
   std::vector<double*> rig_, points_;
   std::vector<std::array<double, 3>> landmarks_;

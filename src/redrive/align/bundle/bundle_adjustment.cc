@@ -389,7 +389,7 @@ BundleResult adjust_bundle(RigModel* model, const std::vector<Track>& tracks,
     const std::vector<LidarTie> ties =
         tie_points(*model, tracks, triangulated, lidar, patches, round, &result);
     AdjustmentProblem problem(model, tracks, lidar, options, held,
-                              triangulated.size() + patches.size());
+                              triangulated.size() + patches.size(), pool);
     problem.add(&triangulated, sigma_px, ties);
     problem.add(&patches);
     problem.add(result.contrast);
