@@ -9,6 +9,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/files/files.h"
+#include "redrive/base/progress.h"
 #include "redrive/base/rng.h"
 #include "redrive/camera/mount.h"
 #include "redrive/image/image_io.h"
@@ -227,6 +228,9 @@ void write_drive(const fs::path& folder, const DriveOptions& options, ThreadPool
     fs::create_directories(images / camera.name);
   }
   const int cameras = static_cast<int>(rig.size());
+  const std::vector<int> chosen = novel_frames(options);
+  Progress progress("casting rays", options.frames() * (cameras + lidar) +
+                                        std::ssize(novel_shifts()) * std::ssize(chosen));
   pool.run(options.frames() * cameras, [&](int i) {
     const int frame = i / cameras, c = i % cameras;
     const CameraCalibration& camera = rig[c];
@@ -234,14 +238,15 @@ void write_drive(const fs::path& folder, const DriveOptions& options, ThreadPool
         motion.world_from_body(time_s(frame) + 1e-9 * double(camera.time_offset_ns));
     write_image(images / camera.name / file_name(camera.name, frame, ".jpg"),
                 draw(world, rays[c], body * camera.body_from_sensor, gain_of(options, c, frame)));
+    progress.count();
   });
   if (lidar)
     pool.run(options.frames(), [&](int frame) {
       write_file(scans / file_name("frame", frame, ".las"),
                  make_las(revolution(world, motion, options, frame)));
+      progress.count();
     });
 
-  const std::vector<int> chosen = novel_frames(options);
   if (chosen.empty()) return;
   for (const NovelShift& novel : novel_shifts()) {
     const fs::path of_set = folder / "novel" / novel.name;
@@ -268,6 +273,7 @@ void write_drive(const fs::path& folder, const DriveOptions& options, ThreadPool
                   draw(world, rays[0], pose, 1));
       write_png16(of_set / file_name(rig[0].name, chosen[i], "_depth.png"),
                   draw_depth(world, rays[0], pose));
+      progress.count();
     });
   }
 }
