@@ -10,6 +10,7 @@
 #include <optional>
 
 #include "redrive/base/error.h"
+#include "redrive/base/files/file_container.h"
 #include "redrive/base/memory_limit.h"
 #include "redrive/cli/command.h"
 #include "redrive/cli/help.h"
@@ -57,10 +58,8 @@ TrainOptions options_of(const PlanArguments& arguments) {
 }
 
 std::uint64_t size_of(const std::filesystem::path& file) {
-  std::error_code error;
-  const auto size = std::filesystem::file_size(file, error);
-  if (error) throw InputError(file, "", "", error.message());
-  return size;
+  if (const std::optional<std::uint64_t> size = file_bytes(file)) return *size;
+  throw InputError(file, "", "", "no such file, or not readable");
 }
 
 /// Sets the model of a run whose options and scene are set.
