@@ -9,6 +9,9 @@ set(redrive_headers <algorithm> <array> <cmath> <cstdint> <filesystem> <fstream>
 add_library(redrive_pch OBJECT ${CMAKE_BINARY_DIR}/pch.cc)
 target_link_libraries(redrive_pch PRIVATE Eigen3::Eigen nlohmann_json::nlohmann_json)
 target_precompile_headers(redrive_pch PRIVATE ${redrive_headers})
+# libFuzzer learns from branches, and no target calls kernels.
+set(redrive_fuzz_options $<$<BOOL:${REDRIVE_FUZZ}>:-fsanitize=fuzzer-no-link>)
+target_compile_options(redrive_pch PRIVATE ${redrive_fuzz_options})
 if(REDRIVE_TESTS)
   # Tests are compiled once for every run: no time for optimisation, and alignment is the libraries'
   # to keep.
@@ -29,9 +32,8 @@ endif()
 
 # Done by redrive_library; a program with heavy headers asks for it.
 function(redrive_precompile target)
-  if(NOT REDRIVE_FUZZ)
-    target_precompile_headers(${target} REUSE_FROM redrive_pch)
-  endif()
+  target_precompile_headers(${target} REUSE_FROM redrive_pch)
+  target_compile_options(${target} PRIVATE ${redrive_fuzz_options})
 endfunction()
 
 # One folder is one library: redrive_library(camera SOURCES pinhole.cc DEPENDS redrive::math)

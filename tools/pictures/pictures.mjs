@@ -69,6 +69,24 @@ function written(name, json) {
   return inFolder(name);
 }
 
+/** Serves the traffic run; use(open) opens pages at an address: open("&layer=depth"). */
+async function viewed(browser, words, use) {
+  const run = path.basename(traffic()); // the page shows it as it was named
+  const {program, address} = await serve(path.resolve(redriveFile), ["view", run, ...words],
+    {cwd: folder});
+  try {
+    await use(async (more) => {
+      const page = await openPage(browser);
+      await page.setViewport({width: 1280, height: 720});
+      await page.goto(`${address}#camera=${camera}&frame=1012${more}`);
+      await page.waitForFunction(() => window.redriveView?.state);
+      return page;
+    });
+  } finally {
+    program.kill("SIGINT");
+  }
+}
+
 const pictures = {
   async demo(browser) {
     const run = trained("demo", [path.join(samples, "street"), "--method", "splat",
@@ -117,14 +135,8 @@ const pictures = {
 
   async viewer(browser) {
     const edit = written("EDIT.json", {actors: {2: {shift_m: [-3, 1.2, 0], turn_deg: 12}}});
-    const run = path.basename(traffic()); // the page shows it as it was named
-    const {program, address} = await serve(path.resolve(redriveFile),
-      ["view", run, "--edit", edit], {cwd: folder});
-    try {
-      const page = await openPage(browser);
-      await page.setViewport({width: 1280, height: 720});
-      await page.goto(`${address}#camera=${camera}&frame=1012`);
-      await page.waitForFunction(() => window.redriveView?.state);
+    await viewed(browser, ["--edit", edit], async (open) => {
+      const page = await open("");
       await page.select("#objects", "2");
       await page.waitForFunction(() => window.redriveView.state.object === 2);
       await settled(page);
@@ -136,9 +148,23 @@ const pictures = {
       await screenshotOfCanvas(page); // all of it is in sight
       await write(page, "viewer.jpg", {x: 0, y: 0, width: 1280, height: 720});
       await page.close();
-    } finally {
-      program.kill("SIGINT");
-    }
+    });
+  },
+
+  async scan(browser) {
+    const shown = {recorded: "&over=lidar", rendered: "&scan=recorded,range",
+      other: "&scan=hdl-64e,range"};
+    const files = [];
+    await viewed(browser, [], async (open) => {
+      for (const [name, more] of Object.entries(shown)) {
+        const page = await open(more);
+        await settled(page);
+        files.push(inFolder(`scan-${name}.png`));
+        fs.writeFileSync(files.at(-1), await screenshotOfCanvas(page));
+        await page.close();
+      }
+    });
+    await row(browser, "scan.jpg", files, 416);
   },
 };
 

@@ -54,7 +54,7 @@ inline Recording make_test_recording(const std::filesystem::path& folder, int fr
           for (const std::uint8_t value : test_colour(c, n, x, y)) image.rgb.push_back(value);
       const auto path = folder / (calibration.name + "_" + std::to_string(10 + n) + ".png");
       write_image(path, image);
-      recording.cameras[c].images.push_back({10 + n, path});
+      recording.cameras[c].images.push_back({{10 + n, path}});
     }
   }
   return recording;
