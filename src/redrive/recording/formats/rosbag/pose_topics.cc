@@ -84,9 +84,7 @@ std::vector<FramePose> orientations(const Bag& bag, const Rig& rig, std::string*
     out.push_back({0, time_of(of.header, topic->messages[i], rig.clock), pose});
   });
   if (out.empty()) fail("its messages have no orientation");
-  std::ranges::stable_sort(out, {}, &FramePose::t_ns);
-  const auto [first, last] = std::ranges::unique(out, {}, &FramePose::t_ns);
-  out.erase(first, last);
+  sort_by_time(&out);
   return out;
 }
 
@@ -156,9 +154,7 @@ std::vector<FramePose> read_poses(const Bag& bag, const Topic& topic, const Rig&
   if (unset > 0)
     recording->findings.push_back(
         {topic.name, counted(unset, "pose") + " without a stamp left out"});
-  std::ranges::stable_sort(poses, {}, &FramePose::t_ns);
-  const auto [first, last] = std::ranges::unique(poses, {}, &FramePose::t_ns);
-  poses.erase(first, last);
+  sort_by_time(&poses);
   const DamagedList damaged{"poses", &recording->damaged};
   if (!poses.empty()) leave_out_strays(bag.folder(), topic.name + " position", damaged, &poses);
   if (poses.empty()) throw InputError(bag.folder(), topic.name, "", "has no pose that can be used");

@@ -16,11 +16,15 @@ void TransformTree::add(const Transform& transform, bool is_static) {
   of.poses.push_back({0, transform.header.t_ns, transform.parent_from_child});
 }
 
+void sort_by_time(std::vector<FramePose>* poses) {
+  std::ranges::stable_sort(*poses, {}, &FramePose::t_ns);
+  const auto repeated = [](const FramePose& a, const FramePose& b) { return a.t_ns == b.t_ns; };
+  poses->erase(std::unique(poses->begin(), poses->end(), repeated), poses->end());
+}
+
 void TransformTree::finish() {
   for (auto& [child, of] : frames_) {
-    std::ranges::stable_sort(of.poses, {}, &FramePose::t_ns);
-    const auto [first, last] = std::ranges::unique(of.poses, {}, &FramePose::t_ns);
-    of.poses.erase(first, last);
+    sort_by_time(&of.poses);
     const Rigid3d& same = of.poses.front().global_from_body;
     of.is_static |= std::ranges::all_of(of.poses, [&](const FramePose& pose) {
       return pose.global_from_body.isApprox(same, 1e-12);

@@ -12,6 +12,9 @@
 
 namespace redrive::rosbag {
 
+/// Sorts poses by their time. Of several at one time the first stays.
+void sort_by_time(std::vector<FramePose>* poses);
+
 class TransformTree {
  public:
   /// Adds a transform; a later parent of the same frame replaces the one before.
