@@ -114,7 +114,7 @@ inline Recording make_test_drive(const std::filesystem::path& folder, int frames
       const Image8 image = draw_street(camera, pose, textured);
       const auto path = folder / (recorded.calibration.name + "_" + std::to_string(n) + ".png");
       write_image(path, image);
-      recorded.images.push_back({n, path});
+      recorded.images.push_back({{n, path}});
     }
   return recording;
 }
