@@ -9,16 +9,10 @@ set(redrive_headers <algorithm> <array> <cmath> <cstdint> <filesystem> <fstream>
 add_library(redrive_pch OBJECT ${CMAKE_BINARY_DIR}/pch.cc)
 target_link_libraries(redrive_pch PRIVATE Eigen3::Eigen nlohmann_json::nlohmann_json)
 target_precompile_headers(redrive_pch PRIVATE ${redrive_headers})
-# libFuzzer learns from branches, and no target calls kernels.
-set(redrive_fuzz_options $<$<BOOL:${REDRIVE_FUZZ}>:-fsanitize=fuzzer-no-link>)
-target_compile_options(redrive_pch PRIVATE ${redrive_fuzz_options})
 if(REDRIVE_TESTS)
   # Tests are compiled once for every run: no time for optimisation, and alignment is the libraries'
   # to keep.
   set(redrive_test_options $<$<CONFIG:Release>:-O1>)
-  if(REDRIVE_SANITIZE MATCHES "address")  # ceres::Jet takes clang six times as long with -O1
-    list(APPEND redrive_test_options -O0)
-  endif()
   if(REDRIVE_SANITIZE MATCHES "undefined")
     list(APPEND redrive_test_options -fno-sanitize=alignment)
   endif()
@@ -35,8 +29,9 @@ endif()
 
 # Done by redrive_library; a program with heavy headers asks for it.
 function(redrive_precompile target)
-  target_precompile_headers(${target} REUSE_FROM redrive_pch)
-  target_compile_options(${target} PRIVATE ${redrive_fuzz_options})
+  if(NOT REDRIVE_FUZZ)
+    target_precompile_headers(${target} REUSE_FROM redrive_pch)
+  endif()
 endfunction()
 
 # One folder is one library: redrive_library(camera SOURCES pinhole.cc DEPENDS redrive::math)
@@ -78,9 +73,9 @@ endif()
 #     [SANITIZE address|thread|none...] [THREAD_TESTS FILTER] [APART])
 # makes the program test_camera. A build with a sanitizer has only the tests that name it. SANITIZE
 # is `address` if it is not given: it is for what parses or indexes, `thread` for what runs on
-# several threads, and `none` for optimisations and trainings as a whole, whose parts have tests of
-# their own. THREAD_TESTS is a filter of GoogleTest: which of them run with ThreadSanitizer, where
-# others have one thread or the same threads again. APART: its files, whose names are alike, are
+# several threads, and `none` for formulas, and optimisations and trainings as a whole, whose parts
+# have tests of their own. THREAD_TESTS is a filter of GoogleTest: which run with ThreadSanitizer,
+# where others have one thread or the same threads again. APART: its files, whose names are alike, are
 # never compiled together. The paths of the shipped samples and of the optional private recordings
 # are compiled in; a test that needs the latter skips visibly where they are not.
 function(redrive_test name)
