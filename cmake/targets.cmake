@@ -75,9 +75,9 @@ endif()
 # is `address` if it is not given: it is for what parses or indexes, `thread` for what runs on
 # several threads, and `none` for formulas, and optimisations and trainings as a whole, whose parts
 # have tests of their own. THREAD_TESTS is a filter of GoogleTest: which run with ThreadSanitizer,
-# where others have one thread or the same threads again. APART: its files, whose names are alike, are
-# never compiled together. The paths of the shipped samples and of the optional private recordings
-# are compiled in; a test that needs the latter skips visibly where they are not.
+# where others have one thread or the same threads again. APART: its files, whose names are alike,
+# are never compiled together. The paths of the shipped samples and of the optional private
+# recordings are compiled in; a test that needs the latter skips visibly where they are not.
 function(redrive_test name)
   cmake_parse_arguments(ARG "APART" "THREAD_TESTS" "SOURCES;DEPENDS;SANITIZE" ${ARGN})
   if(ARG_UNPARSED_ARGUMENTS)
