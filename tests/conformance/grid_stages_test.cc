@@ -135,7 +135,7 @@ TEST_P(GridStagesTest, Contract) {
       ASSERT_TRUE(all_near(
           position, [&](auto i) { return expected[i]; },
           [&](std::size_t i) {
-            const double reach = contraction.unbounded ? 0.75 / std::max(1.0, m[i % n]) : 0.5;
+            const double reach = unbounded ? 0.75 / std::max(1.0, m[i % n]) : 0.5;
             return reach * of_u[i % n] + 5 * u * std::max(1.0, double(std::abs(expected[i])));
           }));
       // The cube root is accurate to 1e-5, and volumes below 1e-30 count as 1e-30. To that add cube

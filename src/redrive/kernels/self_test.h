@@ -10,8 +10,7 @@ namespace redrive::kernels {
 
 /// Trains 203 Gaussians for one step and compares each stage with the reference, with tolerances of
 /// tests/conformance. Returns the first stage that fails and how, "image: off by 0.2, 0.002
-/// allowed", or "". After a device's failure the stages can
-/// only be destroyed.
+/// allowed", or "". After a device's failure the stages can only be destroyed.
 std::string self_test(GaussianStages& stages);
 
 }  // namespace redrive::kernels

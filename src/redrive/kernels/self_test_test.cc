@@ -18,7 +18,7 @@ using PoseGradients = std::span<GaussianPoseGradient<NumberMath<double>>>;
 
 enum class Wrong { kNothing, kCounts, kImage, kNan, kLoss, kGradient, kUpdate, kLost };
 
-/// What the reference computes, but for one thing.
+/// Stages of the reference with one of them made wrong.
 class WrongPass final : public RasterPass {
  public:
   WrongPass(Raster raster, Wrong wrong) : raster_(std::move(raster)), wrong_(wrong) {}

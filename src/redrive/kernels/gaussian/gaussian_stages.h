@@ -25,7 +25,7 @@ struct Gaussians {
   std::size_t n = 0;
   std::span<const float> numbers;
   /// Not 0: no other numbers have this version, so that a device may keep its copy of them until
-  /// fetch(). In training the numbers of a version are those that the updates have made.
+  /// fetch(). Updates of a training keep the version.
   std::uint64_t version = 0;
 };
 
@@ -250,7 +250,7 @@ class Raster {
   Raster(Raster&&) noexcept = default;
   Raster& operator=(Raster&&) = delete;
 
-  /// What a device has drawn is copied when it is asked for, so one thread may call it at a time.
+  /// One thread at a time may call it: a device copies its image to the host on the first call.
   const RasterImage& image() const { return pass_->image(); }
   RasterCounts counts() const { return pass_->counts(); }
   /// Compares the image with `target`, whose size and rgb are not used, and keeps the derivatives

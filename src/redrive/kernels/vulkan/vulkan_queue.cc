@@ -159,7 +159,7 @@ void Queue::download(const DeviceBuffer& from, std::size_t offset, void* to, std
 
 void Queue::submit() {
   if (!recording_) return;
-  // What the host reads.
+  // The host reads the results.
   VkMemoryBarrier host{VK_STRUCTURE_TYPE_MEMORY_BARRIER};
   host.srcAccessMask = VK_ACCESS_TRANSFER_WRITE_BIT;
   host.dstAccessMask = VK_ACCESS_HOST_READ_BIT;

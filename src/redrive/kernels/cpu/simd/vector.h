@@ -49,18 +49,6 @@ REDRIVE_INLINE float sum(Vf v) {
   return s;
 }
 
-/// Lane i of the result is lane lane[i] of a, or lane[i] - kLanes of b.
-template <class V>
-REDRIVE_INLINE V shuffle(V a, V b, Vi lane) {
-#ifdef __clang__  // has no shuffle by a vector
-  V out;
-  for (int i = 0; i < kLanes; ++i) out[i] = lane[i] < kLanes ? a[lane[i]] : b[lane[i] - kLanes];
-  return out;
-#else
-  return __builtin_shuffle(a, b, lane);
-#endif
-}
-
 /// Returns the result of a comparison as bits: bit i is lane i's.
 REDRIVE_INLINE unsigned lane_bits(Vi holds) {
 #ifdef __AVX512F__

@@ -75,7 +75,7 @@ REDRIVE_INLINE Vf add_halves(Vf a, Vf b) {
     first[i] = lane;
     second[i] = lane + kGroup;
   }
-  return shuffle(a, b, first) + shuffle(a, b, second);
+  return __builtin_shuffle(a, b, first) + __builtin_shuffle(a, b, second);
 }
 
 /// Lane i of the result is the sum of the lanes of v[i], i < kLanes; kCount of them are not zero.

@@ -124,7 +124,7 @@ REDRIVE_INLINE void forward(const TileForwardJob& job) {
       for (int k = 0; k < 3; ++k) rgb[k] += w * splat(record[6 + k]);
       if constexpr (kDepth || kRange) {
         const Vf here = log_distance(record, f);
-        if constexpr (kDepth) median = ((w > Vf{}) & (t > splat(0.5f))) ? here : median;
+        if constexpr (kDepth) median = (w > Vf{}) & (t > splat(0.5f)) ? here : median;
         if constexpr (kRange)
           error += w * minimum(magnitude_of(here - log_range), splat(kMaxRangeError));
       }

@@ -135,7 +135,7 @@ void VulkanRaster::allocate() {
 }
 
 std::uint64_t VulkanRaster::training_bytes(std::size_t n, std::size_t pixels) {
-  // Of allocate(), backward() and GaussianDevice::hold().
+  // Buffers that allocate(), backward() and GaussianDevice::hold() make.
   constexpr std::uint64_t kPerGaussian = kRecordBytes + kSumFloats * kWord +
                                          (3 * kGaussianRows + 2 + 7) * kWord,
                           kPerPair = kSumFloats * kWord + 6 * kWord + kWord / 4;

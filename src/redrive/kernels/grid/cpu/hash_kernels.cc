@@ -196,7 +196,7 @@ REDRIVE_INLINE unsigned in_same_cell(const Cells& cells, Vi before[3], bool* cou
   for (int i = 0; i < kLanes; ++i) shift[i] = i == 0 ? 2 * kLanes - 1 : i - 1;
   Vi same = Vi{} == Vi{};
   for (int k = 0; k < 3; ++k) {
-    same &= cells.corner[k] == shuffle(cells.corner[k], before[k], shift);
+    same &= cells.corner[k] == __builtin_shuffle(cells.corner[k], before[k], shift);
     before[k] = cells.corner[k];
   }
   const unsigned counted_before = cells.counts << 1 | *counted;
@@ -289,7 +289,7 @@ REDRIVE_INLINE Vf interleave(Vf a, Vf b) {
     const int of_b = i / kWidth % 2, at = i % 4 / (2 * kWidth) * kWidth + i % kWidth + 2 * kHigh;
     index[i] = of_b * kLanes + i / 4 * 4 + at;
   }
-  return shuffle(a, b, index);
+  return __builtin_shuffle(a, b, index);
 }
 
 /// Element m of point 4 q + e moves from lane 4 q + e of v[m] to lane 4 q + m of v[e]. Its own

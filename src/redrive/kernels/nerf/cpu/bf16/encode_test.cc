@@ -60,8 +60,8 @@ TEST_P(EncodeTest, MatchesTheFormulaInBothLayouts) {
             for (int d = 0; d < 3; ++d) p[d] = position[d * samples + i];
           });
     check(memory.direction_next, memory.direction_keep, plan.direction_blocks,
-          config.direction_octaves, [&, rays = n_rays, each = per_ray](int i, double* p) {
-            for (int d = 0; d < 3; ++d) p[d] = direction[d * rays + i / each];
+          config.direction_octaves, [&](int i, double* p) {
+            for (int d = 0; d < 3; ++d) p[d] = direction[d * n_rays + i / per_ray];
           });
   }
 }

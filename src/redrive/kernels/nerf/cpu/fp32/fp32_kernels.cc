@@ -93,8 +93,8 @@ REDRIVE_INLINE void transpose_square(Vf (&row)[kLanes]) {
     for (int r = 0; r < kLanes; ++r) {
       if (r & half) continue;
       const Vf a = row[r], b = row[r + half];
-      row[r] = shuffle(a, b, upper);
-      row[r + half] = shuffle(a, b, lower);
+      row[r] = __builtin_shuffle(a, b, upper);
+      row[r + half] = __builtin_shuffle(a, b, lower);
     }
   }
 }
