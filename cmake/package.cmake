@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # The Debian packages (scripts/package): redrive has what src/redrive/cli installs, redrive-samples
 # the sample street, redrive-mpi the library for several processes, which alone depends on MPI,
-# python3-redrive the Python module.
+# redrive-serve the gRPC server, python3-redrive the Python module.
 install(FILES LICENSE DESTINATION ${CMAKE_INSTALL_DOCDIR} RENAME copyright COMPONENT program)
 install(FILES README.md CHANGELOG.md DESTINATION ${CMAKE_INSTALL_DOCDIR} COMPONENT program)
 install(DIRECTORY samples/street DESTINATION ${CMAKE_INSTALL_DATADIR}/redrive/samples 
@@ -22,6 +22,15 @@ if(TARGET redrive_mpi)
   set(CPACK_DEBIAN_MPI_PACKAGE_DEPENDS "redrive (= ${PROJECT_VERSION}), openmpi-bin")
   set(CPACK_COMPONENT_MPI_DESCRIPTION "several processes of redrive by MPI
  The library that redrive loads when mpirun starts it.")
+endif()
+if(TARGET redrive_grpc)
+  list(APPEND CPACK_COMPONENTS_ALL serve)
+  set(CPACK_DEBIAN_SERVE_PACKAGE_NAME redrive-serve)
+  set(CPACK_DEBIAN_SERVE_FILE_NAME DEB-DEFAULT)
+  set(CPACK_DEBIAN_SERVE_PACKAGE_SHLIBDEPS ON)
+  set(CPACK_DEBIAN_SERVE_PACKAGE_DEPENDS "redrive (= ${PROJECT_VERSION})")
+  set(CPACK_COMPONENT_SERVE_DESCRIPTION "renders for driving simulators by gRPC
+ The library that redrive serve loads.")
 endif()
 if(TARGET redrive_python)
   list(APPEND CPACK_COMPONENTS_ALL python)
@@ -49,7 +58,7 @@ set(CPACK_DEBIAN_PROGRAM_PACKAGE_RECOMMENDS "gnuplot-nox, fonts-dejavu-core")  #
 if(REDRIVE_FFMPEG_PACKAGES)  # redrive render path
   string(APPEND CPACK_DEBIAN_PROGRAM_PACKAGE_RECOMMENDS ", ${REDRIVE_FFMPEG_PACKAGES}")
 endif()
-set(CPACK_DEBIAN_PROGRAM_PACKAGE_SUGGESTS "redrive-samples, redrive-mpi, libvulkan1")
+set(CPACK_DEBIAN_PROGRAM_PACKAGE_SUGGESTS "redrive-samples, redrive-mpi, redrive-serve, libvulkan1")
 set(CPACK_COMPONENT_PROGRAM_DESCRIPTION "radiance fields from the recordings of sensor cars
  Turns cameras, LiDAR and egomotion of a drive into a radiance field and renders new images of it.")
 set(CPACK_DEBIAN_SAMPLES_PACKAGE_NAME redrive-samples)

@@ -38,6 +38,7 @@ Action configure_export(CLI::App& command);
 Action configure_figures(CLI::App& command);
 Action configure_bench(CLI::App& command);
 Action configure_view(CLI::App& command);
+Action configure_serve(CLI::App& command);
 Action configure_doctor(CLI::App& command);
 
 }  // namespace redrive

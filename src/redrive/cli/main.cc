@@ -95,6 +95,8 @@ constexpr redrive::Command kCommands[] = {
      nullptr, kRenderCommands},
     {"view", "look around in a run or a recording with a browser", redrive::configure_view,
      "  redrive view RUN --open"},
+    {"serve", "render for AlpaSim, CARLA and other simulators by gRPC", redrive::configure_serve,
+     "  redrive serve RUNS"},
     {"export", "write a run's model in a file format of other programs", redrive::configure_export,
      "  redrive export RUN --to mesh street.glb\n"
      "  redrive export RUN --to splat-ply street.ply\n"

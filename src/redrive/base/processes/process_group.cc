@@ -4,9 +4,9 @@
 #include <dlfcn.h>
 
 #include <cstdlib>
-#include <filesystem>
 
 #include "redrive/base/error.h"
+#include "redrive/base/processes/own_library.h"
 
 namespace redrive {
 namespace {
@@ -28,18 +28,12 @@ int srun_tasks() {
   return tasks && in_step ? std::atoi(tasks) : 1;
 }
 
-/// Loads the library from the program's folder, as built, or from where it is installed.
 void* load_library(const char* launcher) {
-  std::error_code error;
-  const std::filesystem::path folder =
-      std::filesystem::read_symlink("/proc/self/exe", error).parent_path();
-  for (const std::filesystem::path& file :
-       {folder / kLibrary, folder / REDRIVE_LIBRARY_FOLDER / kLibrary}) {
-    if (!std::filesystem::exists(file, error)) continue;
-    // Open MPI's components look its symbols up globally.
-    if (void* const library = dlopen(file.c_str(), RTLD_NOW | RTLD_GLOBAL)) return library;
-    throw UsageError(launcher, "", std::string("MPI cannot be used: ") + dlerror());
-  }
+  std::string why;
+  // Open MPI's components look its symbols up globally.
+  if (void* const library = load_own_library(kLibrary, RTLD_NOW | RTLD_GLOBAL, &why))
+    return library;
+  if (!why.empty()) throw UsageError(launcher, "", "MPI cannot be used: " + why);
   throw UsageError(launcher, "",
                    std::string("a launcher started several processes, and this build has no ") +
                        kLibrary + ", which needs MPI (Debian: libopenmpi-dev) when it is built");

@@ -35,6 +35,23 @@ constexpr double kPandar64Elevations_deg[] = {
     -4.558, -4.72,  -4.892, -5.057,  -5.229,  -5.391,  -5.565, -5.726,  -5.898, -6.061, -7.063,
     -8.059, -9.06,  -9.885, -11.032, -12.006, -12.974, -13.93, -18.889, -24.897};
 
+// Hesai, "Pandar128 user manual", appendix "Channel distribution", from channel 1 down. Its
+// azimuths by channel, which shift beams against each other, are left out.
+constexpr double kPandar128Elevations_deg[] = {
+    14.436,  13.535,  13.082,  12.624,  12.165,  11.702,  11.239,  10.771,  10.305,  9.83,
+    9.356,   8.88,    8.401,   7.921,   7.438,   6.953,   6.467,   5.978,   5.487,   4.996,
+    4.501,   4.007,   3.509,   3.013,   2.512,   2.013,   1.885,   1.761,   1.637,   1.511,
+    1.386,   1.258,   1.13,    1.008,   0.88,    0.756,   0.63,    0.505,   0.379,   0.251,
+    0.124,   0,       -0.129,  -0.254,  -0.38,   -0.506,  -0.632,  -0.76,   -0.887,  -1.012,
+    -1.141,  -1.266,  -1.393,  -1.519,  -1.646,  -1.773,  -1.901,  -2.027,  -2.155,  -2.282,
+    -2.409,  -2.535,  -2.663,  -2.789,  -2.916,  -3.044,  -3.172,  -3.299,  -3.425,  -3.552,
+    -3.68,   -3.806,  -3.933,  -4.062,  -4.19,   -4.318,  -4.444,  -4.571,  -4.699,  -4.824,
+    -4.951,  -5.081,  -5.209,  -5.336,  -5.463,  -5.589,  -5.718,  -5.843,  -5.968,  -6.1,
+    -6.607,  -7.117,  -7.624,  -8.134,  -8.64,   -9.149,  -9.652,  -10.16,  -10.665, -11.17,
+    -11.672, -12.174, -12.673, -13.173, -13.67,  -14.166, -14.66,  -15.154, -15.645, -16.135,
+    -16.622, -17.106, -17.592, -18.072, -18.548, -19.03,  -19.501, -19.978, -20.445, -20.918,
+    -21.379, -21.848, -22.304, -22.768, -23.219, -23.678, -24.123, -25};
+
 /// Returns the azimuth of a channel of Pandar64, counted from 0, to the left: the table counts
 /// clockwise. The six highest beams and the ten lowest are in one column.
 double pandar64_azimuth_deg(int channel) {
@@ -72,21 +89,51 @@ std::vector<LidarBeam> hdl64_beams() {
   return beams;
 }
 
-/// RoboSense, "RS-LiDAR-M1 data sheet": 120 by 25 degrees, 0.2 degrees apart. Its order of firing
-/// is not published; here it is row by row from above, from the left to the right.
-std::vector<LidarPulse> m1_pattern() {
-  constexpr int kColumns = 600, kRows = 125;
-  constexpr double kApart_deg = 0.2;
-  std::vector<LidarPulse> pattern;
-  for (int row = 0; row < kRows; ++row)
-    for (int column = 0; column < kColumns; ++column)
-      pattern.push_back(
-          {beam_direction(kRadiansPerDegree * kApart_deg * ((kRows - 1) / 2.0 - row),
-                          kRadiansPerDegree * kApart_deg * ((kColumns - 1) / 2.0 - column)),
-           (row * kColumns + column + 0.5) / (kRows * kColumns),
-           static_cast<std::uint8_t>(kRows - 1 - row)});
-  return pattern;
+std::vector<LidarBeam> pandar128_beams() {
+  std::vector<LidarBeam> beams;
+  for (const double elevation_deg : kPandar128Elevations_deg)
+    beams.push_back({kRadiansPerDegree * elevation_deg, 0});
+  return sorted(beams);
 }
+
+/// Pulses in rows and columns of even angles, symmetric to the left and to the right.
+struct PulseGrid {
+  int columns, rows;
+  double column_deg, row_deg, highest_deg;
+  bool by_columns;  ///< a column at a time, from the left; else a pulse, row by row from above
+
+  std::vector<LidarPulse> pattern() const {
+    const int pulses = rows * columns;
+    std::vector<LidarPulse> pattern(pulses);
+    for (int row = 0; row < rows; ++row) {
+      const Eigen::Vector3d in_row =
+          beam_direction(kRadiansPerDegree * (highest_deg - row_deg * row), 0);
+      for (int column = 0; column < columns; ++column) {
+        const int at = by_columns ? column * rows + row : row * columns + column;
+        pattern[at] = {in_row, by_columns ? (column + 0.5) / columns : (at + 0.5) / pulses,
+                       static_cast<std::uint8_t>(rows - 1 - row)};
+      }
+    }
+    for (int column = 0; column < columns; ++column) {
+      const Eigen::Vector3d in_column =
+          beam_direction(0, kRadiansPerDegree * column_deg * ((columns - 1) / 2.0 - column));
+      for (int row = 0; row < rows; ++row) {
+        Eigen::Vector3d& direction =
+            pattern[by_columns ? column * rows + row : row * columns + column].direction;
+        direction.y() = direction.x() * in_column.y();
+        direction.x() *= in_column.x();
+      }
+    }
+    return pattern;
+  }
+};
+
+/// RoboSense, "RS-LiDAR-M1 data sheet": 120 by 25 degrees, 0.2 degrees apart. Its order of firing
+/// is not published.
+constexpr PulseGrid kM1{600, 125, 0.2, 0.2, 12.4, false};
+/// Hesai, "AT128 user manual": 120 by 25.4 degrees, 128 channels that fire together; their azimuths
+/// by channel are left out.
+constexpr PulseGrid kAt128{1200, 128, 0.1, 0.2, 12.9, true};
 
 /// Returns the steps of a turn at 10 Hz by the time between two firings of a beam.
 constexpr int steps_at_10_hz(double cycle_us) { return static_cast<int>(1e5 / cycle_us); }
@@ -130,7 +177,13 @@ const std::vector<LidarSensor>& known_lidar_sensors() {
        .azimuth_steps = 1800,
        .min_range_m = 0.3,
        .max_range_m = 200},
-      {.name = "rs-lidar-m1", .azimuth_steps = 0, .max_range_m = 200, .pattern = m1_pattern()}};
+      {.name = "rs-lidar-m1", .azimuth_steps = 0, .max_range_m = 200, .pattern = kM1.pattern()},
+      {.name = "pandar128",
+       .beams = pandar128_beams(),
+       .azimuth_steps = 1800,
+       .min_range_m = 0.3,
+       .max_range_m = 200},
+      {.name = "at128", .azimuth_steps = 0, .max_range_m = 200, .pattern = kAt128.pattern()}};
   return kSensors;
 }
 

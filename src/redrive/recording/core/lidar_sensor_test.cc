@@ -120,10 +120,20 @@ TEST(KnownLidars, HaveTheBeamsOfTheirNames) {
   expect("os1-64", 64, -22.5, 22.5, 1024);
   expect("os1-128", 128, -22.5, 22.5, 1024);
   expect("pandar64", 64, -24.897, 14.882, 1800);
+  expect("pandar128", 128, -25, 14.436, 1800);
   const auto m1 = parse_lidar_sensor("rs-lidar-m1");
   ASSERT_TRUE(m1);
   EXPECT_EQ(m1->rate_hz * static_cast<double>(m1->pattern.size()), 750'000) << "points a second";
   EXPECT_NEAR(m1->pattern.front().direction.z(), std::sin(12.4 * kRadiansPerDegree), 1e-12);
+  const auto at128 = parse_lidar_sensor("at128");
+  ASSERT_EQ(at128->pattern.size(), 1200u * 128);
+  const LidarPulse &first = at128->pattern[127], &last = at128->pattern.back();
+  EXPECT_TRUE(std::ranges::is_sorted(at128->pattern, {}, &LidarPulse::at));
+  const Eigen::Vector3d lowest =
+      beam_direction(-12.5 * kRadiansPerDegree, 59.95 * kRadiansPerDegree);
+  EXPECT_LT((first.direction - lowest).norm(), 1e-12);
+  EXPECT_EQ(first.ring, 0);
+  EXPECT_NEAR(last.direction.y(), -lowest.y(), 1e-12);
 }
 
 }  // namespace

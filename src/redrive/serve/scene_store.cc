@@ -1,0 +1,100 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/serve/scene_store.h"
+
+#include <algorithm>
+
+#include "redrive/base/did_you_mean.h"
+#include "redrive/base/error.h"
+#include "redrive/render/open_to_render.h"
+#include "redrive/serve/sensor_service.h"
+#include "redrive/train/memory.h"
+
+namespace redrive::serve {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// Returns an estimate of the memory of an opened run, of a drive in blocks with all blocks.
+std::uint64_t bytes_of_run(const fs::path& root) {
+  constexpr std::uint64_t kTables = std::uint64_t{32} << 20;  // recording, rays of cameras
+  std::uint64_t files = 0;
+  for (const fs::directory_entry& entry : fs::recursive_directory_iterator(root))
+    if (entry.path().filename() == RunPaths{}.checkpoint().filename()) files += entry.file_size();
+  return kTables + 2 * files;
+}
+
+}  // namespace
+
+SceneStore::SceneStore(const std::vector<fs::path>& runs, kernels::BackendChoice backend,
+                       std::uint64_t memory)
+    : backend_(std::move(backend)), memory_(memory) {
+  const auto add = [&](const fs::path& root) {
+    known_.push_back({fs::canonical(root).filename().string(), root});
+  };
+  for (const fs::path& path : runs) {
+    if (is_run_folder(path)) {
+      add(path);
+      continue;
+    }
+    const std::size_t before = known_.size();
+    std::error_code error;
+    for (const fs::directory_entry& entry : fs::directory_iterator(path, error))
+      if (is_run_folder(entry.path())) add(entry.path());
+    if (known_.size() == before)
+      throw UsageError("RUN", path.string(), "must be a run, or a folder that has runs");
+  }
+  std::ranges::sort(known_, {}, &Known::id);
+  const auto twice = std::ranges::adjacent_find(known_, {}, &Known::id);
+  if (twice != known_.end())
+    throw UsageError("RUN", twice->root.string(),
+                     "has the name of " + std::next(twice)->root.string() +
+                         ": names of folders are the ids of scenes");
+}
+
+std::vector<std::string> SceneStore::ids() const {
+  std::vector<std::string> ids;
+  for (const Known& known : known_) ids.push_back(known.id);
+  return ids;
+}
+
+std::vector<std::string> SceneStore::open_ids() {
+  const std::lock_guard lock(mutex_);
+  std::vector<std::string> ids;
+  for (const Open& open : open_) ids.push_back(open.id);
+  return ids;
+}
+
+std::shared_ptr<OpenScene> SceneStore::find(const std::string& id) {
+  const std::lock_guard lock(mutex_);
+  const auto found = std::ranges::find(open_, id, &Open::id);
+  if (found == open_.end()) return nullptr;
+  open_.splice(open_.begin(), open_, found);
+  return open_.front().scene;
+}
+
+std::shared_ptr<OpenScene> SceneStore::get(const std::string& id) {
+  if (auto open = find(id)) return open;
+  const auto known = std::ranges::find(known_, id, &Known::id);
+  if (known == known_.end())
+    throw RequestError(StatusCode::kNotFound, "scene_id = " + id + ": " + unknown_name(id, ids()));
+  const std::lock_guard opening(opening_);
+  if (auto open = find(id)) return open;  // by another thread, while this one waited
+  const std::uint64_t bytes = bytes_of_run(known->root);
+  if (bytes > memory_)
+    throw RequestError(StatusCode::kResourceExhausted,
+                       "scene " + id + " " + memory_text(bytes, memory_) + " by --memory");
+  {
+    const std::lock_guard lock(mutex_);
+    std::uint64_t sum = bytes;
+    for (const Open& open : open_) sum += open.scene->bytes;
+    for (; sum > memory_; open_.pop_back()) sum -= open_.back().scene->bytes;
+  }
+  auto scene = std::make_shared<OpenScene>(std::make_shared<const Run>(open_to_render(known->root)),
+                                           backend_);
+  scene->bytes = bytes;
+  const std::lock_guard lock(mutex_);
+  open_.push_front({id, scene});
+  return scene;
+}
+
+}  // namespace redrive::serve

@@ -1,0 +1,63 @@
+// SPDX-License-Identifier: Apache-2.0
+// Runs by their ids, opened when they are asked for.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <list>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <vector>
+
+#include "redrive/render/run_renderer.h"
+
+namespace redrive::serve {
+
+/// An opened run. Whoever renders holds the mutex.
+struct OpenScene {
+  std::shared_ptr<const Run> run;
+  RunRenderer renderer;
+  std::mutex rendering;
+  std::uint64_t bytes = 0;  ///< an estimate of its memory
+
+  OpenScene(std::shared_ptr<const Run> opened, const kernels::BackendChoice& backend)
+      : run(std::move(opened)), renderer(run, backend) {}
+};
+
+/// Usable from several threads at once.
+class SceneStore {
+ public:
+  /// `runs`: runs, or folders of runs. A scene's id is the name of its folder. UsageError where
+  /// there is no run, or where two have the same name.
+  SceneStore(const std::vector<std::filesystem::path>& runs, kernels::BackendChoice backend,
+             std::uint64_t memory);
+
+  std::vector<std::string> ids() const;
+  /// Ids of the scenes in memory, the last used first.
+  std::vector<std::string> open_ids();
+  /// Returns a scene, and closes those that were not used for longest where memory is short; they
+  /// live on while somebody renders. RequestError: kNotFound, kResourceExhausted. Errors as
+  /// open_to_render.
+  std::shared_ptr<OpenScene> get(const std::string& id);
+
+ private:
+  struct Known {
+    std::string id;
+    std::filesystem::path root;
+  };
+  struct Open {
+    std::string id;
+    std::shared_ptr<OpenScene> scene;
+  };
+  std::shared_ptr<OpenScene> find(const std::string& id);
+
+  std::vector<Known> known_;  ///< sorted by id
+  kernels::BackendChoice backend_;
+  std::uint64_t memory_;
+  std::mutex opening_;  ///< one scene is opened at a time
+  std::mutex mutex_;    ///< for open_
+  std::list<Open> open_;
+};
+
+}  // namespace redrive::serve
