@@ -78,7 +78,7 @@ std::shared_ptr<OpenScene> SceneStore::get(const std::string& id) {
   if (known == known_.end())
     throw RequestError(StatusCode::kNotFound, "scene_id = " + id + ": " + unknown_name(id, ids()));
   const std::lock_guard opening(opening_);
-  if (auto open = find(id)) return open;  // by another thread, while this one waited
+  if (auto open = find(id)) return open;  // another thread opened it
   const std::uint64_t bytes = bytes_of_run(known->root);
   if (bytes > memory_)
     throw RequestError(StatusCode::kResourceExhausted,

@@ -4,7 +4,7 @@
 // redrive.
 //
 // Frames: the local frame of a scene is the world of its run; the rig is the body (FramePose);
-// camera and LiDAR axes are those of CameraCalibration and LidarFirings.
+// CameraCalibration and LidarFirings define the axes of cameras and LiDARs.
 #pragma once
 
 #include <cstdint>
@@ -74,7 +74,7 @@ struct Lens {
   /// Principal points are OpenCV's.
   CameraCalibration camera;
   Shutter shutter = Shutter::kUnknown;
-  double max_angle_rad = 0;  ///< of a fisheye that the service names: the edge of its valid region
+  double max_angle_rad = 0;  ///< edge of the valid region, where the service names a fisheye
 };
 
 /// What images and scans have in common. Objects that are not named are not drawn.
@@ -87,9 +87,9 @@ struct SensorQuery {
 
 struct ImageQuery : SensorQuery {
   Lens lens;
-  int width = 0, height = 0;  ///< of the image; the lens is scaled to it. 0: as the lens
+  int width = 0, height = 0;  ///< size of the image, to which the lens is scaled; 0: the lens's
   int format = 0;             ///< ImageFormat
-  float quality = 0;          ///< of JPEG, 1..100; 0: 92
+  float quality = 0;          ///< JPEG quality, 1..100; 0: 92
   bool ego_mask = false;
 };
 

@@ -14,7 +14,7 @@ struct RpcOptions {
   std::string listen = "127.0.0.1";  ///< IP address or host name
   int port = 0;                      ///< 0: any that is free
   std::string certificate, key;      ///< PEM for TLS; both empty: without
-  std::string version;               ///< of redrive, for get_version
+  std::string version;               ///< redrive's, for get_version
   int workers = 4;                   ///< requests in work at a time
 };
 

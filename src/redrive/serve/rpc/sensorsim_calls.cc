@@ -14,7 +14,7 @@ namespace {
 
 static_assert(std::endian::native == std::endian::little, "buffers of points are little endian");
 
-constexpr std::int64_t kNanoseconds = 1000;  // of a microsecond
+constexpr std::int64_t kNanoseconds = 1000;  // a microsecond has
 constexpr std::uint32_t kApi[] = {0, 1, 0};
 
 [[noreturn]] void refuse(const std::string& field, const std::string& value,
