@@ -235,6 +235,47 @@ TEST_P(GaussianStagesTest, ScansAndTheirGradientsAgreeWithTheOracle) {
   }
 }
 
+/// Near ties apart, by rounding and early ending.
+TEST_P(GaussianStagesTest, PartsAndTheirExtentsAgreeWithTheOracle) {
+  const auto backend = make(), ref = make_ref_backend();
+  for (const bool rolling : {false, true}) {
+    SCOPED_TRACE(rolling ? "rolling" : "global");
+    GaussianCase c(kPinhole, rolling, /*ranges=*/false, /*masked=*/rolling);
+    c.cut_into_parts();
+    for (std::size_t i = c.parts[0].first_block * kGaussianBlock; i < c.n; ++i) {
+      c.numbers[gaussian_slot(i, kOpacityRow)] = 3;
+      for (int k = 0; k < 3; ++k) c.numbers[gaussian_slot(i, kLogScaleRow + k)] += 0.7f;
+    }
+    RasterOptions options = c.options();
+    options.parts = true;
+    const Raster a = backend->gaussians().rasterise(c.view(), c.gaussians(), options),
+                 b = ref->gaussians().rasterise(c.view(), c.gaussians(), options);
+    int others = 0, moving = 0;
+    for (int y = 0; y < c.camera.height; ++y)
+      for (int x = 0; x < c.camera.width; ++x) {
+        if (!c.tiles.empty() && !c.tiles[y / 16 * (c.size.stride / 16) + x / 16]) continue;
+        const std::size_t i = static_cast<std::size_t>(y) * c.size.stride + x;
+        others += a.image().parts[i] != b.image().parts[i];
+        moving += b.image().parts[i] != 0;
+      }
+    EXPECT_GT(moving, 200);
+    EXPECT_LT(others, 8);
+    ASSERT_EQ(a.image().extents.size(), c.parts.size());
+    for (std::size_t part = 0; part < c.parts.size(); ++part) {
+      const PartExtent &found = a.image().extents[part], &expected = b.image().extents[part];
+      EXPECT_EQ(expected.whole > 20, part != 1) << part;
+      EXPECT_LE(expected.visible, expected.whole + 8) << part;
+      EXPECT_NEAR(found.visible, expected.visible, 8);
+      EXPECT_NEAR(found.whole, expected.whole, 8);
+      if (expected.whole == 0) continue;
+      EXPECT_NEAR(found.left, expected.left, 2);
+      EXPECT_NEAR(found.right, expected.right, 2);
+      EXPECT_NEAR(found.top, expected.top, 2);
+      EXPECT_NEAR(found.bottom, expected.bottom, 2);
+    }
+  }
+}
+
 /// The camera turned by a quarter about its axis has columns in place of rows.
 TEST_P(GaussianStagesTest, PosesByColumnAreThoseByRowOfATurnedCamera) {
   const auto backend = make();

@@ -75,6 +75,30 @@ BlendedPixel<T> blend_gaussians(const std::vector<Splat2d<T>>& splats, double x,
   return out;
 }
 
+/// Blending weights of the parts of the Gaussians in a pixel.
+struct PartWeights {
+  std::vector<double> visible;  ///< [parts] sums of w; part 0, the world, has the background, too
+  std::vector<double> alone;    ///< [parts] sums if no other part were there
+};
+
+/// part: the part of each splat, below `parts`.
+inline PartWeights blend_parts(const std::vector<Splat2d<double>>& splats,
+                               const std::vector<std::size_t>& part, std::size_t parts, double x,
+                               double y) {
+  PartWeights out{std::vector<double>(parts), std::vector<double>(parts)};
+  double t = 1;
+  for (std::size_t i = 0; i < splats.size(); ++i) {
+    const double full = falloff_at(splats[i], x, y);
+    if (!(full > double(kMinAlpha))) continue;
+    const double alpha = std::fmin(full, double(kMaxAlpha));
+    out.visible[part[i]] += t * alpha;
+    out.alone[part[i]] += (1 - out.alone[part[i]]) * alpha;
+    t -= t * alpha;
+  }
+  out.visible[0] += t;
+  return out;
+}
+
 /// Derivatives of a loss by a Gaussian as pixels see it, summed over them.
 struct Splat2dGradient {
   double mean[2] = {0, 0}, conic[3] = {0, 0, 0}, log_alpha = 0, rgb[3] = {0, 0, 0}, distance = 0,

@@ -64,5 +64,22 @@ TEST(BlendGaussiansTest, AdjointAgreesWithAutomaticDifferentiation) {
   EXPECT_EQ(d[2].error, 0);
 }
 
+TEST(BlendGaussiansTest, PartsHaveTheWeightsOfTheirGaussians) {
+  // At their means: world 0.4, part 1 0.5, part 2 0.8, part 1 0.6.
+  const auto splat = [](double alpha) {
+    return Splat2d<double>{{3, 4}, {1, 0, 1}, alpha, {0, 0, 0}, 1};
+  };
+  const std::vector<Splat2d<double>> splats{splat(0.4), splat(0.5), splat(0.8), splat(0.6)};
+  const PartWeights weights = blend_parts(splats, {0, 1, 2, 1}, 4, 3, 4);
+  const double background = 0.6 * 0.5 * 0.2 * 0.4;
+  const std::vector<double> visible{0.4 + background, 0.6 * 0.5 + 0.6 * 0.5 * 0.2 * 0.6,
+                                    0.6 * 0.5 * 0.8, 0},
+      alone{0.4, 1 - 0.5 * 0.4, 0.8, 0};
+  for (int part = 0; part < 4; ++part) {
+    EXPECT_NEAR(weights.visible[part], visible[part], 1e-12) << part;
+    EXPECT_NEAR(weights.alone[part], alone[part], 1e-12) << part;
+  }
+}
+
 }  // namespace
 }  // namespace redrive

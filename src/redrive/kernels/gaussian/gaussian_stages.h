@@ -14,6 +14,7 @@
 
 #include "redrive/base/buffer.h"
 #include "redrive/field/gaussian.h"
+#include "redrive/kernels/gaussian/part_extent.h"
 #include "redrive/math/plain_pose.h"
 #include "redrive/optim/adam.h"
 
@@ -101,11 +102,16 @@ struct RasterImage {
   Buffer<float> depth;          ///< metres along the ray, median, 0: nothing hit; where requested
   /// sum of w min(|log(t / range)|, kMaxRangeError) + transmittance * kMaxRangeError
   Buffer<float> range_error;
+  /// Plane, where requested: the part whose blending weights have the largest sum in a pixel, 1 +
+  /// an index into GaussianCamera::parts; 0: the world, with the background that shines through.
+  Buffer<std::uint16_t> parts;
+  std::vector<PartExtent> extents;  ///< one per part of the camera, where requested
 };
 
 struct RasterOptions {
   float background[3] = {0, 0, 0};
   bool depth = false;
+  bool parts = false;  ///< at most 65535 of them; a GPU leaves such an image to the processor
   /// Tiles of 16 x 16 pixels, row by row, that are wanted; empty: all. The others have the pixels
   /// of earlier images.
   std::span<const std::uint8_t> tiles;

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <limits>
+#include <mutex>
 #include <utility>
 
 #include "redrive/base/error.h"
@@ -150,7 +151,46 @@ void CpuRaster::forward(const GaussianCamera& camera, const Gaussians& gaussians
     std::ranges::copy(options.background, job->background);
     kernels_.tile_forward(*job);
   });
+  if (options.parts) find_parts();
   counts_ = {n_visible_, first_.back()};
+}
+
+void CpuRaster::find_parts() {
+  const RasterSize& size = image_.size;
+  const std::size_t n_parts = camera_.parts.size();
+  grown(&image_.parts, size.plane());
+  image_.extents.assign(n_parts, {});
+  std::vector<std::uint32_t> first;
+  for (const GaussianPart& part : camera_.parts)
+    first.push_back(static_cast<std::uint32_t>(part.first_block * kGaussianBlock));
+  std::mutex adding;  // counts and bounds are the same in any order
+  for_tiles<TilePartsJob>([&](TilePartsJob* job) {
+    constexpr std::size_t kVectorFloats = 16;  // the widest instruction set's
+    const std::size_t most = 1 + std::min(job->n, n_parts), plain = tile_scratch(job->n);
+    job->scratch = tile_memory(plain + 2 * kVectorFloats * most + job->n +
+                               most * sizeof(TilePart) / sizeof(float));
+    job->sums = job->scratch + plain;
+    job->place = reinterpret_cast<std::uint32_t*>(job->sums + 2 * kVectorFloats * most);
+    job->found = reinterpret_cast<TilePart*>(job->place + job->n);
+    job->width = size.width;
+    job->height = size.height;
+    job->first_gaussian = first.data();
+    job->n_parts = static_cast<std::uint32_t>(n_parts);
+    job->parts = image_.parts.data();
+    const std::uint32_t found = kernels_.tile_parts(*job);
+    if (found == 0) return;
+    const std::lock_guard lock(adding);
+    for (std::uint32_t k = 1; k < found; ++k) {
+      const PartExtent& here = job->found[k].extent;
+      PartExtent& all = image_.extents[job->found[k].part - 1];
+      all.visible += here.visible;
+      all.whole += here.whole;
+      all.left = std::min(all.left, here.left);
+      all.right = std::max(all.right, here.right);
+      all.top = std::min(all.top, here.top);
+      all.bottom = std::max(all.bottom, here.bottom);
+    }
+  });
 }
 
 void CpuRaster::backward(const RasterGradient& gradient, const GaussianDerivatives& to,

@@ -57,6 +57,8 @@ class CpuRaster final : public HostRaster {
   void project();
   /// Sets pairs_, by tile and in each by distance, and first_.
   void bin();
+  /// Sets the image's parts and extents.
+  void find_parts();
   /// Calls body(segment, first block, last block) for the segments that overlap the blocks.
   template <class Body>
   void for_segments(std::size_t begin, std::size_t end, const Body& body) const;

@@ -309,7 +309,8 @@ void update(const UpdateJob& job, const float* gradients, const float* errors, s
 
 }  // namespace
 
-const GaussianKernels kGaussianKernels = {project,          bin,    tile_forward, tile_backward,
-                                          project_backward, update, loss_row,     kBlockRows};
+const GaussianKernels kGaussianKernels = {project,       bin,        tile_forward,
+                                          tile_backward, tile_parts, project_backward,
+                                          update,        loss_row,   kBlockRows};
 
 }  // namespace redrive::kernels::REDRIVE_ISA

@@ -9,6 +9,7 @@
 #include "redrive/camera/plain_camera.h"
 #include "redrive/field/gaussian.h"
 #include "redrive/kernels/gaussian/pair_sums.h"
+#include "redrive/kernels/gaussian/part_extent.h"
 
 namespace redrive::kernels {
 
@@ -86,6 +87,23 @@ struct TileBackwardJob : TileJob {
 static constexpr std::size_t tile_scratch(std::size_t n) {
   return 2 * kRecordFloats * n + 32 * (n + 16);
 }
+
+/// A part that a tile shows; 0: the world.
+struct TilePart {
+  std::uint32_t part;
+  PartExtent extent;
+};
+struct TilePartsJob : TileJob {
+  int width = 0, height = 0;                      ///< size of the image without padding
+  const std::uint32_t* first_gaussian = nullptr;  ///< [n_parts], ascending
+  std::uint32_t n_parts = 0;                      ///< without the world
+  std::uint16_t* parts = nullptr;                 ///< plane (RasterImage::parts)
+  /// [1 + min(n, n_parts)], written: the world, then the parts of the tile's Gaussians.
+  TilePart* found = nullptr;
+  /// Scratch of two vectors for each of `found`, 64-byte aligned, and of n numbers.
+  float* sums = nullptr;
+  std::uint32_t* place = nullptr;
+};
 
 struct UpdateJob {
   const float* rates;  ///< one per row
@@ -191,6 +209,8 @@ struct GaussianKernels {
                      const TileGrid& grid, const std::uint8_t* wanted, TilePair* pairs);
   void (*tile_forward)(const TileForwardJob& job);
   void (*tile_backward)(const TileBackwardJob& job);
+  /// Writes RasterImage::parts; returns the number of `found`, 0 where only the world is.
+  std::uint32_t (*tile_parts)(const TilePartsJob& job);
   void (*project_backward)(const ProjectionBackwardJob& job, std::size_t begin, std::size_t end);
   /// Updates blocks by gradients that were kept.
   void (*update)(const UpdateJob& job, const float* gradients, const float* errors,

@@ -219,6 +219,55 @@ REDRIVE_INLINE void backward(const TileBackwardJob& job) {
             load(tile.sums + kRecordFloats * i + k));
 }
 
+/// Sets job.found to the parts of the tile's Gaussians, and job.place to the index there of each
+/// Gaussian's. Returns their number; 0: only the world.
+REDRIVE_INLINE std::uint32_t find_parts(const TilePartsJob& job) {
+  const std::uint32_t* const first = job.first_gaussian;
+  job.found[0] = {0, {}};
+  std::uint32_t n = 1;
+  for (std::size_t i = 0; i < job.n; ++i) {
+    const std::uint32_t gaussian = job.pairs[i].gaussian;
+    std::uint32_t low = 0, high = job.n_parts;  // number of parts that begin at or before it
+    while (low < high) {
+      const std::uint32_t middle = (low + high) / 2;
+      if (first[middle] <= gaussian)
+        low = middle + 1;
+      else
+        high = middle;
+    }
+    std::uint32_t at = 0;
+    while (at < n && job.found[at].part != low) ++at;
+    if (at == n) job.found[n++] = {low, {}};
+    job.place[i] = at;
+  }
+  return n > 1 ? n : 0;
+}
+
+REDRIVE_INLINE void add_pixel(int x, int y, PartExtent* extent) {
+  ++extent->whole;
+  extent->left = x < extent->left ? x : extent->left;
+  extent->right = x > extent->right ? x : extent->right;
+  extent->top = y < extent->top ? y : extent->top;
+  extent->bottom = y > extent->bottom ? y : extent->bottom;
+}
+
+/// Adds a block of pixels to the extents. `visible`: the index in job.found that each shows;
+/// `clear`: transmittance of each part alone.
+REDRIVE_INLINE void add_block(const TilePartsJob& job, int x, int y, Vi visible, const float* clear,
+                              std::uint32_t n) {
+  for (int i = 0; i < kLanes; ++i) {
+    const int px = x + i % kBlockColumns, py = y + i / kBlockColumns;
+    const std::uint32_t at = static_cast<std::uint32_t>(visible[i]);
+    job.parts[static_cast<std::size_t>(py) * job.stride + static_cast<std::size_t>(px)] =
+        static_cast<std::uint16_t>(job.found[at].part);
+    if (px >= job.width || py >= job.height) continue;
+    ++job.found[at].extent.visible;
+    for (std::uint32_t k = 1; k < n; ++k)
+      if (clear[std::size_t{kLanes} * k + static_cast<std::size_t>(i)] < 0.5f)
+        add_pixel(px, py, &job.found[k].extent);
+  }
+}
+
 /// kCentres: whether the grid has boxes.
 template <bool kCentres>
 REDRIVE_INLINE std::size_t bin(RasterRecord* records, const std::uint64_t* keys, std::size_t n,
@@ -288,6 +337,58 @@ std::size_t bin(RasterRecord* records, const std::uint64_t* keys, std::size_t n,
 void tile_forward(const TileForwardJob& job) {
   if (job.depth) return job.log_range ? forward<true, true>(job) : forward<true, false>(job);
   return job.log_range ? forward<false, true>(job) : forward<false, false>(job);
+}
+
+std::uint32_t tile_parts(const TilePartsJob& job) {
+  const std::uint32_t parts = find_parts(job);
+  if (parts == 0) {
+    for (int y = 0; y < kTilePixels; ++y)
+      std::memset(job.parts + static_cast<std::size_t>(job.tile_y * kTilePixels + y) * job.stride +
+                      static_cast<std::size_t>(job.tile_x * kTilePixels),
+                  0, kTilePixels * sizeof(std::uint16_t));
+    return 0;
+  }
+  Gathered tile;
+  gather(job, false, &tile);
+  const BlockPixels pixels = block_pixels();
+  const Vf least = splat(-kLog2InverseMinAlpha), most = splat(kMaxAlpha),
+           opaque = splat(kMinTransmittance);
+  float *const visible = job.sums, *const clear = job.sums + std::size_t{kLanes} * parts;
+  for (int b = 0; b < kBlocksPerTile; ++b) {
+    const int x = job.tile_x * kTilePixels + b % kBlocksAcross * kBlockColumns,
+              y = job.tile_y * kTilePixels + b / kBlocksAcross * kBlockRows;
+    Vf px, py;
+    centres_of(job, pixels, x, y, &px, &py);
+    for (std::uint32_t k = 0; k < parts; ++k) {
+      store(visible + std::size_t{kLanes} * k, Vf{});
+      store(clear + std::size_t{kLanes} * k, splat(1.0f));
+    }
+    Vf t = splat(1.0f);
+    bool through = true;
+    const std::uint32_t *const list = tile.lists[b], n = tile.counts[b];
+    for (std::uint32_t i = 0; i < n; ++i) {
+      const std::size_t at = std::size_t{kLanes} * job.place[list[i]];
+      if (!through && at == 0) continue;  // moving parts are followed behind what hides them
+      const Falloff f = falloff(tile.records + std::size_t{kRecordFloats} * list[i], px, py);
+      const Vf alpha = kept(greater(f.log2_alpha, least),
+                            minimum(power_of_two(maximum(f.log2_alpha, splat(-20.0f))), most));
+      const Vf w = alpha * t, alone = load(clear + at);
+      store(visible + at, load(visible + at) + w);
+      store(clear + at, alone - alone * alpha);
+      t -= w;
+      if ((i & 3) == 3) through = any(greater(t, opaque));
+    }
+    Vf largest = load(visible) + t;
+    Vi shown{};
+    for (std::uint32_t k = 1; k < parts; ++k) {
+      const Vf sum = load(visible + std::size_t{kLanes} * k);
+      const Vi larger = sum > largest;
+      shown = larger ? splat_int(static_cast<std::int32_t>(k)) : shown;
+      largest = larger ? sum : largest;
+    }
+    add_block(job, x, y, shown, clear, parts);
+  }
+  return parts;
 }
 
 void tile_backward(const TileBackwardJob& job) {

@@ -17,6 +17,7 @@ std::size_t bin(RasterRecord* records, const std::uint64_t* keys, std::size_t n,
                 const TileGrid& grid, const std::uint8_t* wanted, TilePair* pairs);
 void tile_forward(const TileForwardJob& job);
 void tile_backward(const TileBackwardJob& job);
+std::uint32_t tile_parts(const TilePartsJob& job);
 void loss_row(const LossJob& job, int pass, int y, float* scratch, LossSums* sums);
 
 }  // namespace redrive::kernels::REDRIVE_ISA

@@ -153,6 +153,7 @@ struct RefRaster final : HostRaster {
     }
     std::ranges::stable_sort(drawn, {}, [](const Drawn& d) { return d.at.length; });
     splats.clear();
+    part_of_splat.clear();
     for (const Drawn& d : drawn) {
       Splat2d<double> splat{{d.at.mean[0], d.at.mean[1]},
                             {d.at.conic[0], d.at.conic[1], d.at.conic[2]},
@@ -162,6 +163,7 @@ struct RefRaster final : HostRaster {
                             {d.at.slope[0], d.at.slope[1]}};
       for (int c = 0; c < 3; ++c) splat.rgb[c] = std::max(d.at.colour[c], 0.0);
       splats.push_back(splat);
+      part_of_splat.push_back(d.part);
     }
     const RasterSize size = raster_size(camera.camera.width, camera.camera.height);
     image_.size = size;
@@ -177,7 +179,31 @@ struct RefRaster final : HostRaster {
       image_.depth[i] = static_cast<float>(pixel.depth);
       image_.range_error[i] = static_cast<float>(pixel.range_error);
     });
+    if (options_.parts) find_parts();
     counts_ = {drawn.size(), drawn.size()};
+  }
+
+  void find_parts() {
+    const RasterSize& size = image_.size;
+    image_.parts = Buffer<std::uint16_t>(size.plane());
+    image_.extents.assign(camera.parts.size(), {});
+    for_pixels(size, camera.centres, options_, [&](double u, double v, std::size_t i) {
+      const PartWeights weights = blend_parts(splats, part_of_splat, 1 + camera.parts.size(), u, v);
+      const auto largest = std::ranges::max_element(weights.visible) - weights.visible.begin();
+      image_.parts[i] = static_cast<std::uint16_t>(largest);
+      const int x = static_cast<int>(i % size.stride), y = static_cast<int>(i / size.stride);
+      if (x >= size.width || y >= size.height) return;
+      for (std::size_t part = 0; part < camera.parts.size(); ++part) {
+        PartExtent& extent = image_.extents[part];
+        extent.visible += std::size_t(largest) == part + 1;
+        if (weights.alone[part + 1] <= 0.5) continue;
+        ++extent.whole;
+        extent.left = std::min(extent.left, x);
+        extent.right = std::max(extent.right, x);
+        extent.top = std::min(extent.top, y);
+        extent.bottom = std::max(extent.bottom, y);
+      }
+    });
   }
 
   using HostRaster::backward;
@@ -231,6 +257,7 @@ struct RefRaster final : HostRaster {
   Gaussians gaussians;
   std::vector<Drawn> drawn;  ///< sorted by distance
   std::vector<Splat2d<double>> splats;
+  std::vector<std::size_t> part_of_splat;
 };
 
 class RefGaussianStages final : public GaussianStages {
