@@ -2,7 +2,8 @@
 // Times redrive serve on this machine against the same images without gRPC:
 //   ninja -C build/release bench_serve && build/release/bench_serve RUN [SECONDS [REQUESTS]]
 // prints images a second at 1280 x 704 and of six cameras at 640 x 352 in one request, for one and
-// four clients, JPEG; then, if REQUESTS is given, the memory before and after as many small images.
+// four clients, JPEG, the best of five rounds; then, where REQUESTS is given, the memory before and
+// after as many small images.
 #include <unistd.h>
 
 #include <chrono>
@@ -36,7 +37,7 @@ double resident_mib() {
   return resident * static_cast<double>(sysconf(_SC_PAGESIZE)) / (1 << 20);
 }
 
-/// Calls work() on threads until `seconds` have passed; returns calls a second.
+/// Calls what `work` returns on threads until `seconds` have passed; returns calls a second.
 template <class Work>
 double rate(int threads, double seconds, const Work& work) {
   std::atomic<int> calls{0};
@@ -138,18 +139,22 @@ int bench(const std::filesystem::path& root, double seconds, int requests) {
        {std::tuple("1280 x 704", 1, 1280, 704), std::tuple("six of 640 x 352", 6, 640, 352)}) {
     const Views views = make_views(*run, cameras, width, height);
     const sensorsim::BatchRequest batch = request_of(scene, views);
-    const double alone = rate(1, seconds, [&] {
+    const auto without = [&] {
       return [&] {
         for (const Rigid3d& pose : views.world_from_camera)
           encode_jpeg(to_image8(renderer.image(
                           {{.name = "", .camera = views.lens}, {pose}, views.t_ns, {}}, Scene())),
                       92);
       };
-    });
-    const double one = rate(1, seconds, [&] { return client(batch); }),
-                 four = rate(4, seconds, [&] { return client(batch); });
-    std::printf("%-26s %10.1f %10.1f %10.1f\n", name, cameras * alone, cameras * one,
-                cameras * four);
+    };
+    double best[3] = {};  // other programs slow some rounds down
+    for (int round = 0; round < 5; ++round) {
+      best[0] = std::max(best[0], rate(1, seconds / 5, without));
+      best[1] = std::max(best[1], rate(1, seconds / 5, [&] { return client(batch); }));
+      best[2] = std::max(best[2], rate(4, seconds / 5, [&] { return client(batch); }));
+    }
+    std::printf("%-26s %10.1f %10.1f %10.1f\n", name, cameras * best[0], cameras * best[1],
+                cameras * best[2]);
   }
   if (requests == 0) return 0;
   const sensorsim::BatchRequest small = request_of(scene, make_views(*run, 1, 64, 32));

@@ -11,6 +11,7 @@
 #include <gtest/gtest.h>
 
 #include "redrive/base/error.h"
+#include "redrive/base/files/files.h"
 #include "redrive/image/png.h"
 #include "redrive/render/open_to_render.h"
 #include "redrive/serve/rpc/rpc_client_testing.h"
@@ -269,7 +270,7 @@ TEST_F(ServeTest, ScansLieInTheSensorAtTheEndOfTheSpin) {
   request.set_frame_end_us(start_us(12) + 100'000);
   Rigid3d start = scene().world_from_body(scene().frames[12].t_ns), end = start;
   start.translation().z() += 2;
-  end.translation() += Eigen::Vector3d(1, 0, 2);
+  end.translation() += Eigen::Vector3d(1, 0, 2.5);
   set_pose(start, request.mutable_sensor_pose()->mutable_start_pose());
   set_pose(end, request.mutable_sensor_pose()->mutable_end_pose());
   for (const std::uint32_t type : {0, 1}) {
@@ -290,7 +291,7 @@ TEST_F(ServeTest, ScansLieInTheSensorAtTheEndOfTheSpin) {
     }
     ASSERT_GT(heights.size(), 20u);
     std::ranges::nth_element(heights, heights.begin() + static_cast<int>(heights.size() / 2));
-    EXPECT_NEAR(heights[heights.size() / 2], -2, 0.3);
+    EXPECT_NEAR(heights[heights.size() / 2], -2.5, 0.2);
   }
 }
 
@@ -379,6 +380,23 @@ TEST_F(ScarceServeTest, ClosesTheSceneThatWasNotUsedForLongest) {
   }
 }
 
+TEST_F(ServeTest, SaysWhichFileOfASceneIsDamaged) {
+  const fs::path broken = folder_ / "more/broken";
+  fs::create_directories(folder_ / "more");
+  fs::copy(folder_ / "one", broken, fs::copy_options::recursive);
+  fs::resize_file(broken / "checkpoint.safetensors", 1000);
+  SceneStore store({folder_ / "more"}, {.threads = 1}, kMuch);
+  RunService service(&store);
+  try {
+    service.cameras("broken");
+    FAIL();
+  } catch (const RequestError& error) {
+    EXPECT_EQ(error.code, StatusCode::kFailedPrecondition);
+    EXPECT_THAT(error.what(), HasSubstr("broken/checkpoint.safetensors"));
+  }
+  EXPECT_THAT(service.loaded_scenes(), ElementsAre());
+}
+
 std::size_t resident_bytes() {
   std::ifstream file("/proc/self/statm");
   std::size_t size = 0, resident = 0;
@@ -418,6 +436,52 @@ TEST_F(ServeTest, TheProgramServesUntilItIsInterrupted) {
   EXPECT_EQ(taken.exit_code, kExitUsage);
   EXPECT_THAT(taken.err, AllOf(HasSubstr("--port"), HasSubstr(port)));
   EXPECT_EQ(Program(REDRIVE_BINARY, {"serve", "/proc/self/fd"}).wait().exit_code, kExitUsage);
+}
+
+TEST_F(ServeTest, StopsBetweenTheImagesOfARequest) {
+  ImageQuery query;
+  query.scene = "one";
+  query.start_ns = query.end_ns = scene().frames[12].t_ns;
+  query.lens.camera.name = kFront;
+  query.format = static_cast<int>(ImageFormat::kPlanar);
+  const std::vector<ImageQuery> queries(5, query);
+  int asked = 0;
+  EXPECT_EQ(service_.images(queries, [] { return false; }).size(), 5u);
+  try {
+    service_.images(queries, [&] { return ++asked == 3; });
+    FAIL();
+  } catch (const RequestError& error) {
+    EXPECT_EQ(error.code, StatusCode::kCancelled);
+  }
+  EXPECT_EQ(asked, 3);
+}
+
+TEST_F(ServeTest, EncryptsByACertificate) {
+  const fs::path certificate = folder_ / "certificate.pem", key = folder_ / "key.pem";
+  const ProgramResult made =
+      Program("/usr/bin/openssl",
+              {"req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj",
+               "/CN=localhost", "-addext", "subjectAltName=DNS:localhost", "-keyout", key.string(),
+               "-out", certificate.string()})
+          .wait();
+  ASSERT_EQ(made.exit_code, 0) << made.err;
+  RpcOptions options;
+  options.certificate = read_file(certificate);
+  options.key = read_file(key);
+  const auto server = start_rpc_server(options, &service_);
+  sensorsim::Scenes scenes;
+  EXPECT_FALSE(RpcClient(server->port()).call("get_available_scenes", scenes, &scenes).ok());
+  grpc::SslCredentialsOptions trusted;
+  trusted.pem_root_certs = options.certificate;
+  const RpcClient client(server->port(), kServiceNames[0], grpc::SslCredentials(trusted),
+                         "localhost");
+  const grpc::Status status = client.call("get_available_scenes", scenes, &scenes);
+  EXPECT_TRUE(status.ok()) << status.error_message();
+  EXPECT_EQ(scenes.scene_ids_size(), 3);
+  EXPECT_EQ(Program(REDRIVE_BINARY, {"serve", folder_.string(), "--certificate", key.string()})
+                .wait()
+                .exit_code,
+            kExitUsage);
 }
 
 }  // namespace

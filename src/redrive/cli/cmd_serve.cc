@@ -47,7 +47,8 @@ int run_serve(const ServeOptions& options) {
   }
   const std::atomic<bool>& stop = stop_on_signal();
   const std::unique_ptr<serve::RpcServer> server = serve::start_rpc_server(rpc, &service);
-  const bool outside = !rpc.listen.starts_with("127.") && rpc.listen != "::1";
+  const bool outside =
+      !rpc.listen.starts_with("127.") && rpc.listen != "::1" && rpc.listen != "localhost";
   if (outside && rpc.certificate.empty())
     std::fprintf(stderr,
                  "redrive: --listen %s lets other machines in, without encryption; --certificate "

@@ -20,13 +20,13 @@ class RpcClient {
  public:
   explicit RpcClient(
       int port, std::string_view service = kServiceNames[0],
-      std::shared_ptr<grpc::ChannelCredentials> credentials = grpc::InsecureChannelCredentials())
+      std::shared_ptr<grpc::ChannelCredentials> credentials = grpc::InsecureChannelCredentials(),
+      const std::string& host = "127.0.0.1")
       : service_(service) {
     grpc::ChannelArguments arguments;
     arguments.SetMaxReceiveMessageSize(static_cast<int>(kMaxReplyBytes));
     arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);  // a connection of its own
-    channel_ =
-        grpc::CreateCustomChannel("localhost:" + std::to_string(port), credentials, arguments);
+    channel_ = grpc::CreateCustomChannel(host + ":" + std::to_string(port), credentials, arguments);
   }
 
   /// Calls a method; `reply` is set where the status is OK.

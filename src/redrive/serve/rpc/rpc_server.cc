@@ -11,6 +11,7 @@
 #include <vector>
 
 #include <google/protobuf/stubs/logging.h>
+#include <grpc/support/log.h>
 #include <grpcpp/ext/health_check_service_server_builder_option.h>
 #include <grpcpp/generic/async_generic_service.h>
 #include <grpcpp/health_check_service_interface.h>
@@ -144,7 +145,9 @@ class GrpcServer : public RpcServer, grpc::CallbackGenericService {
  public:
   GrpcServer(const RpcOptions& options, SensorService* service)
       : options_(options), workers_(options_, service) {
-    google::protobuf::SetLogHandler(nullptr);  // a client must not write lines
+    // A client must not write lines.
+    google::protobuf::SetLogHandler(nullptr);
+    gpr_set_log_function([](gpr_log_func_args*) {});
     grpc::EnableDefaultHealthCheckService(true);
     grpc::ServerBuilder builder;
     std::shared_ptr<grpc::ServerCredentials> credentials = grpc::InsecureServerCredentials();
