@@ -181,9 +181,16 @@ TEST_F(ServeTest, ImagesAreThoseOfRunRenderer) {
   // Boxes travel as floats.
   const Image8 with = rendered(request), should = expected(request, true, {pose});
   EXPECT_LE(difference(with, should).second, 1e-3);
+  const Image8 without = expected(request, false, {pose});
+  EXPECT_GT(difference(without, with).first, 20) << "objects are not drawn";
+  request.mutable_dynamic_objects()->DeleteSubrange(1, request.dynamic_objects_size() - 1);
+  for (sensorsim::Pose* const far :
+       {request.mutable_dynamic_objects(0)->mutable_pose_pair()->mutable_start_pose(),
+        request.mutable_dynamic_objects(0)->mutable_pose_pair()->mutable_end_pose()})
+    far->mutable_vec()->set_z(-1000);
+  EXPECT_EQ(rendered(request).rgb, without.rgb) << "objects that are not named are drawn";
   request.clear_dynamic_objects();
-  EXPECT_EQ(rendered(request).rgb, expected(request, false, {pose}).rgb);
-  EXPECT_GT(difference(rendered(request), with).first, 20) << "objects are not drawn";
+  EXPECT_EQ(rendered(request).rgb, expected(request, true, {pose}).rgb);
 
   Rigid3d later = pose;
   later.translation().x() += 0.5;
@@ -191,11 +198,11 @@ TEST_F(ServeTest, ImagesAreThoseOfRunRenderer) {
   later = pose_of(request.sensor_pose().end_pose());
   request.set_frame_end_us(request.frame_start_us() + 30'000);
   request.mutable_camera_intrinsics()->set_shutter_type(1);
-  EXPECT_EQ(rendered(request).rgb, expected(request, false, {pose, later}, 30'000'000).rgb);
+  EXPECT_EQ(rendered(request).rgb, expected(request, true, {pose, later}, 30'000'000).rgb);
   request.mutable_camera_intrinsics()->set_shutter_type(3);
-  EXPECT_EQ(rendered(request).rgb, expected(request, false, {later, pose}, -30'000'000).rgb);
+  EXPECT_EQ(rendered(request).rgb, expected(request, true, {later, pose}, -30'000'000).rgb);
   request.mutable_camera_intrinsics()->set_shutter_type(5);
-  EXPECT_EQ(rendered(request).rgb, expected(request, false, {interpolate(pose, later, 0.5)}).rgb);
+  EXPECT_EQ(rendered(request).rgb, expected(request, true, {interpolate(pose, later, 0.5)}).rgb);
   request.mutable_camera_intrinsics()->set_shutter_type(2);
   std::string bytes;
   EXPECT_EQ(render(request, &bytes).error_code(), grpc::StatusCode::UNIMPLEMENTED);

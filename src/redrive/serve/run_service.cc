@@ -196,10 +196,10 @@ Image8 rendered(const ImageQuery& query, OpenScene* open) {
   expose(query, &request);
   if (const int index = scene.camera_index(request.camera.name); index >= 0)
     request.exposure = scene.exposure(index, request.exposed_ns - scene.rig[index].time_offset_ns);
-  Scene traffic;
-  traffic.actors = placed_objects(query, scene);
+  Scene placed;
+  if (!query.objects.empty()) placed.actors = placed_objects(query, scene);
   const std::lock_guard lock(open->rendering);
-  return to_image8(open->renderer.image(request, traffic));
+  return to_image8(open->renderer.image(request, query.objects.empty() ? scene : placed));
 }
 
 std::string encoded(const Image8& image, int format, float quality) {
@@ -311,7 +311,7 @@ ScanAnswer RunService::scan(const ScanQuery& query, const Cancelled& cancelled) 
     Scene motion;  // whose body is the sensor
     motion.trajectory = {{0, query.start_ns, poses.start},
                          {1, std::max(query.end_ns, query.start_ns + 1), poses.end}};
-    motion.actors = placed_objects(query, run.scene);
+    motion.actors = query.objects.empty() ? run.scene.actors : placed_objects(query, run.scene);
     const LidarFirings firings = firings_during(*sensor, query);
     const ScanOptions options{.min_range_m = sensor->min_range_m,
                               .max_range_m = sensor->max_range_m,

@@ -77,7 +77,8 @@ struct Lens {
   double max_angle_rad = 0;  ///< edge of the valid region, where the service names a fisheye
 };
 
-/// What images and scans have in common. Objects that are not named are not drawn.
+/// What images and scans have in common. The named objects alone are drawn; where none is named,
+/// all drive as recorded.
 struct SensorQuery {
   std::string scene;
   std::int64_t start_ns = 0, end_ns = 0;
