@@ -48,8 +48,9 @@ TEST_F(EndToEnd, BashCompletesCommandsAndTheirOptions) {
 TEST_F(EndToEnd, HelpFitsATerminalAndHasExamples) {
   const ProgramResult all = redrive({"help"});
   EXPECT_EQ(all.exit_code, kExitOk);
-  for (const char* command : {"inspect", "align", "train", "resume", "plan", "eval", "render",
-                              "view", "serve", "export", "figures", "bench", "doctor"}) {
+  for (const char* command :
+       {"inspect", "align", "train", "resume", "plan", "eval", "render", "view", "serve", "export",
+        "simulate", "figures", "bench", "doctor"}) {
     EXPECT_THAT(all.out, HasSubstr("\n  " + std::string(command) + " "));
     const ProgramResult help = redrive({"help", command});
     EXPECT_EQ(help.exit_code, kExitOk);

@@ -16,7 +16,7 @@ sys.dont_write_bytecode = True
 
 import settings as s  # noqa: E402
 
-BLENDER_STAGES = ("build", "render", "raycast", "markers", "noise")
+BLENDER_STAGES = ("build", "render", "raycast", "labels", "markers", "noise")
 STAGES = ("build", "render", "raycast", "write")
 
 
@@ -34,6 +34,10 @@ def in_blender(stage, work):
         import raycast
 
         raycast.raycast(chosen)
+    elif stage == "labels":
+        import labels
+
+        labels.labels(chosen)
     else:
         import verify
 
@@ -51,7 +55,7 @@ def main():
     p = argparse.ArgumentParser(description="procedural street recording in the aiMotive layout")
     p.add_argument("out", nargs="?", help="folder of the recording; variants go to OUT_traffic and OUT_rolling")
     p.add_argument("--work", default="build/street", help="scratch folder; renders that are there are kept")
-    p.add_argument("--stages", default=",".join(STAGES), help=f"of {', '.join(STAGES)}, verify")
+    p.add_argument("--stages", default=",".join(STAGES), help=f"of {', '.join(STAGES)}, labels, verify")
     p.add_argument("--variants", default=",".join(s.VARIANTS))
     p.add_argument("--novel", default=",".join(s.NOVEL_VIEWS), help="sets of new views, or none")
     p.add_argument("--seed", type=int, default=7)
@@ -82,7 +86,7 @@ def main():
         novel,
     )
     chosen.save()
-    for stage in names(args.stages, (*STAGES, "verify")):
+    for stage in names(args.stages, (*STAGES, "labels", "verify")):
         if stage == "verify":
             import verify
 

@@ -35,6 +35,7 @@ Action configure_render_poses(CLI::App& command);
 Action configure_render_path(CLI::App& command);
 Action configure_render_lidar(CLI::App& command);
 Action configure_export(CLI::App& command);
+Action configure_simulate(CLI::App& command);
 Action configure_figures(CLI::App& command);
 Action configure_bench(CLI::App& command);
 Action configure_view(CLI::App& command);

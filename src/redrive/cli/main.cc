@@ -102,6 +102,10 @@ constexpr redrive::Command kCommands[] = {
      "  redrive export RUN --to splat-ply street.ply\n"
      "  redrive export DRIVE --poses ALIGNED --to colmap DIR",
      "exporting"},
+    {"simulate", "render the whole drive anew, with labels, as a drive of a data set",
+     redrive::configure_simulate,
+     "  redrive simulate RUN --path sideways:1 --out LEFT\n"
+     "  redrive simulate RUN --edit EDIT.json --sensor hdl-64e --to kitti360 --out DRIVE"},
     {"figures", "write a run's figures as PNG and one report.html", redrive::configure_figures,
      "  redrive figures RUN\n"
      "  redrive figures RUN --compare OTHER",

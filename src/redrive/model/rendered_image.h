@@ -9,6 +9,15 @@
 
 namespace redrive {
 
+/// What a labelled image shows of a moving object.
+struct SeenActor {
+  int number = 0;  ///< 1 + index into Scene::actors, as in RenderedImage::ids
+  /// Pixels that show it or its shadow; pixels that would if nothing were before it, and the
+  /// columns and rows of these, inclusive.
+  std::uint32_t visible = 0, whole = 0;
+  int left = 0, top = 0, right = 0, bottom = 0;
+};
+
 /// An image that a model renders. Pixels outside the valid region of the camera model are black
 /// with depth 0, opacity 0 and valid 0.
 struct RenderedImage {
@@ -17,6 +26,13 @@ struct RenderedImage {
   std::vector<float> depth;         ///< [height, width], metres along the ray, median
   std::vector<float> opacity;       ///< [height, width]
   std::vector<std::uint8_t> valid;  ///< [height, width]
+  /// Set before an image is rendered: `ids` and `seen` are wanted. A field that draws no moving
+  /// objects leaves `seen` empty.
+  bool labelled = false;
+  /// [height, width], where labelled: 1 + index into Scene::actors of the moving object whose
+  /// blending weights have the largest sum in the pixel; 0: the static world has
+  std::vector<std::uint16_t> ids;
+  std::vector<SeenActor> seen;  ///< objects with a pixel in `whole`, ascending by number
 
   /// Sets the size. Pixels have unspecified values.
   void resize(int new_width, int new_height) {
@@ -27,6 +43,7 @@ struct RenderedImage {
     depth.resize(pixels);
     opacity.resize(pixels);
     valid.resize(pixels);
+    if (labelled) ids.resize(pixels);
   }
   /// Sets the size. All pixels become black and invalid.
   void clear(int new_width, int new_height) {
@@ -35,6 +52,8 @@ struct RenderedImage {
     std::ranges::fill(depth, 0.0f);
     std::ranges::fill(opacity, 0.0f);
     std::ranges::fill(valid, std::uint8_t{0});
+    std::ranges::fill(ids, std::uint16_t{0});
+    seen.clear();
   }
 };
 

@@ -130,6 +130,8 @@ class Image:
     @property
     def valid(self) -> Bools: ...
     @property
+    def actor_ids(self) -> Optional[NDArray[np.int32]]: ...
+    @property
     def normals(self) -> Floats: ...
 
 class Recording:
@@ -176,7 +178,7 @@ class Run(Recording):
                time_ns: Optional[int] = None, world_from_camera: Optional[ArrayLike] = None,
                translate: Sequence[float] = (0, 0, 0), axes: str = "body", yaw: float = 0,
                pitch: float = 0, rolling_shutter: bool = False, edit: Edit = None,
-               actors: str = "all", exposure: str = "own") -> Image: ...
+               actors: str = "all", exposure: str = "own", ids: bool = False) -> Image: ...
     def render_scan(self, frame: int, *, sensor: str = "recorded", mount: str = "",
                     range: str = "", points_in: str = "sensor",
                     azimuth_steps: Optional[int] = None, rate: Optional[float] = None,

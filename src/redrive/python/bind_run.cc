@@ -47,7 +47,16 @@ class OpenedRun : public Opened {
 struct PyImage {
   RenderedImage image;
   std::shared_ptr<const RayTable> rays;
+  std::vector<std::int32_t> id_of;  ///< ids of objects by RenderedImage::ids; empty: not asked for
 };
+
+/// Returns the ids by number; kNoActor first.
+std::vector<std::int32_t> ids_by_number(const Scene& scene) {
+  std::vector<std::int32_t> ids{kNoActor};
+  for (const MovingObject& object : scene.actors)
+    ids.push_back(static_cast<std::int32_t>(object.id));
+  return ids;
+}
 
 /// Changes to moving objects, as Python gives them.
 struct Traffic {
@@ -95,11 +104,13 @@ PyImage render(OpenedRun& run, const CameraArgument& camera,
                const std::optional<std::int64_t>& frame, const std::optional<std::int64_t>& time_ns,
                const py::object& world_from_camera, const std::array<double, 3>& translate,
                const std::string& axes, double yaw, double pitch, bool rolling_shutter,
-               const py::object& edit, const std::string& actors, const std::string& exposure) {
+               const py::object& edit, const std::string& actors, const std::string& exposure,
+               bool ids) {
   if (frame.has_value() == time_ns.has_value())
     throw UsageError("frame, time_ns", "", "one of them must be given");
   const Traffic traffic(edit, actors);
   ImageRequest request{rig_camera_of(run, camera)};
+  request.labelled = ids;
   const RigCamera& rig = request.camera;
   request.exposed_ns = frame ? run.frame_ns(*frame) + rig.time_offset_ns : *time_ns;
   const SensorShift shift = shift_of(translate, axes, yaw, pitch, run.run());
@@ -120,7 +131,8 @@ PyImage render(OpenedRun& run, const CameraArgument& camera,
     return run.rendering([&](RunRenderer& renderer) {
       return traffic.apply(renderer, [&](const Scene& scene) {
         RenderedImage image = renderer.image(request, scene);
-        return PyImage{std::move(image), renderer.rays(rig.camera)};
+        return PyImage{std::move(image), renderer.rays(rig.camera),
+                       ids ? ids_by_number(scene) : std::vector<std::int32_t>()};
       });
     });
   });
@@ -241,6 +253,17 @@ void bind_image(py::module_& module) {
           },
           "[height, width] bool: where the lens has a ray")
       .def_property_readonly(
+          "actor_ids",
+          [](const PyImage& i) -> py::object {
+            if (i.id_of.empty()) return py::none();
+            std::vector<std::int32_t> ids;
+            ids.reserve(i.image.ids.size());
+            for (const std::uint16_t number : i.image.ids) ids.push_back(i.id_of[number]);
+            return taken(std::move(ids), {i.image.height, i.image.width});
+          },
+          "[height, width] int32: id of the moving object that a pixel shows, -2**31: none; None "
+          "unless rendered with ids=True")
+      .def_property_readonly(
           "normals",
           [](const PyImage& i) {
             return taken(without_lock([&] { return surface_normals(i.image, *i.rays); }),
@@ -268,7 +291,7 @@ void bind_run(py::module_& module) {
            py::arg("time_ns") = none, py::arg("world_from_camera") = none,
            py::arg("translate") = still, py::arg("axes") = "body", py::arg("yaw") = 0.0,
            py::arg("pitch") = 0.0, py::arg("rolling_shutter") = false, py::arg("edit") = none,
-           py::arg("actors") = "all", py::arg("exposure") = "own",
+           py::arg("actors") = "all", py::arg("exposure") = "own", py::arg("ids") = false,
            "Renders an Image. camera: the name of one of the run, or a Camera. frame: id of the "
            "frame at which it exposes; or time_ns, of its middle row.\n\n"
            "The pose is that of the camera then, translated by metres along axes (body, camera or "
@@ -276,7 +299,8 @@ void bind_run(py::module_& module) {
            "the car during a rolling_shutter; or world_from_camera, [4, 4], or [n, 4, 4] at even "
            "times from the upper edge to the lower one.\n\n"
            "edit: a dict as EDIT.json has it, or its path; actors: \"all\", \"none\" or ids "
-           "\"3,17\" of moving objects to draw. exposure: own, none or \"CAMERA:FRAME\".")
+           "\"3,17\" of moving objects to draw. exposure: own, none or \"CAMERA:FRAME\". ids: "
+           "whether the image has actor_ids.")
       .def(
           "render_scan",
           [](OpenedRun& run, std::int64_t frame, const std::string& sensor,

@@ -33,6 +33,41 @@ bool is_same_lens(const Camera& a, const Camera& b) {
       a.model);
 }
 
+/// Whether a point in the axes of an object's box is the object, not its shadow or its light on the
+/// road, which are among its Gaussians.
+bool is_on_object(const Eigen::Vector3d& in_box, const Eigen::Vector3d& size_m) {
+  constexpr double kBeside_m = 0.1, kAboveRoad_m = 0.05;  // mirrors; errors of boxes and depth
+  const Eigen::Vector3d beyond = in_box.cwiseAbs() - size_m / 2;
+  return beyond.maxCoeff() < kBeside_m && in_box.z() > kAboveRoad_m - size_m.z() / 2;
+}
+
+/// Gives pixels that show an object's shadow or light to the static world.
+void leave_out_shadows(const RayTable& rays, const ShutterPoses& poses, const Scene& traffic,
+                       RenderedImage* image) {
+  std::vector<std::vector<Rigid3d>> box_from_camera(1 +
+                                                    traffic.actors.size());  // keys: number, row
+  for (const ShutterPoses::Actor& actor : poses.actors()) {
+    std::vector<Rigid3d> keys;
+    for (const PlainPose& key : actor.actor_from_camera) keys.push_back(rigid(key));
+    const ShutterPoses moving(keys);
+    for (int y = 0; y < image->height; ++y)
+      box_from_camera[actor.number].push_back(moving.at_row(y, image->height));
+  }
+  std::vector<std::uint16_t> ids(image->ids.size());
+  for (std::size_t i = 0; i < rays.pixel.size(); ++i) {
+    const std::size_t pixel = rays.pixel[i];
+    const std::uint16_t number = image->ids[pixel];
+    if (number == 0) continue;
+    const Eigen::Vector3d in_camera =
+        double(image->depth[pixel]) *
+        Eigen::Map<const Eigen::Vector3f>(&rays.direction[3 * i]).cast<double>();
+    if (is_on_object(box_from_camera[number][pixel / image->width] * in_camera,
+                     traffic.actors[number - 1].size_m))
+      ids[pixel] = number;
+  }
+  image->ids = std::move(ids);
+}
+
 }  // namespace
 
 std::vector<std::string> change_traffic(const Field& field, const std::optional<TrafficEdit>& edit,
@@ -72,10 +107,14 @@ std::shared_ptr<const RayTable> RunRenderer::rays(const Camera& camera) {
 
 RenderedImage RunRenderer::image(const ImageRequest& request, const Scene& traffic) {
   const std::shared_ptr<const RayTable> table = rays(request.camera.camera);
-  return render_image(*backend_, *run_->field(), *table,
-                      traffic.with_actors(ShutterPoses(request.world_from_camera), request.camera,
-                                          request.exposed_ns - request.camera.time_offset_ns),
-                      request.exposure);
+  RenderedImage image;
+  image.labelled = request.labelled;
+  const ShutterPoses poses =
+      traffic.with_actors(ShutterPoses(request.world_from_camera), request.camera,
+                          request.exposed_ns - request.camera.time_offset_ns);
+  run_->field()->render_to(*backend_, *table, poses, request.exposure, &image);
+  if (image.labelled) leave_out_shadows(*table, poses, traffic, &image);
+  return image;
 }
 
 }  // namespace redrive

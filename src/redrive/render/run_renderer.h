@@ -24,6 +24,7 @@ struct ImageRequest {
   /// Exposure of the middle row: moving objects stand where they are then.
   std::int64_t exposed_ns = 0;
   Exposure exposure;
+  bool labelled = false;  ///< RenderedImage::labelled, by the actors; ids leave out their shadows
 };
 
 /// Applies an edit to the moving objects of the scene of the field's run and keeps the objects that

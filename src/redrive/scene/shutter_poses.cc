@@ -16,7 +16,8 @@ std::vector<ShutterPoses::Actor> seen_actors(const std::vector<MovingObject>& ac
                                              std::span<const std::int64_t> t_ns) {
   std::vector<ShutterPoses::Actor> seen;
   for (const MovingObject& actor : actors) {
-    ShutterPoses::Actor here{actor.body.value_or(actor.id), actor.gain, {}, actor.imported};
+    const int number = 1 + static_cast<int>(&actor - actors.data());
+    ShutterPoses::Actor here{actor.body.value_or(actor.id), actor.gain, {}, actor.imported, number};
     for (std::size_t key = 0; key < t_ns.size(); ++key) {
       const auto world_from_actor = actor.world_from_box(t_ns[key]);
       if (!world_from_actor) break;

@@ -26,6 +26,7 @@ class ShutterPoses {
     std::array<float, 3> gain{1, 1, 1};  ///< factors of r, g, b
     std::vector<PlainPose> actor_from_camera;
     std::shared_ptr<const ActorBody> imported = nullptr;  ///< MovingObject::imported
+    int number = 0;  ///< 1 + index into the objects of seen_actors
   };
 
   /// Number of keys of a rolling shutter: rows of a readout of 30 ms have one every 4 ms.

@@ -27,7 +27,7 @@ namespace fs = std::filesystem;
 struct RenderImageOptions : MovedSensorOptions {
   std::string camera;       ///< camera of the run; empty: a mount
   std::string mount, lens;  ///< camera of one's own
-  std::string exposure = "own", depth, opacity, normals;
+  std::string exposure = "own", depth, opacity, normals, ids;
 };
 
 /// Checks, before anything is rendered, that the extension is one of `extensions` and that the file
@@ -54,7 +54,7 @@ RigCamera chosen_camera(const RenderImageOptions& options, const Scene& scene) {
   return *camera;
 }
 
-/// Checks --out, --depth, --opacity and --normals.
+/// Checks --out, --depth, --opacity, --normals and --ids.
 void check_image_outputs(const RenderImageOptions& options) {
   check_image_output("--out", options.out, options.force, {".png", ".jpg", ".jpeg"});
   std::vector<fs::path> outputs{fs::weakly_canonical(fs::absolute(options.out))};
@@ -62,7 +62,7 @@ void check_image_outputs(const RenderImageOptions& options) {
     check_image_output("--depth", options.depth, options.force, {".png", ".exr"});
   for (const auto& [option, file] :
        {std::pair("--depth", options.depth), std::pair("--opacity", options.opacity),
-        std::pair("--normals", options.normals)}) {
+        std::pair("--normals", options.normals), std::pair("--ids", options.ids)}) {
     if (file.empty()) continue;
     if (file != options.depth) check_image_output(option, file, options.force, {".png"});
     const fs::path path = fs::weakly_canonical(fs::absolute(file));
@@ -96,6 +96,17 @@ void write_images(const RenderImageOptions& options, const RenderedImage& image,
   }
 }
 
+/// Writes --ids, and prints which objects its values are.
+void write_ids(const fs::path& file, const RenderedImage& image, const Scene& scene) {
+  write_png16(file, {image.width, image.height, image.ids});
+  std::printf("%s: ids, 16 bit, 0: the static world\n", file.c_str());
+  for (const SeenActor& seen : image.seen) {
+    const MovingObject& object = scene.actors[seen.number - 1];
+    std::printf("  %d: object %lld, %s, %u of %u pixels visible\n", seen.number,
+                static_cast<long long>(object.id), object.type.c_str(), seen.visible, seen.whole);
+  }
+}
+
 int run_render_image(const RenderImageOptions& options) {
   const std::int64_t frame = parse_frame("--frame", options.frame);
   parse_translation(options.translate);  // checks it before the run is opened
@@ -109,9 +120,11 @@ int run_render_image(const RenderImageOptions& options) {
   request.world_from_camera = {moved_camera(run.scene, request.camera.body_from_sensor,
                                             request.exposed_ns, sensor_shift(options, run))};
   request.exposure = exposure_of(options.exposure, run.scene, request.camera.name, frame);
+  request.labelled = !options.ids.empty();
   std::printf("%s\n", kernels::describe(renderer.backend()).c_str());
   const RenderedImage image = renderer.image(request);
   write_images(options, image, *renderer.rays(request.camera.camera));
+  if (request.labelled) write_ids(options.ids, image, run.scene);
   return kExitOk;
 }
 
@@ -128,6 +141,8 @@ Action add_image_options(CLI::App& command, const std::shared_ptr<RenderImageOpt
   command.add_option("--normals", options->normals,
                      "PNG to write surface normals to, from depth, as (1 + n) / 2: x right, y up, "
                      "z to the camera; black where nothing is seen");
+  command.add_option("--ids", options->ids,
+                     "16-bit PNG to write the moving object that each pixel shows to; 0: none");
   return [options] { return run_render_image(*options); };
 }
 

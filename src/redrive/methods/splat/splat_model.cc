@@ -408,12 +408,28 @@ void SplatModel::step_window(kernels::Backend& backend, const TrainingSet& data,
   }
 }
 
+namespace {
+
+std::vector<SeenActor> seen_actors_of(const kernels::RasterImage& image,
+                                      const DrawnGaussians& shown) {
+  std::vector<SeenActor> seen;
+  for (std::size_t part = 0; part < shown.numbers.size(); ++part)
+    if (const kernels::PartExtent& extent = image.extents[part]; extent.whole > 0)
+      seen.push_back({shown.numbers[part], extent.visible, extent.whole, extent.left, extent.top,
+                      extent.right, extent.bottom});
+  std::ranges::sort(seen, {}, &SeenActor::number);
+  return seen;
+}
+
+}  // namespace
+
 void SplatModel::render_to(kernels::Backend& backend, const RayTable& rays,
                            const ShutterPoses& world_from_camera, const Exposure& exposure,
                            RenderedImage* image) const {
   const PlainCamera camera = make_plain_camera(rays.camera);
   kernels::RasterOptions options;
   options.depth = true;
+  options.parts = image->labelled;
   std::ranges::copy(background, options.background);
   const DrawnGaussians shown = drawn(world_from_camera.actors());
   const kernels::Raster raster = backend.gaussians().rasterise(
@@ -430,8 +446,14 @@ void SplatModel::render_to(kernels::Backend& backend, const RayTable& rays,
                         static_cast<int>(y), c,
                         std::span(row_gains).subspan(c * std::size_t(rays.width), rays.width));
       write_image_row(from, row_gains, rays, y, image);
+      for (int x = 0; image->labelled && x < rays.width; ++x) {
+        const std::uint16_t part = from.parts[y * from.size.stride + x];
+        image->ids[y * rays.width + x] =
+            part == 0 ? 0 : static_cast<std::uint16_t>(shown.numbers[part - 1]);
+      }
     }
   });
+  if (image->labelled) image->seen = seen_actors_of(from, shown);
 }
 
 RenderedRays SplatModel::trace(kernels::Backend& backend, const kernels::Rays& rays,

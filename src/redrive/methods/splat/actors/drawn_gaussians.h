@@ -14,7 +14,8 @@ struct DrawnGaussians {
   kernels::Gaussians gaussians;
   std::vector<kernels::GaussianPart> parts;  ///< refer to `actors`
   std::vector<ShutterPoses::Actor> actors;
-  Buffer<float> copied;  ///< the numbers, where a body is shown twice or recoloured
+  std::vector<int> numbers = {};  ///< ShutterPoses::Actor::number by part; 0: not drawn
+  Buffer<float> copied = {};      ///< the numbers, where a body is shown twice or recoloured
 };
 
 }  // namespace redrive

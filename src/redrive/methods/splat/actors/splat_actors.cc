@@ -18,7 +18,7 @@ std::optional<std::size_t> SplatModel::actor_index(std::int64_t id) const {
 }
 
 DrawnGaussians SplatModel::drawn(std::vector<ShutterPoses::Actor> actors) const {
-  DrawnGaussians out{all(), {}, std::move(actors), {}};
+  DrawnGaussians out{all(), {}, std::move(actors)};
   const GaussianLayout layout = this->layout();
   std::vector<bool> shown(actor_ids.size());
   bool as_trained = true;
@@ -33,7 +33,9 @@ DrawnGaussians SplatModel::drawn(std::vector<ShutterPoses::Actor> actors) const 
     for (std::size_t a = 0; a < actor_ids.size(); ++a) {
       const auto seen = std::ranges::find(out.actors, actor_ids[a], &ShutterPoses::Actor::body);
       out.parts.push_back({layout.first_block(a), {}});
-      if (seen != out.actors.end()) out.parts.back().part_from_camera = seen->actor_from_camera;
+      const bool is_seen = seen != out.actors.end();
+      out.numbers.push_back(is_seen ? seen->number : 0);
+      if (is_seen) out.parts.back().part_from_camera = seen->actor_from_camera;
     }
     return out;
   }
@@ -49,6 +51,7 @@ DrawnGaussians SplatModel::drawn(std::vector<ShutterPoses::Actor> actors) const 
   std::ranges::copy(parameters.span().first(at), out.copied.data());
   for (const auto& [actor, blocks] : shows) {
     out.parts.push_back({at / kBlockSize, actor->actor_from_camera});
+    out.numbers.push_back(actor->number);
     for (std::size_t i = 0; i < blocks.size(); ++i) {
       const auto row = static_cast<int>(i % kBlockSize) / kGaussianBlock;
       const bool is_colour = row >= kColourRow && row < kLidarRow;

@@ -1,0 +1,174 @@
+// SPDX-License-Identifier: Apache-2.0
+// redrive simulate: renders a run's whole drive anew, with labels, as a drive in a data set's
+// format.
+#include <algorithm>
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+#include <string>
+
+#include <nlohmann/json.hpp>
+
+#include "redrive/base/error.h"
+#include "redrive/base/files/files.h"
+#include "redrive/base/files/output_folder.h"
+#include "redrive/base/processes/interruption.h"
+#include "redrive/cli/backend_options.h"
+#include "redrive/cli/command.h"
+#include "redrive/cli/frames_option.h"
+#include "redrive/cli/help.h"
+#include "redrive/cli/render/render_options.h"
+#include "redrive/cli/train/training.h"
+#include "redrive/export/simulate.h"
+#include "redrive/export/write_photo_set.h"
+#include "redrive/recording/core/wording.h"
+
+namespace redrive {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct SimulateCommandOptions : RenderOptions {
+  SimulateOptions simulate;
+  std::string format = "aimotive", labels = "flow";
+};
+
+/// A layout of --to.
+struct DriveFormat {
+  const char* name;
+  DriveNotes (*write)(const fs::path& folder, const Recording& drive, ThreadPool& pool,
+                      const std::atomic<bool>& stop);
+};
+constexpr DriveFormat kDriveFormats[] = {{"aimotive", write_aimotive},
+                                         {"kitti360", write_kitti360}};
+
+/// Values of --labels; each has those before, too.
+const std::vector<std::string> kLabels{"none", "masks", "flow", "guesses"};
+
+/// What the files of an unfinished simulation depend on.
+nlohmann::json plan_of(const SimulateCommandOptions& options, const Run& run) {
+  const LidarOptions& lidar = options.simulate.lidar;
+  const bool is_file = fs::is_regular_file(options.simulate.path);
+  return {{"run", fs::weakly_canonical(fs::absolute(options.run)).string()},
+          {"step", run.state.step},
+          {"path", options.simulate.path},
+          {"poses", is_file ? read_file(options.simulate.path) : ""},
+          {"edit", options.edit.empty() ? "" : read_file(options.edit)},
+          {"actors", options.actors},
+          {"lidar", {options.simulate.with_lidar, lidar.sensor, lidar.mount, lidar.range}},
+          {"labels", {options.simulate.labels, options.simulate.flow, options.simulate.guesses}}};
+}
+
+/// Returns the folder beside `out` that holds rendered files until the drive is complete. What an
+/// earlier call with another plan left there is removed.
+fs::path unfinished_folder(const fs::path& out, const nlohmann::json& plan) {
+  fs::path folder = out;
+  folder += ".unfinished";
+  const fs::path file = folder / "plan.json";
+  if (fs::exists(folder) && !fs::exists(file))
+    throw UsageError("--out", folder.string(), "exists, and redrive did not make it");
+  if (fs::exists(file)) {
+    if (read_json(file) == plan) {
+      std::printf("continues %s\n", folder.c_str());
+      return folder;
+    }
+    fs::remove_all(folder);
+  }
+  make_folders(folder);
+  write_file(file, plan.dump(1) + "\n");
+  return folder;
+}
+
+/// Copies files of one folder into another: links where the file system has them.
+void link_files(const fs::path& from, const fs::path& to) {
+  std::error_code error;
+  fs::copy(from, to, fs::copy_options::recursive | fs::copy_options::create_hard_links, error);
+  if (!error) return;
+  fs::remove_all(to);
+  fs::copy(from, to, fs::copy_options::recursive | fs::copy_options::overwrite_existing, error);
+  if (error) throw IoError(to, error.message());
+}
+
+void print_times(const SimulateTimes& times, std::size_t frames) {
+  if (times.kept > 0) std::printf("%zu images were there\n", times.kept);
+  if (times.images == 0) return;
+  const double all_s = times.images_s + times.labels_s + times.files_s + times.scans_s;
+  std::printf(
+      "%s, %s in %.1f s, %.2f frames a second: images %.1f s, labels %.1f s, files %.1f s, scans "
+      "%.1f s\n",
+      counted(times.images, "image").c_str(), counted(times.scans, "scan").c_str(), all_s,
+      static_cast<double>(frames) / all_s, times.images_s, times.labels_s, times.files_s,
+      times.scans_s);
+}
+
+int run_simulate(const SimulateCommandOptions& options) {
+  const fs::path out = fs::path(options.out).has_filename() ? fs::path(options.out)
+                                                            : fs::path(options.out).parent_path();
+  check_output_folder("--out", out, options.force);
+  check_path(options.simulate.path);
+  if (options.simulate.with_lidar) parse_lidar_request(options.simulate.lidar);
+  RunRenderer renderer(std::make_shared<const Run>(open_edited_run(options)), options.backend);
+  const Run& run = renderer.run();
+  if (!run.recording.metric)
+    throw UsageError("RUN", options.run, "is of photographs; a drive has metres and times");
+  const Scene scene = scene_on_path(run.scene, options.simulate.path);
+  std::printf("%s\n", kernels::describe(renderer.backend()).c_str());
+  const fs::path folder = unfinished_folder(out, plan_of(options, run));
+  const std::atomic<bool>& stop = stop_on_signal();
+  SimulateTimes times;
+  const Recording drive = simulate(renderer, scene, options.simulate, folder, stop, &times);
+  DriveNotes notes;
+  write_output_folder("--out", out, options.force, [&](const fs::path& made) {
+    const auto* const format = std::ranges::find(kDriveFormats, options.format, &DriveFormat::name);
+    notes = format->write(made, drive, renderer.backend().pool(), stop);
+    if (!options.simulate.labels) return;
+    link_files(folder / "labels", made / "labels");
+    link_files(folder / "images", made / "labels/images");
+  });
+  fs::remove_all(folder);
+  print_times(times, scene.frames.size());
+  std::printf("%s: %s of %s, %s\n", out.c_str(), counted(scene.frames.size(), "frame").c_str(),
+              counted(drive.cameras.size(), "camera").c_str(), options.format.c_str());
+  for (const std::string& what : notes.changed) std::printf("changed: %s\n", what.c_str());
+  for (const std::string& what : notes.left_out) std::printf("not written: %s\n", what.c_str());
+  return kExitOk;
+}
+
+}  // namespace
+
+Action configure_simulate(CLI::App& command) {
+  auto options = std::make_shared<SimulateCommandOptions>();
+  SimulateOptions& simulate = options->simulate;
+  add_run_option(command, &options->run);
+  command
+      .add_option("--path", simulate.path,
+                  "drive (as driven), sideways:N (N metres to its left), speed:F (F times as fast "
+                  "along the same way), or a file of poses, egomotion.json as align writes it")
+      ->capture_default_str();
+  command.add_option("--to", options->format, "layout of the drive: aimotive or kitti360")
+      ->check(one_of("--to", {kDriveFormats[0].name, kDriveFormats[1].name}))
+      ->capture_default_str();
+  command
+      .add_option("--sensor", simulate.lidar.sensor,
+                  "LiDAR: recorded (the rays that returned), estimated (the recording's beams, all "
+                  "rays), a sensor as of render lidar, or none")
+      ->capture_default_str();
+  add_mount_option(command, &simulate.lidar.mount, "the LiDAR");
+  command
+      .add_option("--labels", options->labels,
+                  "none; masks (2D boxes, instance masks, depth and poses); flow (also optical "
+                  "flow); guesses (also masks of what no training image saw)")
+      ->check(one_of("--labels", kLabels))
+      ->capture_default_str();
+  add_render_options(command, options.get(), "DIR", "folder for the drive, whole or not at all");
+  return [options] {
+    const auto labels = std::ranges::find(kLabels, options->labels) - kLabels.begin();
+    options->simulate.labels = labels >= 1;
+    options->simulate.flow = labels >= 2;
+    options->simulate.guesses = labels >= 3;
+    options->simulate.with_lidar = options->simulate.lidar.sensor != "none";
+    return run_simulate(*options);
+  };
+}
+
+}  // namespace redrive

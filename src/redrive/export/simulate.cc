@@ -1,0 +1,409 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/export/simulate.h"
+
+#include <algorithm>
+#include <charconv>
+#include <chrono>
+#include <cmath>
+#include <cstring>
+#include <map>
+#include <optional>
+
+#include <nlohmann/json.hpp>
+
+#include "redrive/base/error.h"
+#include "redrive/base/files/files.h"
+#include "redrive/base/progress.h"
+#include "redrive/eval/coverage.h"
+#include "redrive/export/labels.h"
+#include "redrive/export/write_photo_set.h"
+#include "redrive/image/image_io.h"
+#include "redrive/recording/core/trajectory.h"
+#include "redrive/recording/formats/egomotion_json.h"
+#include "redrive/recording/parse/rigid_json.h"
+
+namespace redrive {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// Seconds since it was made, or since the last call.
+class Stopwatch {
+ public:
+  double lap() {
+    const auto now = std::chrono::steady_clock::now();
+    return std::chrono::duration<double>(now - std::exchange(last_, now)).count();
+  }
+
+ private:
+  std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
+};
+
+/// Returns the number after `prefix`; nothing for another path. UsageError.
+std::optional<double> number_of(const std::string& path, std::string_view prefix, double least,
+                                double most, const char* rule) {
+  if (!path.starts_with(prefix)) return std::nullopt;
+  double number = 0;
+  const char* const end = path.data() + path.size();
+  const auto [at, error] = std::from_chars(path.data() + prefix.size(), end, number);
+  if (error != std::errc{} || at != end || !(number >= least && number <= most))
+    throw UsageError("--path", path, rule);
+  return number;
+}
+std::optional<double> sideways_m(const std::string& path) {
+  return number_of(path, "sideways:", -1e4, 1e4,
+                   "must be sideways:METRES to the left, at most 1e4");
+}
+std::optional<double> speed_factor(const std::string& path) {
+  return number_of(path, "speed:", 0.1, 10, "must be speed:FACTOR, 0.1 to 10");
+}
+
+/// Drops frames, and their views, that come later.
+void end_scene_at(std::int64_t t_ns, Scene* scene) {
+  std::erase_if(scene->frames, [&](const Frame& frame) { return frame.t_ns > t_ns; });
+  std::erase_if(scene->views, [&](const View& view) {
+    return view.frame >= static_cast<int>(scene->frames.size());
+  });
+}
+
+/// Poses of the scene's frames from a file.
+std::vector<FramePose> trajectory_of_file(const fs::path& file, const Scene& scene) {
+  std::vector<FramePose> poses = parse_egomotion(read_file(file), file);
+  for (const Frame& frame : scene.frames) {
+    const auto pose = std::ranges::lower_bound(poses, frame.id, {}, &FramePose::id);
+    if (pose == poses.end() || pose->id != frame.id)
+      throw InputError(file, "frame " + std::to_string(frame.id), "",
+                       "is missing: a path has a pose for each frame of the run");
+    constexpr std::int64_t kSame_ns = 1'000'000;  // seconds as doubles
+    if (std::abs(pose->t_ns - frame.t_ns) > kSame_ns)
+      throw InputError(file, "time of frame " + std::to_string(frame.id),
+                       std::to_string(pose->t_ns), "must be the run's, to 1 ms");
+    pose->t_ns = frame.t_ns;
+  }
+  return poses;
+}
+
+/// The files of a simulated drive.
+class SimulatedReader : public RecordingReader {
+ public:
+  SimulatedReader(Scene scene, MovingObjects moving)
+      : scene_(std::move(scene)), moving_(std::move(moving)) {}
+
+  std::vector<LidarPoint> read_lidar(const FrameFile& file, std::size_t* = nullptr) const override {
+    constexpr std::uint64_t kMostBytes = std::uint64_t{1} << 32;
+    const std::string bytes = read_file(file.path, kMostBytes);
+    std::vector<LidarPoint> points(bytes.size() / sizeof(LidarPoint));
+    std::memcpy(static_cast<void*>(points.data()), bytes.data(),
+                points.size() * sizeof(LidarPoint));
+    return points;
+  }
+  std::vector<Box> read_boxes(const FrameFile& file) const override {
+    return boxes_at(scene_, moving_, scene_.frames[scene_.frame_index(file.frame_id)]);
+  }
+
+ private:
+  Scene scene_;
+  MovingObjects moving_;
+};
+
+/// Velocity of an object in the world, m/s.
+Eigen::Vector3d velocity_of(const MovingObject& object, std::int64_t t_ns) {
+  constexpr std::int64_t kStep_ns = 20'000'000;
+  const auto before = object.world_from_box(t_ns - kStep_ns),
+             after = object.world_from_box(t_ns + kStep_ns), now = object.world_from_box(t_ns);
+  const auto over = [](const Rigid3d& a, const Rigid3d& b, int steps) -> Eigen::Vector3d {
+    return (b.translation() - a.translation()) / (1e-9 * double(steps * kStep_ns));
+  };
+  if (before && after) return over(*before, *after, 2);
+  if (before && now) return over(*before, *now, 1);
+  if (after && now) return over(*now, *after, 1);
+  return Eigen::Vector3d::Zero();
+}
+
+/// A view's images until they are files.
+struct RenderedView {
+  const View* view = nullptr;
+  ShutterPoses poses = Rigid3d::Identity();
+  std::shared_ptr<const RayTable> rays;
+  RenderedImage image;
+  std::vector<float> flow;         ///< empty: none
+  std::vector<std::uint8_t> seen;  ///< Coverage::seen; empty: not asked for
+  nlohmann::json label;
+};
+
+class Simulation {
+ public:
+  Simulation(RunRenderer& renderer, const Scene& scene, const SimulateOptions& options,
+             const fs::path& folder, SimulateTimes* times)
+      : renderer_(renderer), scene_(scene), options_(options), folder_(folder), times_(*times) {
+    for (const RigCamera& camera : scene.rig)
+      for (const char* layer :
+           {"images", "labels/ids", "labels/depth", "labels/flow", "labels/guesses", "done"})
+        if (is_wanted(layer)) make_folders(folder / layer / camera.name);
+    if (options.guesses) coverage_.emplace(renderer.run(), renderer.backend());
+    for (const View& view : scene.views) of_frame_[view.frame].push_back(&view);
+  }
+
+  void render_frame(int frame) {
+    std::vector<RenderedView> rendered;
+    Stopwatch watch;
+    for (const View* view : of_frame_[frame]) {
+      if (fs::exists(done_file(*view))) {
+        ++times_.kept;
+        continue;
+      }
+      RenderedView out{view, scene_.shutter_poses(*view)};
+      ImageRequest request{scene_.rig[view->camera], scene_.camera_during(*view),
+                           scene_.exposed_ns(*view), scene_.exposure(*view)};
+      request.camera.camera = request.camera.recorded;
+      request.labelled = options_.labels;
+      out.image = renderer_.image(request, scene_);
+      out.rays = renderer_.rays(request.camera.camera);
+      times_.images_s += watch.lap();
+      ++times_.images;
+      label(&out);
+      times_.labels_s += watch.lap();
+      rendered.push_back(std::move(out));
+    }
+    renderer_.backend().pool().run(static_cast<int>(rendered.size()),
+                                   [&](int i) { write(rendered[i]); });
+    times_.files_s += watch.lap();
+  }
+
+  void render_scan(const LidarRequest& request, const SensorMotion& motion, const Frame& frame) {
+    const fs::path file = scan_file(frame.id);
+    if (fs::exists(file)) return;
+    Stopwatch watch;
+    const Run& run = renderer_.run();
+    // The rays that were fired, wherever the body is now.
+    const auto firings = firings_of(request, run.recording, run.scene, frame.id, frame.t_ns,
+                                    renderer_.backend().pool());
+    std::vector<LidarPoint> points;
+    if (firings) {
+      ScanOptions scan = request.scan;
+      scan.axes = PointAxes::kBody;
+      for (const LidarRecord& record :
+           redrive::render_scan(renderer_.backend(), *run.field(), *firings, motion, scan).points)
+        points.push_back({record.position_m.cast<float>(), intensity_in_16_bits(record.intensity),
+                          record.ring, record.t_ns});
+      ++times_.scans;
+    }
+    write_file(file,
+               {reinterpret_cast<const char*>(points.data()), points.size() * sizeof(LidarPoint)});
+    times_.scans_s += watch.lap();
+  }
+
+  void write_documents() const {
+    if (!options_.labels) return;
+    std::vector<nlohmann::json> images;
+    nlohmann::json poses{{"objects", nlohmann::json::array()}, {"images", nlohmann::json::array()}};
+    for (const MovingObject& object : scene_.actors)
+      poses["objects"].push_back(
+          {{"id", object.id},
+           {"type", object.type},
+           {"size_m", {object.size_m.x(), object.size_m.y(), object.size_m.z()}}});
+    for (const View& view : scene_.views) {
+      nlohmann::json label = read_json(done_file(view));
+      nlohmann::json pose = label.at("poses");
+      label.erase("poses");
+      pose["file_name"] = label.at("file_name");
+      poses["images"].push_back(std::move(pose));
+      images.push_back(std::move(label));
+    }
+    write_file(folder_ / "labels/instances.json", coco_document(images).dump() + "\n");
+    write_file(folder_ / "labels/poses.json", poses.dump(1) + "\n");
+  }
+
+  fs::path file_of(const View& view, const char* layer, const char* extension) const {
+    return folder_ / layer / scene_.rig[view.camera].name /
+           (std::to_string(scene_.frames[view.frame].id) + extension);
+  }
+  fs::path scan_file(std::int64_t id) const { return folder_ / "scans" / std::to_string(id); }
+
+ private:
+  bool is_wanted(std::string_view layer) const {
+    if (layer == "labels/flow") return options_.labels && options_.flow;
+    if (layer == "labels/guesses") return options_.guesses;
+    return options_.labels || !layer.starts_with("labels");
+  }
+  /// Written last, so that its image is complete.
+  fs::path done_file(const View& view) const { return file_of(view, "done", ".json"); }
+
+  /// Returns the next view of its camera; null: there is none.
+  const View* next_of(const View& view) const {
+    const View* const next = &view + 1;
+    return next != scene_.views.data() + scene_.views.size() && next->camera == view.camera
+               ? next
+               : nullptr;
+  }
+
+  void label(RenderedView* out) const {
+    const View& view = *out->view;
+    const RigCamera& camera = scene_.rig[view.camera];
+    const RenderedImage& image = out->image;
+    out->label = {{"file_name", "images/" + camera.name + "/" +
+                                    std::to_string(scene_.frames[view.frame].id) + ".png"},
+                  {"width", image.width},
+                  {"height", image.height},
+                  {"camera", camera.name},
+                  {"frame_id", scene_.frames[view.frame].id},
+                  {"exposed_ns", scene_.exposed_ns(view)},
+                  {"annotations", nlohmann::json::array()}};
+    if (options_.guesses) out->seen = coverage_->seen(camera.recorded, out->poses, image);
+    if (!options_.labels) return;
+    out->label["annotations"] = annotations_of(image, camera.recorded, out->poses, scene_);
+    nlohmann::json poses{{"world_from_camera", rigid_to_json(scene_.world_from_camera(view))},
+                         {"world_from_box", nlohmann::json::object()}};
+    for (const MovingObject& object : scene_.actors)
+      if (const auto pose = object.world_from_box(scene_.exposed_ns(view)))
+        poses["world_from_box"][std::to_string(object.id)] = rigid_to_json(*pose);
+    out->label["poses"] = std::move(poses);
+    const View* const next = options_.flow ? next_of(view) : nullptr;
+    if (next)
+      out->flow = optical_flow(image, *out->rays, out->poses, scene_.shutter_poses(*next),
+                               renderer_.backend().pool());
+  }
+
+  void write(const RenderedView& out) const {
+    const View& view = *out.view;
+    const RenderedImage& image = out.image;
+    write_image(file_of(view, "images", ".png"), to_image8(image));
+    if (options_.labels) {
+      write_png16(file_of(view, "labels/ids", ".png"), {image.width, image.height, image.ids});
+      write_png16(file_of(view, "labels/depth", ".png"),
+                  {image.width, image.height, depth_mm(image)});
+    }
+    if (!out.flow.empty())
+      write_file(file_of(view, "labels/flow", ".flo"),
+                 make_flo(out.flow, image.width, image.height));
+    if (!out.seen.empty()) {
+      Image8 guesses{image.width, image.height, std::vector<std::uint8_t>(3 * out.seen.size())};
+      for (std::size_t i = 0; i < guesses.rgb.size(); ++i)
+        guesses.rgb[i] = image.valid[i / 3] && !out.seen[i / 3] ? 255 : 0;
+      write_image(file_of(view, "labels/guesses", ".png"), guesses);
+    }
+    write_file(done_file(view), out.label.dump() + "\n");
+  }
+
+  RunRenderer& renderer_;
+  const Scene& scene_;
+  const SimulateOptions& options_;
+  const fs::path& folder_;
+  SimulateTimes& times_;
+  std::optional<Coverage> coverage_;
+  std::map<int, std::vector<const View*>> of_frame_;  ///< key: index into Scene::frames
+};
+
+}  // namespace
+
+void check_path(const std::string& path) {
+  sideways_m(path);
+  speed_factor(path);
+}
+
+Scene scene_on_path(const Scene& scene, const std::string& path) {
+  Scene out = scene;
+  const std::vector<RigCamera> rig = scene.rig;
+  out.trajectory = scene.corrected_trajectory();
+  out.correct({});
+  out.rig = rig;
+  for (View& view : out.views) view.motion.reset();
+  if (path == "drive") return out;
+  if (const auto left_m = sideways_m(path)) {
+    for (FramePose& pose : out.trajectory)
+      pose.global_from_body = pose.global_from_body * Eigen::Translation3d(0, *left_m, 0);
+  } else if (const auto factor = speed_factor(path)) {
+    const std::vector<FramePose> way = out.trajectory;
+    const std::int64_t first_ns = scene.frames.front().t_ns;
+    const auto on_way = [&](std::int64_t t_ns) {
+      return first_ns + std::llround(*factor * static_cast<double>(t_ns - first_ns));
+    };
+    for (FramePose& pose : out.trajectory) pose.global_from_body = pose_at(way, on_way(pose.t_ns));
+    const double most_ns = double(scene.frames.back().t_ns - first_ns) / std::max(*factor, 1.0);
+    end_scene_at(first_ns + std::llround(most_ns), &out);
+  } else {
+    out.trajectory = trajectory_of_file(path, scene);
+  }
+  return out;
+}
+
+std::vector<Box> boxes_at(const Scene& scene, const MovingObjects& moving, const Frame& frame) {
+  std::vector<const MovingObject*> objects;
+  for (const MovingObject& object : scene.actors) objects.push_back(&object);
+  for (const MovingObject& object : moving.parked()) objects.push_back(&object);
+  const Rigid3d world_from_body = scene.world_from_body(frame.t_ns),
+                body_from_world = world_from_body.inverse(Eigen::Isometry);
+  const Eigen::Vector3d own =
+      scene.global_from_world.linear().transpose() * velocity_at(scene.trajectory, frame.t_ns);
+  std::vector<Box> boxes;
+  for (const MovingObject* object : objects) {
+    const auto pose = object->world_from_box(frame.t_ns);
+    if (!pose) continue;
+    Box box;
+    box.object_id = object->id;
+    box.type = object->type;
+    box.actor_name = object->type + " " + std::to_string(object->id);
+    box.t_ns = frame.t_ns;
+    box.body_from_box = body_from_world * *pose;
+    box.size_m = object->size_m;
+    box.velocity_in_body_m_per_s =
+        body_from_world.linear() * (velocity_of(*object, frame.t_ns) - own);
+    boxes.push_back(box);
+  }
+  std::ranges::sort(boxes, {}, &Box::object_id);
+  return boxes;
+}
+
+Recording simulate(RunRenderer& renderer, const Scene& scene, const SimulateOptions& options,
+                   const fs::path& folder, const std::atomic<bool>& stop, SimulateTimes* times) {
+  const Run& run = renderer.run();
+  Recording drive = drive_of_scene(run.recording, scene);
+  LidarRequest request;
+  if (options.with_lidar) request = parse_lidar_request(options.lidar);
+  const bool with_lidar =
+      options.with_lidar &&
+      (request.mount || (run.recording.body_from_lidar && !run.recording.lidar_files.empty()));
+  std::optional<SensorMotion> motion;
+  if (with_lidar) {
+    motion.emplace(sensor_motion(request, run.recording, scene, {}));
+    complete_sensor(run.recording, &request);
+    make_folders(folder / "scans");
+  }
+  Simulation simulation(renderer, scene, options, folder, times);
+  {
+    Progress progress("simulating frames", std::ssize(scene.frames));
+    for (int f = 0; f < std::ssize(scene.frames); ++f) {
+      if (stop) throw Interrupted();
+      simulation.render_frame(f);
+      if (with_lidar) simulation.render_scan(request, *motion, scene.frames[f]);
+      progress.count();
+    }
+  }
+  simulation.write_documents();
+
+  drive.reader = std::make_shared<SimulatedReader>(scene, run.moving);
+  drive.lidar_files.clear();
+  drive.box_files.clear();
+  drive.points_file.clear();
+  drive.novel.clear();
+  drive.ground_truth_frames.clear();
+  drive.lidar_elevation_rad = 0;
+  if (with_lidar) drive.body_from_lidar = motion->body_from_sensor;
+  for (const Frame& frame : scene.frames) {
+    if (with_lidar) drive.lidar_files.push_back({frame.id, simulation.scan_file(frame.id)});
+    drive.box_files.push_back({frame.id, {}});
+  }
+  for (RecordedCamera& camera : drive.cameras) camera.images.clear();
+  for (const View& view : scene.views) {
+    const std::string& name = scene.rig[view.camera].name;
+    const auto camera = std::ranges::find_if(
+        drive.cameras, [&](const RecordedCamera& c) { return c.calibration.name == name; });
+    ImageFile image;
+    image.frame_id = scene.frames[view.frame].id;
+    image.path = simulation.file_of(view, "images", ".png");
+    camera->images.push_back(image);
+  }
+  return drive;
+}
+
+}  // namespace redrive

@@ -1,0 +1,118 @@
+// SPDX-License-Identifier: Apache-2.0
+// A simulated drive with labels, read back by redrive's own reader.
+#include <csignal>
+#include <thread>
+
+#include <nlohmann/json.hpp>
+
+#include "redrive/recording/formats/recording_reader.h"
+#include "tests/e2e/traffic_testing.h"
+
+namespace redrive::testing {
+namespace {
+
+using ::testing::HasSubstr;
+
+class Simulated : public TrafficEndToEnd {
+ protected:
+  Simulated() {
+    const ProgramResult trained = train_on(kSample, run_, 40, {});
+    EXPECT_EQ(trained.exit_code, kExitOk) << trained.err;
+  }
+  std::vector<std::string> simulate(const fs::path& out, std::vector<std::string> more) const {
+    more.insert(more.begin(), {"simulate", run_.string(), "--out", out.string()});
+    return more;
+  }
+
+  static constexpr const char* kSample = REDRIVE_SAMPLES "/street_traffic";
+  const fs::path run_ = folder_ / "run", out_ = folder_ / "out";
+};
+
+std::vector<Box> boxes_of(const Recording& recording, std::int64_t frame) {
+  const auto file = std::ranges::find(recording.box_files, frame, &FrameFile::frame_id);
+  return recording.reader->read_boxes(*file);
+}
+
+/// Half a metre to the left of the driven way.
+TEST_F(Simulated, ADriveIsReadBack) {
+  const ProgramResult made = redrive(
+      simulate(out_, {"--path", "sideways:0.5", "--labels", "guesses", "--sensor", "hdl-32e"}));
+  ASSERT_EQ(made.exit_code, kExitOk) << made.err;
+  EXPECT_FALSE(fs::exists(out_.string() + ".unfinished"));
+  const Recording was = open_recording(kSample, PoseSource::kGroundTruth),
+                  now = open_recording(out_);
+  ASSERT_EQ(now.frames.size(), was.frames.size());
+  const Rigid3d left(Eigen::Translation3d(0, 0.5, 0));
+  for (std::size_t f = 0; f < now.frames.size(); ++f)
+    EXPECT_LT(((was.frames[f].global_from_body * left).inverse() * now.frames[f].global_from_body *
+                   Eigen::Vector3d::Ones() -
+               Eigen::Vector3d::Ones())
+                  .norm(),
+              1e-6);
+  ASSERT_EQ(now.cameras.size(), 1u);
+  const CameraCalibration& camera = now.cameras[0].calibration;
+  EXPECT_EQ(camera.name, kTrafficCamera);
+  EXPECT_EQ(camera.parameters, was.find_camera(kTrafficCamera)->calibration.parameters);
+  EXPECT_EQ(now.cameras[0].images.size(), was.frames.size());
+  EXPECT_GT(now.read_lidar(now.lidar_files[12]).size(), 5000u);
+  const std::vector<Box> recorded = boxes_of(was, 1012), simulated = boxes_of(now, 1012);
+  ASSERT_EQ(simulated.size(), recorded.size());
+  for (std::size_t i = 0; i < recorded.size(); ++i) {
+    EXPECT_EQ(simulated[i].object_id, recorded[i].object_id);
+    EXPECT_EQ(simulated[i].type, recorded[i].type);
+    // Training corrects the tracks of moving ones.
+    EXPECT_LT(((left * simulated[i].body_from_box).translation() -
+               recorded[i].body_from_box.translation())
+                  .norm(),
+              i == 0 ? 1e-4 : 0.3);
+  }
+
+  const Image8 image = read_image(now.cameras[0].images[12].path),
+               expected = rendered(run_, {"--translate", "0,0.5,0"});
+  ASSERT_EQ(image.rgb.size(), expected.rgb.size());
+  int others = 0;
+  for (std::size_t i = 0; i < image.rgb.size(); ++i) others += image.rgb[i] != expected.rgb[i];
+  EXPECT_LT(others, 20) << "poses agree to rounding";
+
+  const nlohmann::json labels = read_json(out_ / "labels/instances.json");
+  EXPECT_EQ(labels.at("images").size(), 24u);
+  int seen = 0;
+  for (const nlohmann::json& label : labels.at("annotations")) {
+    const nlohmann::json& of = labels.at("images")[label.at("image_id").get<std::size_t>() - 1];
+    EXPECT_TRUE(fs::exists(out_ / "labels" / of.at("file_name").get<std::string>()));
+    if (of.at("frame_id") != 1012) continue;
+    const Image16 ids = read_png16(out_ / "labels/ids" / kTrafficCamera / "1012.png");
+    EXPECT_EQ(std::ranges::count(ids.values, label.at("number").get<int>()), label.at("area"));
+    ++seen;
+  }
+  EXPECT_EQ(seen, 2);
+  for (const char* file : {"depth/%.png", "flow/%.flo", "guesses/%.png"}) {
+    std::string path = file;
+    path.replace(path.find('%'), 1, std::string(kTrafficCamera) + "/1012");
+    EXPECT_TRUE(fs::exists(out_ / "labels" / path)) << path;
+  }
+}
+
+TEST_F(Simulated, AKilledSimulationContinues) {
+  const std::vector<std::string> arguments = simulate(out_, {"--sensor", "none"});
+  const fs::path done = out_.string() + ".unfinished/done/" + kTrafficCamera + "/1003.json";
+  Program killed(REDRIVE_BINARY, arguments);
+  for (int i = 0; i < 60'000 && !fs::exists(done) && !fs::exists(out_); ++i)
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  killed.send(SIGKILL);
+  killed.wait();
+  EXPECT_FALSE(fs::exists(out_));
+  const ProgramResult continued = redrive(arguments);
+  ASSERT_EQ(continued.exit_code, kExitOk) << continued.err;
+  EXPECT_THAT(continued.out, HasSubstr("images were there"));
+  const fs::path whole = folder_ / "whole";
+  ASSERT_EQ(redrive(simulate(whole, {"--sensor", "none"})).exit_code, kExitOk);
+  const auto a = contents(out_), b = contents(whole);
+  ASSERT_EQ(a.size(), b.size());
+  for (auto i = a.begin(), j = b.begin(); i != a.end(); ++i, ++j)
+    EXPECT_TRUE(i->second == j->second) << i->first;
+  EXPECT_EQ(redrive(arguments).exit_code, kExitUsage) << "it is there";
+}
+
+}  // namespace
+}  // namespace redrive::testing
