@@ -49,7 +49,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
       expect(camera.width > 0 && camera.height > 0 && camera.parameters[0] > 0);
   });
   tried([&] {
-    const auto points = argoverse2::parse_scan(bytes, "t", 0, poses);
+    const auto points = argoverse2::parse_scan(bytes, "t", argoverse2::Lidar::kUp, 0, poses);
     for (const LidarPoint& point : points) expect(point.in_body_m.allFinite());
     argoverse2::sweep_timing(points, 0, poses[0].global_from_body);
   });

@@ -35,7 +35,7 @@ class EndToEndNuScenes : public EndToEnd {
                                    {"scene_token", "t"},
                                    // The laser points ahead 37.5 ms before its revolution ends.
                                    {"timestamp", (scene.frames[f].t_ns + 37'500'000) / 1000}});
-    add_sensor("LIDAR_TOP", "lidar", *street_.body_from_lidar, nlohmann::json::array());
+    add_sensor("LIDAR_TOP", "lidar", street_.lidars[0].body_from_lidar, nlohmann::json::array());
     for (std::size_t c = 0; c < scene.rig.size(); ++c) {
       const Camera& camera = scene.rig[c].camera;
       add_sensor(kCameras[c], "camera", scene.rig[c].body_from_sensor,
@@ -107,7 +107,8 @@ class EndToEndNuScenes : public EndToEnd {
     const std::int64_t first_ns = points[0].t_ns / 1000 * 1000;
     for (std::int64_t end_ns = first_ns + kRevolution_ns; end_ns < points.back().t_ns;
          end_ns += kRevolution_ns) {
-      const Rigid3d lidar_from_map = (map_from_body(end_ns) * *street_.body_from_lidar).inverse();
+      const Rigid3d lidar_from_map =
+          (map_from_body(end_ns) * street_.lidars[0].body_from_lidar).inverse();
       constexpr std::size_t kColumns = kRevolution_ns / kColumn_ns + 1;
       std::vector<std::vector<const LidarPoint*>> columns(kColumns);
       for (const LidarPoint& point : points)

@@ -158,11 +158,11 @@ constexpr std::size_t kRays = 16 * 120;  // a revolution
 void expect_all_rays(const std::vector<LidarPoint>& points, const Recording& recording) {
   const std::vector<LidarPoint> scans[] = {points};
   std::string why;
-  const auto structure = estimate_structure(scans, *recording.body_from_lidar, &why);
+  const auto structure = estimate_structure(scans, recording.lidars[0].body_from_lidar, &why);
   ASSERT_TRUE(structure) << why;
   EXPECT_EQ(structure->sensor.beams.size(), 16u);
   EXPECT_EQ(structure->sensor.azimuth_steps, 120);
-  const LostRays lost = lost_rays(points, *recording.body_from_lidar, *structure, &why);
+  const LostRays lost = lost_rays(points, recording.lidars[0].body_from_lidar, *structure, &why);
   EXPECT_EQ(points.size() + lost.size(), kRays) << why;
   EXPECT_NEAR(static_cast<double>(lost.size()), 0.1 * kRays, 0.06 * kRays);
 }

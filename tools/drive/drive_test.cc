@@ -178,12 +178,13 @@ TEST_F(MadeDrive, LidarRangesAreThoseOfTheSensorAtEachPointsTime) {
       const Rigid3d pose =
           motion.world_from_body(1e-9 * static_cast<double>(point.t_ns - time_ns(0)));
       const Vector3d from_sensor =
-          point.in_body_m.cast<double>() - recording.body_from_lidar->translation();
+          point.in_body_m.cast<double>() - recording.lidars[0].body_from_lidar.translation();
       const double range_m = from_sensor.norm();
       const Vector3d direction = pose.linear() * from_sensor / range_m;
       // Coordinates are rounded to 0.1 mm, so rays along silhouettes and at grazing angles miss.
       const double found_m =
-          world.range(pose * recording.body_from_lidar->translation(), direction).distance_m;
+          world.range(pose * recording.lidars[0].body_from_lidar.translation(), direction)
+              .distance_m;
       equal += std::abs(found_m - range_m) < 0.004 * std::max(1.0, range_m / 10);
       ++points;
     }

@@ -21,6 +21,7 @@
 #include "redrive/math/so3.h"
 #include "redrive/recording/core/pose_jumps.h"
 #include "redrive/recording/core/summary.h"
+#include "redrive/recording/formats/recording_reader.h"
 #include "redrive/render/recorded_lidar.h"
 #include "redrive/scene/moving_objects.h"
 
@@ -287,7 +288,7 @@ std::string obstacle(const Recording& recording, const AlignResult& result, bool
 
 Recording with_alignment(Recording recording, const AlignResult& result) {
   recording.frames = result.frames;
-  recording.lidar_elevation_rad = result.lidar_elevation_rad;
+  if (!recording.lidars.empty()) recording.lidars[0].elevation_rad = result.lidar_elevation_rad;
   for (std::size_t c = 0; c < recording.cameras.size(); ++c)
     recording.cameras[c].calibration = result.cameras[c];
   return recording;
@@ -328,13 +329,16 @@ AlignResult align_with(const Recording& recording, const std::vector<Track>& tra
     bundle = adjust_bundle(&model, tracks, lidar, contrast, bundle_options, pool);
   }
   AlignResult result = describe(model, std::move(bundle), options.bundle.priors, lidar.empty());
-  result.lidar_elevation_rad += recording.lidar_elevation_rad;
+  result.lidar_elevation_rad += first_elevation_rad(recording);
   if (const auto& best_rad = result.bundle.unobservable_elevation_rad)
     remarks.push_back(
         text("the elevations of the LiDAR are unobservable (%+.3f +- %.3f degrees fits best, and "
              "+- %.3f is needed): they stay as they are",
              *best_rad * kDegreesPerRadian, *result.bundle.elevation_sigma_rad * kDegreesPerRadian,
              kMaxElevationSigma_rad * kDegreesPerRadian));
+  if (bundle_options.lidar_elevation && recording.lidars.size() > 1)
+    remarks.push_back("of several LiDARs only the elevations of " + recording.lidars[0].name +
+                      " are corrected");
   result.remarks = std::move(remarks);
   for (const UnobservableTimeOffset& offset : result.bundle.unobservable)
     result.remarks.push_back(
@@ -360,7 +364,7 @@ namespace {
 /// The model with aligned poses and calibrations, for samples of `recording`.
 RigModel aligned_model(const Recording& recording, const AlignResult& result) {
   RigModel model = make_rig_model(with_alignment(recording, result));
-  model.lidar_elevation_rad = result.lidar_elevation_rad - recording.lidar_elevation_rad;
+  model.lidar_elevation_rad = result.lidar_elevation_rad - first_elevation_rad(recording);
   return model;
 }
 
@@ -401,7 +405,7 @@ void print_again(const Recording& recording, const std::vector<UnobservableTimeO
 
 std::vector<LidarSample> load_align_samples(const Recording& recording, const AlignOptions& options,
                                             ThreadPool& pool, std::vector<Finding>* damaged) {
-  if (!options.lidar || !recording.body_from_lidar) return {};
+  if (!options.lidar || recording.lidars.empty()) return {};
   const Scene scene = make_scene(recording, {});
   const LidarReturns returns =
       load_lidar_returns(recording, scene, read_moving_objects(recording, scene), pool);

@@ -59,7 +59,7 @@ struct AlignResult {
   /// whole, which nothing measures, and without LiDAR the scale, which is the egomotion's.
   std::vector<Correction> corrections;
   std::vector<CameraCorrection> camera_corrections;
-  double lidar_elevation_rad = 0;  ///< Recording::lidar_elevation_rad
+  double lidar_elevation_rad = 0;  ///< RecordedLidar::elevation_rad of the first
   /// Its standard deviation; nothing: not estimated or unobservable, the initial value is kept.
   std::optional<double> lidar_elevation_sigma_rad;
   BundleResult bundle;

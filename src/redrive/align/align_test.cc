@@ -26,7 +26,7 @@ Recording with_scans(const TemporaryFolder& folder,
                      const std::function<void(std::int64_t, std::string*)>& change = {}) {
   Recording recording = make_test_recording(folder.path);
   recording.reader = aimotive::make_reader(recording.frames);
-  recording.body_from_lidar = Rigid3d(Eigen::Translation3d(1, 0, 1.8));
+  recording.lidars = {{"lidar", Rigid3d(Eigen::Translation3d(1, 0, 1.8))}};
   for (const FramePose& frame : recording.frames) {
     std::string bytes = make_las(std::vector<LidarRecord>(40, {{20, 5, 1}, frame.t_ns, 7}));
     if (change) change(frame.id, &bytes);
@@ -54,7 +54,7 @@ TEST(LoadAlignSamples, NamesScansThatAreFoundDamagedWhenTheyAreDecoded) {
 TEST(LoadAlignSamples, CorrectsElevationsOfTheCalibration) {
   const TemporaryFolder folder;
   Recording recording = with_scans(folder);
-  recording.lidar_elevation_rad = 0.003;
+  recording.lidars[0].elevation_rad = 0.003;
   ThreadPool pool(1);
   const std::vector<LidarSample> samples = load_align_samples(recording, {}, pool);
   ASSERT_FALSE(samples.empty());

@@ -205,7 +205,7 @@ LoopClosures close_loops(const Recording& recording, const PointsOfFrames& point
 
 void close_loops(const Recording& recording, const AlignOptions& options, ThreadPool& pool,
                  AlignResult* result) {
-  const bool lidar = options.lidar && recording.body_from_lidar && !recording.lidar_files.empty();
+  const bool lidar = options.lidar && !recording.lidars.empty() && !recording.lidar_files.empty();
   if (!lidar) {
     if (const auto found = find_loop_candidates(result->frames); !found.empty())
       result->remarks.push_back(

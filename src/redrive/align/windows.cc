@@ -12,6 +12,7 @@
 #include "redrive/base/error.h"
 #include "redrive/math/angles.h"
 #include "redrive/math/so3.h"
+#include "redrive/recording/formats/recording_reader.h"
 
 namespace redrive {
 namespace {
@@ -328,7 +329,7 @@ AlignResult align_in_windows(const Recording& recording, const AlignOptions& opt
     for (const int camera : cameras)
       by.bundle.readouts.push_back(options.bundle.estimates_readout(camera));
     const AlignResult aligned = align_named(k, part, by);
-    sums.add(aligned, cameras, recording.lidar_elevation_rad);
+    sums.add(aligned, cameras, first_elevation_rad(recording));
     for (int i = 0; i < windows[k].size(); ++i) {
       Vector6d& sigma = shape_sigma[windows[k].begin + i];
       sigma = sigma.cwiseMax(aligned.corrections[i].sigma);
@@ -341,7 +342,7 @@ AlignResult align_in_windows(const Recording& recording, const AlignOptions& opt
   }
 
   RigModel model = make_rig_model(recording);
-  sums.combine(options.bundle.priors, frames_in_windows / n, recording.lidar_elevation_rad, &model,
+  sums.combine(options.bundle.priors, frames_in_windows / n, first_elevation_rad(recording), &model,
                &result);
   const AlignOptions fixed = with_fixed_cameras(options);
   const Rigid3d world_from_global = model.global_from_world.inverse(Eigen::Isometry);
@@ -352,7 +353,7 @@ AlignResult align_in_windows(const Recording& recording, const AlignOptions& opt
     const std::vector<int> cameras = cameras_of(recording, part);
     for (std::size_t c = 0; c < cameras.size(); ++c)
       part.cameras[c].calibration = result.cameras[cameras[c]];
-    part.lidar_elevation_rad = result.lidar_elevation_rad;
+    if (!part.lidars.empty()) part.lidars[0].elevation_rad = result.lidar_elevation_rad;
     const AlignResult aligned = align_named(k, part, fixed);
     const int before = k > 0 ? windows[k - 1].end - windows[k].begin : 0,
               after = k + 1 < windows.size() ? windows[k].end - windows[k + 1].begin : 0;

@@ -58,12 +58,12 @@ void print_scored_share(const std::map<std::string, Score>& cameras, const Score
                   100 * score.scored_share());
 }
 
-/// Prints a row for each novel set with scans.
-void print_novel_scans(const std::map<std::string, LidarScore>& sets) {
+/// Prints a row for each novel set with scans, or for each LiDAR.
+void print_scans(const char* title, const std::map<std::string, LidarScore>& sets) {
   if (sets.empty()) return;
-  std::printf("%-16s %5s %7s %10s %8s %9s %7s %10s %9s %10s %7s\n", "novel scans", "scans",
-              "returns", "rendered %", "<= 0.2 m", "median cm", "mean cm", "chamfer cm",
-              "intensity", "lost acc %", "lost F1");
+  std::printf("%-16s %5s %7s %10s %8s %9s %7s %10s %9s %10s %7s\n", title, "scans", "returns",
+              "rendered %", "<= 0.2 m", "median cm", "mean cm", "chamfer cm", "intensity",
+              "lost acc %", "lost F1");
   for (const auto& [name, score] : sets) {
     std::printf("%-16s %5d %7lld %10.1f %8.1f %9s %7s %10s", name.c_str(), score.revolutions,
                 static_cast<long long>(score.returns), 100 * score.hit_rate,
@@ -121,6 +121,7 @@ void print_evaluation(const Evaluation& evaluation) {
         "%.3f deg RMS\n",
         aligned->views, 100 * aligned->translation_m, aligned->rotation_deg);
   if (evaluation.lidar) print_lidar(*evaluation.lidar);
+  print_scans("each LiDAR", evaluation.lidars);
   const bool has_truth = !evaluation.novel.empty() || !evaluation.novel_lidar.empty();
   if (const auto& alignment = evaluation.alignment; alignment && has_truth)
     std::printf(
@@ -128,7 +129,7 @@ void print_evaluation(const Evaluation& evaluation) {
         "%.3f deg RMS\n",
         100 * alignment->translation_m, alignment->rotation_deg, 100 * alignment->residual_m,
         alignment->residual_deg);
-  print_novel_scans(evaluation.novel_lidar);
+  print_scans("novel scans", evaluation.novel_lidar);
   if (evaluation.novel.empty()) return;
   std::printf("%-24s %6s %8s %8s %8s %9s %11s\n", "novel views", "images", "PSNR dB", "SSIM",
               "FLIP", "px masked", "depth err %");

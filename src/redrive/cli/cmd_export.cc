@@ -249,17 +249,17 @@ int export_las(const ExportCommandOptions& options) {
   check_output_file("OUT", options.out, options.force);
   const Source source = open_source(options);
   const Run& run = source.run;
-  if (run.recording.lidar_files.empty() || !run.recording.body_from_lidar)
+  if (run.recording.lidar_files.empty() || run.recording.lidars.empty())
     throw InputError(options.from, "", "", "the recording has no LiDAR revolutions");
   ThreadPool pool(options.backend.threads > 0 ? options.backend.threads : hardware_threads());
   const LidarReturns returns = static_returns(source, pool);
   LidarPoses poses(run.scene, returns);
-  const float scale = returns.full_intensity();
+  const std::vector<float> full = returns.full_intensities();
   std::vector<LidarRecord> points(returns.n);
   for (std::size_t i = 0; i < returns.n; ++i) {
     points[i].position_m = poses.in_world(i);
     points[i].t_ns = returns.t_ns[i];
-    points[i].intensity = returns.intensity[i] / scale;
+    points[i].intensity = returns.intensity[i] / full[returns.sensor_of(i)];
   }
   const std::string bytes = make_las(points);
   write_file(options.out, bytes);

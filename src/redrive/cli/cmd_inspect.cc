@@ -102,8 +102,9 @@ void check_calibration(const RecordedCamera& camera, double percent, Inspection*
 /// Reads the middle scan and looks for its returns in the images.
 void check_lidar(ThreadPool& pool, Inspection* result) {
   const Recording& recording = result->recording;
-  if (!recording.body_from_lidar || recording.lidar_files.empty()) return;
-  const std::int64_t middle = recording.lidar_files[recording.lidar_files.size() / 2].frame_id;
+  if (recording.lidars.empty() || recording.lidar_files.empty()) return;
+  const std::vector<FrameFile> scans = recording.scans_of(recording.lidar_files[0].lidar);
+  const std::int64_t middle = scans[scans.size() / 2].frame_id;
   const Scene scene = make_scene(recording, {});
   const LidarReturns lidar = load_lidar_returns(recording, scene, {}, pool,
                                                 {[&](std::int64_t id) { return id == middle; }});
@@ -112,17 +113,18 @@ void check_lidar(ThreadPool& pool, Inspection* result) {
     result->findings.push_back({"lidar of frame " + std::to_string(middle), check.why});
 }
 
-/// Estimates the LiDAR's beams and adds a finding where they do not fit the returns.
+/// Estimates the LiDARs' beams and adds a finding where they do not fit the returns.
 void find_beams(Inspection* result) {
   const Recording& recording = result->recording;
-  if (!recording.body_from_lidar || recording.lidar_files.empty()) return;
-  std::string why;
-  result->lidar = recorded_structure(recording, &why);
-  if (!result->lidar) {
-    result->findings.push_back({"lidar", why});
-    return;
+  result->lidars.resize(recording.lidars.size());
+  for (std::size_t k = 0; k < recording.lidars.size(); ++k) {
+    if (recording.scans_of(k).empty()) continue;
+    const std::string name = recording.lidars.size() > 1 ? recording.lidars[k].name : "lidar";
+    std::string why;
+    const auto structure = result->lidars[k] = recorded_structure(recording, &why, k);
+    if (structure) why = misfit(*structure).value_or("");
+    if (!why.empty()) result->findings.push_back({name, why});
   }
-  if (const auto why_not = misfit(*result->lidar)) result->findings.push_back({"lidar", *why_not});
 }
 
 struct InspectOptions {
@@ -242,7 +244,7 @@ void write_report(const std::filesystem::path& folder, ThreadPool& pool, Inspect
   if (lidar.damaged) result->findings.push_back(*lidar.damaged);
   if (const auto unusable = unusable_returns(lidar)) result->findings.push_back(*unusable);
   std::vector<LidarSample> samples;
-  if (result->recording.metric && result->recording.body_from_lidar)
+  if (result->recording.metric && !result->recording.lidars.empty())
     samples = lidar_samples(result->recording, lidar);
   result->preflight = check_recording(result->recording, images, samples, pool);
   if (lidar.n > 0) result->preflight->shared.push_back(check_lidar_in_images(images.scene, lidar));

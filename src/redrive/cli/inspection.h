@@ -30,7 +30,8 @@ struct Inspection {
   Recording recording;
   std::optional<DriveSummary> drive;  ///< nothing for photographs
   std::vector<CameraReport> cameras;
-  std::optional<ScanStructure> lidar;  ///< nothing where it is not known
+  /// beams of Recording::lidars; nothing where they are not known
+  std::vector<std::optional<ScanStructure>> lidars;
   std::vector<Finding> findings;       ///< oddities with which the recording can be used
   std::vector<Finding> problems;       ///< reasons for which training would reject the recording
   std::optional<Preflight> preflight;  ///< with --report

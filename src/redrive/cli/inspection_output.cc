@@ -10,6 +10,7 @@
 #include "redrive/cli/inspection.h"
 #include "redrive/cli/json_output.h"
 #include "redrive/math/angles.h"
+#include "redrive/recording/parse/rigid_json.h"
 #include "redrive/report/html.h"
 
 namespace redrive {
@@ -159,8 +160,17 @@ nlohmann::ordered_json inspection_to_json(const Inspection& result) {
              {"mean_speed_m_per_s", result.drive->mean_speed_m_per_s},
              {"max_speed_m_per_s", result.drive->max_speed_m_per_s}};
   }
-  nlohmann::ordered_json lidar;  // null where its beams are not known
-  if (result.lidar) lidar = structure_to_json(*result.lidar);
+  nlohmann::ordered_json lidars = nlohmann::ordered_json::array();
+  for (std::size_t k = 0; k < recording.lidars.size(); ++k) {
+    const RecordedLidar& lidar = recording.lidars[k];
+    nlohmann::ordered_json beams;  // null where they are not known
+    if (k < result.lidars.size() && result.lidars[k]) beams = structure_to_json(*result.lidars[k]);
+    lidars.push_back({{"name", lidar.name},
+                      {"files", recording.scans_of(k).size()},
+                      {"body_from_lidar", rigid_to_json(lidar.body_from_lidar)},
+                      {"elevation_offset_deg", kDegreesPerRadian * lidar.elevation_rad},
+                      {"beams", beams}});
+  }
   nlohmann::ordered_json preflight;  // null without --report
   if (result.preflight) preflight = preflight_to_json(*result.preflight);
   nlohmann::ordered_json objects;  // null without --actors
@@ -179,7 +189,7 @@ nlohmann::ordered_json inspection_to_json(const Inspection& result) {
           {"drive", drive},
           {"bounds", bounds},
           {"lidar_files", recording.lidar_files.size()},
-          {"lidar", lidar},
+          {"lidars", lidars},
           {"box_files", recording.box_files.size()},
           {"other_sensors", recording.other_sensors},
           {"novel", novel},
@@ -209,6 +219,23 @@ void print_structure(const ScanStructure& structure) {
   if (structure.second_returns > 0.005)
     std::printf(", two returns for %.0f %% of the rays", 100 * structure.second_returns);
   std::printf("\n               intensities 0 to %d\n", structure.intensity_scale);
+}
+
+void print_lidars(const Inspection& result) {
+  const Recording& recording = result.recording;
+  if (recording.lidars.empty())
+    std::printf("lidar          %zu files\n", recording.lidar_files.size());
+  for (std::size_t k = 0; k < recording.lidars.size(); ++k) {
+    const RecordedLidar& lidar = recording.lidars[k];
+    const Eigen::Vector3d at = lidar.body_from_lidar.translation();
+    std::printf("lidar          %zu files of %s, at %.2f %.2f %.2f m in the body\n",
+                recording.scans_of(k).size(), lidar.name.c_str(), at.x(), at.y(), at.z());
+    const bool known = k < result.lidars.size() && result.lidars[k];
+    if (known) print_structure(*result.lidars[k]);
+    if (known && lidar.elevation_rad != 0)
+      std::printf("               elevations corrected by %+.3f degrees\n",
+                  kDegreesPerRadian * lidar.elevation_rad);
+  }
 }
 
 void print_preflight(const Preflight& preflight) {
@@ -273,11 +300,7 @@ void print_inspection(const Inspection& result) {
   if (alpha) std::printf("alpha          yes: train takes --background white, black or random\n");
   if (!recording.points_file.empty())
     std::printf("points         %s\n", recording.points_file.c_str());
-  std::printf("lidar          %zu files\n", recording.lidar_files.size());
-  if (result.lidar) print_structure(*result.lidar);
-  if (result.lidar && recording.lidar_elevation_rad != 0)
-    std::printf("               elevations corrected by %+.3f degrees\n",
-                kDegreesPerRadian * recording.lidar_elevation_rad);
+  print_lidars(result);
   std::printf("boxes          %zu files\n", recording.box_files.size());
   std::string others, novel;
   for (const std::string& sensor : recording.other_sensors)

@@ -265,7 +265,8 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
     scores.add_novel(ground_truth, chosen_of(ground_truth.size()), &evaluation);
   scores.write_parts(&evaluation);
   if (!scans.empty())
-    evaluation.lidar = score_lidar(run, backend, scans, left_out.moving, &progress);
+    evaluation.lidar =
+        score_lidar(run, backend, scans, left_out.moving, &progress, &evaluation.lidars);
   for (const NovelScans& set : novel_sets)
     if (const auto score =
             score_novel_scans(run, backend, evaluation.alignment.value_or(TrajectoryRegistration{}),
@@ -293,6 +294,7 @@ nlohmann::json evaluation_to_json(const Evaluation& evaluation) {
                          {"held_out", evaluation.held_out},
                          {"moving", nullptr},
                          {"lidar", nullptr},
+                         {"lidars", nlohmann::json::object()},
                          {"novel_lidar", nlohmann::json::object()},
                          {"alignment", nullptr},
                          {"view_alignment", nullptr},
@@ -309,6 +311,8 @@ nlohmann::json evaluation_to_json(const Evaluation& evaluation) {
   if (const auto& alignment = evaluation.alignment)
     json["alignment"] = registration_to_json(*alignment);
   if (evaluation.lidar) json["lidar"] = lidar_score_to_json(*evaluation.lidar);
+  for (const auto& [name, score] : evaluation.lidars)
+    json["lidars"][name] = lidar_score_to_json(score);
   for (const auto& [name, score] : evaluation.novel_lidar)
     json["novel_lidar"][name] = lidar_score_to_json(score);
   for (const auto& [name, score] : evaluation.cameras) json["cameras"][name] = score_to_json(score);

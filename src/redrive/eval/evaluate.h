@@ -84,6 +84,7 @@ struct Evaluation {
   std::map<std::string, Score> novel;      ///< key: novel/<name>; empty without ground truth
   std::map<std::string, PartEvaluation> parts;
   std::optional<LidarScore> lidar;                ///< score of held-out scans that did not train
+  std::map<std::string, LidarScore> lidars;       ///< key: name; of each, where there are several
   std::map<std::string, LidarScore> novel_lidar;  ///< key: novel/<name>, of sets with scans
   std::optional<ViewAlignment>
       view_alignment;  ///< alignment of the held-out images, where training refined poses

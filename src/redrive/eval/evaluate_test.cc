@@ -306,7 +306,8 @@ TEST(EvaluationJson, HasTheDocumentedKeys) {
   evaluation.lidar =
       LidarScore{{100, 0.25, 0.375, 0.75, 0.5},     2, 0.125, 0.0625, LostRayScore{20, 0.75, 0.5},
                  RangeScore{7, 0.5, 0.625, 1, 0.25}};
-  evaluation.novel_lidar["aside"] = LidarScore{{9, std::nan(""), std::nan(""), 0, 0}, 1, 0.5};
+  evaluation.lidars["up"] = evaluation.novel_lidar["aside"] =
+      LidarScore{{9, std::nan(""), std::nan(""), 0, 0}, 1, 0.5};
   const auto json = nlohmann::json::parse(evaluation_to_json(evaluation).dump());
   EXPECT_EQ(json, nlohmann::json::parse(R"({
     "overall": {"psnr_db": 20.5, "ssim": 0.5, "flip": 0.25, "depth_error": null, "images": 3,
@@ -325,6 +326,9 @@ TEST(EvaluationJson, HasTheDocumentedKeys) {
       "lost": {"rays": 20, "accuracy": 0.75, "f1": 0.5},
       "moving": {"returns": 7, "range_error_m": 0.5, "mean_range_error_m": 0.625, "hit_rate": 1,
         "near_hit_rate": 0.25}},
+    "lidars": {"up": {"returns": 9, "range_error_m": null, "mean_range_error_m": null,
+      "hit_rate": 0, "near_hit_rate": 0, "revolutions": 1, "chamfer_m": 0.5,
+      "intensity_rmse": null, "lost": null, "moving": null}},
     "novel_lidar": {"aside": {"returns": 9, "range_error_m": null, "mean_range_error_m": null,
       "hit_rate": 0, "near_hit_rate": 0, "revolutions": 1, "chamfer_m": 0.5,
       "intensity_rmse": null, "lost": null, "moving": null}},

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <deque>
 #include <limits>
 #include <numeric>
 
@@ -80,13 +81,12 @@ double chamfer_distance(const Cloud& a, const Cloud& b) {
 }
 
 std::vector<std::int64_t> held_out_revolutions(const Run& run) {
-  std::vector<std::int64_t> frames;
-  if (!run.recording.body_from_lidar) return frames;
+  if (run.recording.lidars.empty()) return {};
   const std::set<std::int64_t> held_out = held_out_frames(run.scene);
+  std::set<std::int64_t> frames;
   for (const FrameFile& file : run.recording.lidar_files)
-    if (held_out.contains(file.frame_id) && (frames.empty() || frames.back() != file.frame_id))
-      frames.push_back(file.frame_id);
-  return frames;
+    if (held_out.contains(file.frame_id)) frames.insert(file.frame_id);
+  return {frames.begin(), frames.end()};
 }
 
 struct LidarScores::Sums {
@@ -113,6 +113,11 @@ struct LidarScores::Sums {
       return score;
     }
     std::int64_t returns() const { return returns_; }
+    void add(const RangeErrors& other) {
+      errors_.insert(errors_.end(), other.errors_.begin(), other.errors_.end());
+      returns_ += other.returns_;
+      near_ += other.near_;
+    }
 
    private:
     std::vector<double> errors_;
@@ -133,6 +138,13 @@ struct LidarScores::Sums {
     void add_lost(bool rendered) {
       ++lost;
       right_lost += !rendered;
+    }
+    void add(const SignalErrors& other) {
+      squares += other.squares;
+      returned += other.returned;
+      right_returned += other.right_returned;
+      lost += other.lost;
+      right_lost += other.right_lost;
     }
     void set(LidarScore* score) const {
       if (right_returned > 0) score->intensity_rmse = std::sqrt(squares / right_returned);
@@ -158,6 +170,16 @@ LidarScores::LidarScores(const Run& run, kernels::Backend& backend, const Moving
       sums_(std::make_unique<Sums>()) {}
 LidarScores::~LidarScores() = default;
 
+void LidarScores::add(const LidarScores& other) {
+  const Sums& more = *other.sums_;
+  sums_->all.add(more.all);
+  sums_->on_moving.add(more.on_moving);
+  sums_->signals.add(more.signals);
+  sums_->chamfer += more.chamfer;
+  sums_->with_chamfer += more.with_chamfer;
+  sums_->scans += more.scans;
+}
+
 void LidarScores::add(const LidarReturns& scan, const SensorPoses& world_from_sensor) {
   if (scan.n == 0) return;
   const Traced traced = trace(
@@ -165,7 +187,8 @@ void LidarScores::add(const LidarReturns& scan, const SensorPoses& world_from_se
       world_from_sensor);
   const RenderedRays& rendered = traced.rendered;
   const bool has_signals = !rendered.lost.empty();
-  const float full = scan.full_intensity();
+  const std::size_t sensor = scan.sensor_of(0);
+  const float gain = scan.sensors[sensor].gain, full = scan.full_intensities()[sensor] / gain;
   Cloud measured, seen;
   std::vector<MovingBox> drawn, left_out;
   std::optional<std::int64_t> t_ns;
@@ -200,7 +223,7 @@ void LidarScores::add(const LidarReturns& scan, const SensorPoses& world_from_se
     if (has_signals)
       sums_->signals.add_return(
           traced.comes_back(i),
-          double(rendered.intensity[i] - float(scan.intensity[ray.strongest]) / full));
+          double(gain * rendered.intensity[i] - float(scan.intensity[ray.strongest]) / full));
   }
   ++sums_->scans;
   if (!seen.empty()) {
@@ -229,18 +252,27 @@ std::optional<LidarScore> LidarScores::score() {
 
 std::optional<LidarScore> score_lidar(const Run& run, kernels::Backend& backend,
                                       const std::vector<std::int64_t>& frames,
-                                      const MovingObjects& left_out, Progress* progress) {
-  LidarScores scores(run, backend, left_out);
+                                      const MovingObjects& left_out, Progress* progress,
+                                      std::map<std::string, LidarScore>* of_lidars) {
+  const std::vector<RecordedLidar>& lidars = run.recording.lidars;
+  std::deque<LidarScores> scores;
+  for (std::size_t k = 0; k < lidars.size(); ++k) scores.emplace_back(run, backend, left_out);
   for (const std::int64_t frame : frames) {
-    const LidarReturns recorded =
-        load_lidar_returns(run.recording, run.scene, left_out, backend.pool(),
-                           {[&](std::int64_t id) { return id == frame; }, false, /*lost=*/true});
-    scores.add(recorded, [&](std::int64_t t_ns) {
-      return run.scene.world_from_body(t_ns) * recorded.body_from_sensor;
-    });
+    for (std::size_t k = 0; k < lidars.size(); ++k) {
+      const LidarReturns recorded = load_lidar_returns(
+          run.recording, run.scene, left_out, backend.pool(),
+          {[&](std::int64_t id) { return id == frame; }, false, /*lost=*/true, /*lidar=*/k});
+      scores[k].add(recorded, [&](std::int64_t t_ns) {
+        return run.scene.world_from_body(t_ns) * lidars[k].body_from_lidar;
+      });
+    }
     if (progress) progress->count();
   }
-  return scores.score();
+  if (scores.empty()) return std::nullopt;
+  for (std::size_t k = 0; of_lidars && lidars.size() > 1 && k < lidars.size(); ++k)
+    if (const auto score = scores[k].score()) (*of_lidars)[lidars[k].name] = *score;
+  for (std::size_t k = 1; k < lidars.size(); ++k) scores[0].add(scores[k]);
+  return scores[0].score();
 }
 
 }  // namespace redrive

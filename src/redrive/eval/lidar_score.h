@@ -4,8 +4,10 @@
 #pragma once
 
 #include <cstdint>
+#include <map>
 #include <memory>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include "redrive/base/progress.h"
@@ -60,6 +62,8 @@ class LidarScores {
   ~LidarScores();
   /// Renders a scan and scores it.
   void add(const LidarReturns& scan, const SensorPoses& world_from_sensor);
+  /// Adds the errors of other scans of the same run.
+  void add(const LidarScores& other);
   /// Nothing without a return.
   std::optional<LidarScore> score();
 
@@ -77,9 +81,11 @@ class LidarScores {
 std::vector<std::int64_t> held_out_revolutions(const Run& run);
 
 /// Scores the scans of `frames` and counts them. `left_out`: objects whose returns do not count.
-/// Nothing if they have no return.
+/// Nothing if they have no return. `of_lidars`: gets the score of each LiDAR, by its name, where
+/// the recording has several.
 std::optional<LidarScore> score_lidar(const Run& run, kernels::Backend& backend,
                                       const std::vector<std::int64_t>& frames,
-                                      const MovingObjects& left_out, Progress* progress = nullptr);
+                                      const MovingObjects& left_out, Progress* progress = nullptr,
+                                      std::map<std::string, LidarScore>* of_lidars = nullptr);
 
 }  // namespace redrive

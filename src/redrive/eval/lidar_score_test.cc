@@ -179,6 +179,30 @@ TEST_F(LidarScoreTest, HasNoRangeErrorWithoutAReturn) {
   EXPECT_TRUE(std::isnan(found->chamfer_m));
 }
 
+TEST_F(LidarScoreTest, EachOfSeveralLidarsHasARow) {
+  Recording& recording = run_.recording;
+  recording.lidars.push_back({"second", Rigid3d(Eigen::Translation3d(0, 0, 0.5))});
+  const std::vector<FrameFile> files = recording.lidar_files;
+  for (const FrameFile& file : files)
+    recording.lidar_files.push_back({file.frame_id, file.path, 1});
+  EXPECT_EQ(held_out_revolutions(run_), std::vector<std::int64_t>{12});
+  // What is rendered is the wall for rays of the first one, which are level.
+  PaintBackend backend(black, [&](const auto&, const auto& direction) {
+    return std::abs(direction[2]) < 1e-6f ? 20 / direction[0] : 0;
+  });
+  const MovingObjects none({}, recording.frames, run_.scene.global_from_world);
+  std::map<std::string, LidarScore> each;
+  const auto all = score_lidar(run_, backend, held_out_revolutions(run_), none, nullptr, &each);
+  ASSERT_TRUE(all);
+  EXPECT_EQ(all->returns, 20);
+  EXPECT_EQ(all->revolutions, 2);
+  EXPECT_NEAR(all->hit_rate, 0.5, 1e-12);
+  ASSERT_EQ(each.size(), 2u);
+  EXPECT_NEAR(each.at("lidar").near_hit_rate, 1, 1e-12);
+  EXPECT_NEAR(each.at("second").hit_rate, 0, 1e-12);
+  EXPECT_EQ(each.at("second").returns, 10);
+}
+
 TEST_F(LidarScoreTest, OnlyRevolutionsThatDidNotTrainAreScored) {
   EXPECT_EQ(held_out_revolutions(run_), std::vector<std::int64_t>{12});
   std::vector<FrameFile>& files = run_.recording.lidar_files;

@@ -20,7 +20,7 @@ const RequestedView* view_of(const ViewRequests& poses, std::int64_t frame_id) {
 
 std::vector<NovelScans> novel_scans(const Run& run, std::vector<Finding>* findings) {
   std::vector<NovelScans> out;
-  if (!run.recording.body_from_lidar) return out;
+  if (run.recording.lidars.empty()) return out;
   for (const NovelSet& set : run.recording.novel) {
     NovelScans scans{set.name,
                      {},
@@ -47,7 +47,7 @@ std::optional<LidarScore> score_novel_scans(const Run& run, kernels::Backend& ba
   const Scene& scene = run.scene;
   Recording recording;
   recording.frames = run.recording.frames;
-  recording.body_from_lidar = run.recording.body_from_lidar;
+  recording.lidars = run.recording.lidars;
   recording.reader = run.recording.reader;
   LidarScores scores(run, backend, left_out);
   for (const FrameFile& file : scans.files) {
@@ -61,7 +61,8 @@ std::optional<LidarScore> score_novel_scans(const Run& run, kernels::Backend& ba
     const Rigid3d novel = view.global_from_body
                               ? world_from_ground_truth(run, alignment) * *view.global_from_body
                               : own * Eigen::Translation3d(*view.shift_body_m);
-    const Rigid3d own_from_sensor = own.inverse(Eigen::Isometry) * novel * returns.body_from_sensor;
+    const Rigid3d own_from_sensor =
+        own.inverse(Eigen::Isometry) * novel * returns.sensors[0].body_from_sensor;
     scores.add(returns,
                [&](std::int64_t t_ns) { return scene.world_from_body(t_ns) * own_from_sensor; });
     if (progress) progress->count();

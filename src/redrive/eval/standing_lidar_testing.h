@@ -25,7 +25,7 @@ class StandingLidarTest : public ::testing::Test {
     run_.recording = make_test_recording(folder_.path, 4);
     Recording& recording = run_.recording;
     recording.reader = aimotive::make_reader();
-    recording.body_from_lidar = Rigid3d::Identity();
+    recording.lidars = {{"lidar", Rigid3d::Identity()}};
     for (FramePose& frame : recording.frames) {
       frame.global_from_body = recording.frames[0].global_from_body;
       recording.lidar_files.push_back(

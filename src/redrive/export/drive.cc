@@ -59,8 +59,10 @@ void note_left_out(const Recording& drive, DriveNotes* notes) {
   if (masked) notes->left_out.emplace_back("masks of images");
   if (!drive.novel.empty()) notes->left_out.emplace_back("novel views with their ground truth");
   if (!drive.ground_truth_frames.empty()) notes->left_out.emplace_back("ground-truth poses");
-  if (!drive.lidar_files.empty() && !drive.body_from_lidar)
+  if (!drive.lidar_files.empty() && drive.lidars.empty())
     notes->left_out.emplace_back("LiDAR, since the place of its sensor is unknown");
+  for (std::size_t k = 1; k < drive.lidars.size(); ++k)
+    notes->left_out.push_back("LiDAR " + drive.lidars[k].name + ": the format has one");
 }
 
 }  // namespace redrive

@@ -78,7 +78,7 @@ class DriveTest : public ::testing::Test {
     const auto reader = std::make_shared<MadeReader>();
     reader->frames = recording_.frames;
     recording_.reader = reader;
-    recording_.body_from_lidar = reader->body_from_lidar;
+    recording_.lidars = {{"lidar", reader->body_from_lidar}};
     for (const FramePose& frame : recording_.frames) {
       recording_.lidar_files.push_back({frame.id, "made"});
       recording_.box_files.push_back({frame.id, "made"});

@@ -138,13 +138,14 @@ void write_kitti360_scans(const kitti360::Layout& layout, const Recording& drive
                           const std::atomic<bool>& stop, DriveNotes* notes) {
   std::vector<Scan> scans;
   std::size_t left_out = 0;
-  for (const FrameFile& file : drive.lidar_files) {
+  const std::vector<FrameFile> files = drive.scans_of(0);
+  for (const FrameFile& file : files) {
     const std::int64_t id = file.frame_id - earlier_ids;
     if (!std::ranges::binary_search(frames, id, {}, &FramePose::id)) {
       ++left_out;
       continue;
     }
-    const FrameFile* before = &file == drive.lidar_files.data() ? nullptr : &file - 1;
+    const FrameFile* before = &file == files.data() ? nullptr : &file - 1;
     scans.push_back({file, before, id, 0});
   }
   std::vector<Counts> counts(scans.size());
@@ -181,7 +182,7 @@ void write_kitti360_scans(const kitti360::Layout& layout, const Recording& drive
   write_file(times_file, kitti::make_timestamps(times));
   const std::int64_t revolution_ns = kitti360::revolution_ns(kitti::Timestamps(times_file));
 
-  const Rigid3d body_from_velodyne = body_from_velodyne_of(*drive.body_from_lidar);
+  const Rigid3d body_from_velodyne = body_from_velodyne_of(drive.lidars[0].body_from_lidar);
   pool.run(static_cast<int>(scans.size()), [&](int s) {
     if (stop) throw Interrupted();
     const Scan& scan = scans[static_cast<std::size_t>(s)];

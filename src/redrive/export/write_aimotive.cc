@@ -43,9 +43,9 @@ nlohmann::json calibration_file(const Recording& drive) {
     entry["pos_meter"] = {position.x(), position.y(), position.z()};
     sensors[camera.calibration.name] = entry;
   }
-  if (drive.body_from_lidar)
+  if (!drive.lidars.empty())
     sensors[kLidarName] = {{"sensor_type", "lidar"},
-                           {"RT_body_from_sensor", rigid_to_json(*drive.body_from_lidar)}};
+                           {"RT_body_from_sensor", rigid_to_json(drive.lidars[0].body_from_lidar)}};
   return sensors;
 }
 
@@ -127,26 +127,27 @@ DriveNotes write_aimotive(const fs::path& folder, const Recording& drive, Thread
   make_folders(folder / "sensor/gnssins");
   write_file(folder / "sensor/gnssins/egomotion2.json", egomotion_to_json(frames).dump(1) + "\n");
 
-  if (drive.body_from_lidar && !drive.lidar_files.empty()) {
+  if (!drive.lidars.empty() && !drive.lidar_files.empty()) {
     const fs::path scans = folder / "dynamic/raw-revolutions";
     make_folders(scans);
     std::map<std::int64_t, std::vector<FrameFile>> of_frame;
-    for (const FrameFile& file : drive.lidar_files) of_frame[file.frame_id].push_back(file);
+    const std::vector<FrameFile> files = drive.scans_of(0);
+    for (const FrameFile& file : files) of_frame[file.frame_id].push_back(file);
     const std::vector<std::pair<std::int64_t, std::vector<FrameFile>>> revolutions(of_frame.begin(),
                                                                                    of_frame.end());
     Progress progress("writing LiDAR", std::ssize(revolutions));
     pool.run(static_cast<int>(revolutions.size()), [&](int r) {
       if (stop) throw Interrupted();
-      const auto& [frame_id, files] = revolutions[static_cast<std::size_t>(r)];
+      const auto& [frame_id, of_one] = revolutions[static_cast<std::size_t>(r)];
       std::vector<LidarPoint> points;
-      for (const FrameFile& file : files)
+      for (const FrameFile& file : of_one)
         std::ranges::copy(drive.read_lidar(file), std::back_inserter(points));
-      if (files.size() > 1) std::ranges::stable_sort(points, {}, &LidarPoint::t_ns);
+      if (of_one.size() > 1) std::ranges::stable_sort(points, {}, &LidarPoint::t_ns);
       for (LidarPoint& point : points) point.t_ns -= earlier_ns;
       write_file(scans / ("frame_" + padded(frame_id) + ".las"), revolution_las(points));
       progress.count();
     });
-    if (revolutions.size() < drive.lidar_files.size())
+    if (revolutions.size() < files.size())
       notes.changed.emplace_back("LiDAR revolutions of the same frame are one file");
   }
   if (!drive.box_files.empty()) {

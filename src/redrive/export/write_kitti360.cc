@@ -363,7 +363,7 @@ DriveNotes write_kitti360(const fs::path& folder, const Recording& drive, Thread
     notes.left_out.push_back("rolling shutter of " + rolling +
                              ": each image has the pose of its middle row");
   write_poses(layout, frames, world_from_global, slots);
-  if (drive.body_from_lidar && !drive.lidar_files.empty())
+  if (!drive.lidars.empty() && !drive.lidar_files.empty())
     write_kitti360_scans(layout, drive, frames, earlier_ids, body_from_first_camera(slots), pool,
                          stop, &notes);
   if (!drive.box_files.empty()) {

@@ -212,9 +212,10 @@ std::vector<Sweep> seen_through(const Scene& scene, const LidarReturns& returns,
   if ((last - first) / kSweep_ns > kMostSweeps) return sweeps;
   sweeps.resize(static_cast<std::size_t>((last - first) / kSweep_ns) + 1);
   std::vector<std::vector<std::uint32_t>> rays(sweeps.size());
-  for (std::size_t i = 0; i < returns.n; ++i)
-    rays[static_cast<std::size_t>((returns.t_ns[i] - first) / kSweep_ns)].push_back(
-        static_cast<std::uint32_t>(i));
+  for (std::size_t i = 0; i < returns.n; ++i)  // sweeps look at each other from one sensor's place
+    if (returns.sensor_of(i) == 0)
+      rays[static_cast<std::size_t>((returns.t_ns[i] - first) / kSweep_ns)].push_back(
+          static_cast<std::uint32_t>(i));
   const Scans scans{returns, rays_in_world(scene, returns, pool)};
   const Ground ground(scans);
   std::vector<RayIndex> indices(sweeps.size());

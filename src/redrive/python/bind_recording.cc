@@ -301,7 +301,7 @@ void bind_properties(py::class_<Opened, std::shared_ptr<Opened>>& recording) {
       .def_property_readonly(
           "lidar_frames",
           [](const Opened& o) {
-            return numbers(o.run().recording.lidar_files,
+            return numbers(o.run().recording.scans_of(0),
                            [](const FrameFile& f) { return f.frame_id; });
           },
           "[m] int64: ids of the frames with a LiDAR scan")
@@ -315,10 +315,11 @@ void bind_properties(py::class_<Opened, std::shared_ptr<Opened>>& recording) {
       .def_property_readonly(
           "body_from_lidar",
           [](const Opened& o) -> py::object {
-            const auto& pose = o.run().recording.body_from_lidar;
-            return pose ? py::object(matrix(*pose)) : py::object(py::none());
+            const auto& lidars = o.run().recording.lidars;
+            return lidars.empty() ? py::object(py::none())
+                                  : py::object(matrix(lidars[0].body_from_lidar));
           },
-          "[4, 4] float64, or None without a LiDAR")
+          "[4, 4] float64 of the first LiDAR, or None without one")
       .def_property_readonly(
           "global_from_world", [](const Opened& o) { return matrix(o.scene().global_from_world); },
           "[4, 4] float64: from the world to the recording's own frame (ECEF, UTM, a map's)")

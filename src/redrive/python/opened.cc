@@ -124,11 +124,11 @@ const std::optional<ScanStructure>& Opened::structure() {
 
 Points Opened::scan(std::int64_t frame, Axes axes, bool lost) {
   const Recording& recording = run_->recording;
-  if (!recording.body_from_lidar)
+  if (recording.lidars.empty())
     throw UsageError("frame", std::to_string(frame), "the recording has no LiDAR");
   std::vector<LidarPoint> points;
   bool is_there = false;
-  for (const FrameFile& file : recording.lidar_files) {
+  for (const FrameFile& file : recording.scans_of(0)) {
     if (file.frame_id != frame) continue;
     is_there = true;
     const std::vector<LidarPoint> more = recording.read_lidar(file);
@@ -137,7 +137,7 @@ Points Opened::scan(std::int64_t frame, Axes axes, bool lost) {
   if (!is_there) throw UsageError("frame", std::to_string(frame), "has no LiDAR scan");
   Points out;
   out.position_m.resize(3 * points.size());
-  const Rigid3d lidar_from_body = recording.body_from_lidar->inverse(Eigen::Isometry);
+  const Rigid3d lidar_from_body = recording.lidars[0].body_from_lidar.inverse(Eigen::Isometry);
   {
     const std::lock_guard working(pool_mutex_);
     pool_.run_ranges(points.size(), 1 << 14, [&](std::size_t begin, std::size_t end) {
@@ -164,7 +164,7 @@ Points Opened::scan(std::int64_t frame, Axes axes, bool lost) {
     return out;
   }
   const LostRays rays =
-      lost_rays(points, *recording.body_from_lidar, *structure_, &out.why_unknown);
+      lost_rays(points, recording.lidars[0].body_from_lidar, *structure_, &out.why_unknown);
   out.knows_lost = out.why_unknown.empty();
   for (const Eigen::Vector3f& direction : rays.direction)
     out.lost_direction.insert(out.lost_direction.end(), direction.data(), direction.data() + 3);

@@ -17,7 +17,7 @@ LidarReturns returns(std::size_t n) {
     r.range_m.push_back(static_cast<float>(1 + i));
     r.t_ns.push_back(static_cast<std::int64_t>(i));
   }
-  r.body_from_sensor = Eigen::Translation3d(1000, 2000, 3000);
+  r.sensors = {{Rigid3d(Eigen::Translation3d(1000, 2000, 3000))}};
   return r;
 }
 

@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/render/lidar_request.h"
 
+#include <algorithm>
 #include <charconv>
 
 #include "redrive/base/error.h"
 #include "redrive/math/angles.h"
+#include "redrive/recording/core/wording.h"
 #include "redrive/render/recorded_lidar.h"
 
 namespace redrive {
@@ -62,13 +64,28 @@ LidarRequest parse_lidar_request(const LidarOptions& options) {
   return request;
 }
 
+std::size_t lidar_index(const LidarRequest& request, const Recording& recording) {
+  const std::string& name = request.options.lidar;
+  if (name.empty()) return 0;
+  const auto found = std::ranges::find(recording.lidars, name, &RecordedLidar::name);
+  if (found != recording.lidars.end())
+    return static_cast<std::size_t>(found - recording.lidars.begin());
+  std::vector<std::string> names;
+  for (const RecordedLidar& lidar : recording.lidars) names.push_back(lidar.name);
+  throw UsageError("--lidar", name,
+                   names.empty() ? "the recording has no LiDAR" : "must be " + first_few(names, 9));
+}
+
 bool complete_sensor(const Recording& recording, LidarRequest* request) {
+  const std::size_t lidar = lidar_index(*request, recording);
+  if (request->is_of_recording() && lidar < recording.lidars.size())
+    request->scan.gain = static_cast<float>(recording.lidars[lidar].gain);
   if (request->recorded) return false;
   const LidarOptions& options = request->options;
   const bool estimates = !request->sensor;
   if (estimates) {
     std::string why;
-    const auto found = recorded_structure(recording, &why);
+    const auto found = recorded_structure(recording, &why, lidar);
     if (found) why = misfit(*found).value_or("");
     if (!why.empty()) throw UsageError("--sensor", options.sensor, "cannot be estimated: " + why);
     request->sensor = found->sensor;
@@ -88,14 +105,15 @@ SensorMotion sensor_motion(const LidarRequest& request, const Recording& recordi
   if (!recording.metric)
     throw UsageError("RUN", recording.root.string(),
                      "must be of a drive: photographs have neither metres nor times");
-  if (!recording.body_from_lidar && (!request.mount || request.is_of_recording()))
+  if (recording.lidars.empty() && (!request.mount || request.is_of_recording()))
     throw UsageError("--sensor", request.options.sensor,
                      request.is_of_recording() ? "the recording has no LiDAR"
                                                : "needs --mount: the recording has no LiDAR");
   const Rigid3d camera_from_lidar = camera_from_lidar_axes();
   const Rigid3d body_from_camera =
       request.mount ? request.mount->body_from_sensor()
-                    : *recording.body_from_lidar * camera_from_lidar.inverse(Eigen::Isometry);
+                    : recording.lidars[lidar_index(request, recording)].body_from_lidar *
+                          camera_from_lidar.inverse(Eigen::Isometry);
   return {scene,
           turned_sensor(body_from_camera, kRadiansPerDegree * shift.yaw_deg,
                         kRadiansPerDegree * shift.pitch_deg) *
@@ -106,8 +124,9 @@ SensorMotion sensor_motion(const LidarRequest& request, const Recording& recordi
 std::optional<LidarFirings> firings_of(const LidarRequest& request, const Recording& recording,
                                        const Scene& scene, std::int64_t frame_id,
                                        std::int64_t frame_ns, ThreadPool& pool) {
-  return request.sensor ? std::optional(request.sensor->revolution(frame_ns))
-                        : recorded_firings(recording, scene, frame_id, pool);
+  return request.sensor
+             ? std::optional(request.sensor->revolution(frame_ns))
+             : recorded_firings(recording, scene, frame_id, pool, lidar_index(request, recording));
 }
 
 }  // namespace redrive

@@ -14,7 +14,8 @@ namespace redrive {
 /// Options by their names on the command line; errors name them.
 struct LidarOptions {
   std::string sensor = "recorded";    ///< recorded, estimated, or as parse_lidar_sensor
-  std::string mount;                  ///< parse_mount; empty: the recording's
+  std::string lidar;                  ///< the recorded one that is meant; empty: the first
+  std::string mount;                  ///< parse_mount; empty: that LiDAR's
   std::string range;                  ///< "MIN:MAX" metres; empty: the sensor's
   std::string points_in = "sensor";   ///< sensor, body or world
   std::optional<int> azimuth_steps;   ///< firings in a turn; nothing: the sensor's own
@@ -37,6 +38,9 @@ struct LidarRequest {
 
 /// UsageError.
 LidarRequest parse_lidar_request(const LidarOptions& options);
+
+/// Returns the index in Recording::lidars of the recorded LiDAR that is meant. UsageError.
+std::size_t lidar_index(const LidarRequest& request, const Recording& recording);
 
 /// Estimates the recording's LiDAR where it is requested, and applies the options of a sensor.
 /// Returns whether it estimated. UsageError where it cannot.

@@ -114,7 +114,7 @@ LidarScan render_scan(kernels::Backend& backend, const Field& model, const Lidar
     }
     const Eigen::Vector3d& direction = firings.direction[i];
     LidarRecord point{axes_from_sensor * (range_m * direction), t_ns};
-    point.intensity = scan.has_intensity ? rays.intensity[i] : 0;
+    point.intensity = scan.has_intensity ? std::min(options.gain * rays.intensity[i], 1.0f) : 0;
     point.ring = firings.ring[i];
     point.azimuth_rad = static_cast<float>(std::atan2(direction.y(), direction.x()));
     point.range_m = static_cast<float>(range_m);

@@ -39,6 +39,7 @@ enum class PointAxes { kSensor, kBody, kWorld };
 struct ScanOptions {
   double min_range_m = kMinReturn_m, max_range_m = kMaxReturn_m;
   PointAxes axes = PointAxes::kSensor;
+  float gain = 1;  ///< factor of intensities (RecordedLidar::gain)
   /// draws rays with a return by their probability; nothing: kMinReturnOpacity decides
   std::optional<std::uint64_t> seed;
 };

@@ -32,9 +32,9 @@ class LidarScanTest : public ::testing::Test {
     model_.far_m = 10;
     model_.parameters = Buffer<float>(nerf_parameter_count(model_.config));
     recording_.reader = aimotive::make_reader();
-    recording_.body_from_lidar = Rigid3d(Eigen::Translation3d(1.2, 0.1, 1.7));
-    recording_.body_from_lidar->rotate(Eigen::AngleAxisd(0.3, Vector3d::UnitZ()));
-    motion_.body_from_sensor = *recording_.body_from_lidar;
+    recording_.lidars = {{"lidar", Rigid3d(Eigen::Translation3d(1.2, 0.1, 1.7))}};
+    recording_.lidars[0].body_from_lidar.rotate(Eigen::AngleAxisd(0.3, Vector3d::UnitZ()));
+    motion_.body_from_sensor = recording_.lidars[0].body_from_lidar;
   }
   LidarScan scan(const LidarFirings& firings, const ScanOptions& options = {}) {
     return render_scan(wall_, model_, firings, motion_, options);
@@ -72,7 +72,7 @@ TEST_F(LidarScanTest, RaysStartWhereTheSensorIsAtTheirTime) {
           axes == PointAxes::kWorld ? point.position_m
           : axes == PointAxes::kBody
               ? Vector3d(body * point.position_m)
-              : Vector3d(body * *recording_.body_from_lidar * point.position_m);
+              : Vector3d(body * recording_.lidars[0].body_from_lidar * point.position_m);
       // Floats of 30 m, over the cosine of the incidence: 100 m / 30 m at most.
       EXPECT_NEAR(in_world.x(), kWall_m, 1e-4);
     }
@@ -99,7 +99,7 @@ TEST_F(LidarScanTest, ShiftsAlongTheAxesOfTheSensor) {
   const std::int64_t t_ns = recording_.frames[1].t_ns + 7'000'000;
   const Vector3d moved =
       motion_.world_from_sensor(t_ns).translation() -
-      (motion_.world_from_body(t_ns) * *recording_.body_from_lidar).translation();
+      (motion_.world_from_body(t_ns) * recording_.lidars[0].body_from_lidar).translation();
   EXPECT_LT((moved - motion_.world_from_sensor(t_ns).linear().col(1) * 2).norm(), 1e-9);
 }
 
@@ -184,7 +184,7 @@ TEST_F(LidarScanTest, LostRaysAreDrawnBySeed) {
 TEST_F(LidarScanTest, PointsOnMovingObjectsHaveTheirIds) {
   const LidarFirings firings = spin();
   Scene scene = scene_;
-  SensorMotion motion{scene, *recording_.body_from_lidar};
+  SensorMotion motion{scene, recording_.lidars[0].body_from_lidar};
   const Rigid3d sensor = motion.world_from_sensor(firings.t_ns[0]);
   MovingObject object;
   object.id = 0;

@@ -10,14 +10,15 @@
 namespace redrive {
 namespace {
 
-/// Returns the file of the frame's revolution whose middle is nearest to the frame; null if there
-/// is none.
-const FrameFile* nearest_revolution(const Recording& recording, std::int64_t frame_id) {
+/// Returns the file of the LiDAR's revolution of the frame whose middle is nearest to the frame;
+/// null if there is none.
+const FrameFile* nearest_revolution(const Recording& recording, std::int64_t frame_id,
+                                    std::size_t lidar) {
   const auto frame = std::ranges::lower_bound(recording.frames, frame_id, {}, &FramePose::id);
   if (frame == recording.frames.end() || frame->id != frame_id) return nullptr;
   std::vector<const FrameFile*> files;
   for (const FrameFile& file : recording.lidar_files)
-    if (file.frame_id == frame_id) files.push_back(&file);
+    if (file.frame_id == frame_id && file.lidar == lidar) files.push_back(&file);
   if (files.size() < 2) return files.empty() ? nullptr : files[0];
   const FrameFile* nearest = nullptr;
   std::int64_t least_ns = 0;
@@ -33,7 +34,8 @@ const FrameFile* nearest_revolution(const Recording& recording, std::int64_t fra
 /// Returns the ring of each of the `returns`, which are some of the points in their order.
 std::vector<std::uint8_t> rings_of(const std::vector<LidarPoint>& points,
                                    const LidarReturns& returns) {
-  const Rigid3d sensor_from_body = returns.body_from_sensor.inverse(Eigen::Isometry);
+  const Rigid3d sensor_from_body =
+      returns.sensors[returns.sensor_of(0)].body_from_sensor.inverse(Eigen::Isometry);
   std::vector<std::uint8_t> rings;
   for (const LidarPoint& point : points) {
     const std::size_t i = rings.size();
@@ -50,12 +52,13 @@ std::vector<std::uint8_t> rings_of(const std::vector<LidarPoint>& points,
 }  // namespace
 
 std::optional<LidarFirings> recorded_firings(const Recording& recording, const Scene& scene,
-                                             std::int64_t frame_id, ThreadPool& pool) {
-  const FrameFile* const file = nearest_revolution(recording, frame_id);
+                                             std::int64_t frame_id, ThreadPool& pool,
+                                             std::size_t lidar) {
+  const FrameFile* const file = nearest_revolution(recording, frame_id, lidar);
   if (!file) return std::nullopt;
   Recording revolution;
   revolution.frames = recording.frames;
-  revolution.body_from_lidar = recording.body_from_lidar;
+  revolution.lidars = recording.lidars;
   revolution.reader = recording.reader;
   revolution.lidar_files = {*file};
   const LidarReturns returns = load_lidar_returns(
@@ -71,14 +74,16 @@ std::optional<LidarFirings> recorded_firings(const Recording& recording, const S
   return out;
 }
 
-std::optional<ScanStructure> recorded_structure(const Recording& recording, std::string* why) {
+std::optional<ScanStructure> recorded_structure(const Recording& recording, std::string* why,
+                                                std::size_t lidar) {
+  const std::vector<FrameFile> files = recording.scans_of(lidar);
   std::vector<std::vector<LidarPoint>> scans;
-  const std::size_t middle = recording.lidar_files.size() / 2;
-  for (std::size_t i = middle; i < std::min(middle + 2, recording.lidar_files.size()); ++i) try {
-      scans.push_back(recording.read_lidar(recording.lidar_files[i]));
+  const std::size_t middle = files.size() / 2;
+  for (std::size_t i = middle; i < std::min(middle + 2, files.size()); ++i) try {
+      scans.push_back(recording.read_lidar(files[i]));
     } catch (const InputError&) {  // named where all scans are read
     }
-  return estimate_structure(scans, *recording.body_from_lidar, why);
+  return estimate_structure(scans, recording.lidars[lidar].body_from_lidar, why);
 }
 
 }  // namespace redrive

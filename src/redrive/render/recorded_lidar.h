@@ -13,17 +13,18 @@
 
 namespace redrive {
 
-/// Returns the firings of the recorded revolution of a frame: firings with a recorded return,
+/// Returns the firings of a LiDAR's recorded revolution of a frame: firings with a recorded return,
 /// without returns on the vehicle itself; of several revolutions the one whose middle is nearest to
 /// the frame. Nothing where the recording has no revolution or no pose of the frame, or none of the
-/// points has a pose. Axes are those that Recording::body_from_lidar describes, which must be
-/// known. InputError for a damaged file.
+/// points has a pose. Axes are the sensor's. `lidar`: index in Recording::lidars. InputError for a
+/// damaged file.
 std::optional<LidarFirings> recorded_firings(const Recording& recording, const Scene& scene,
-                                             std::int64_t frame_id, ThreadPool& pool);
+                                             std::int64_t frame_id, ThreadPool& pool,
+                                             std::size_t lidar = 0);
 
-/// Estimates the beams of the recording's LiDAR from the middle scan and the one after it, which
-/// may be damaged. Recording::body_from_lidar must be known. Nothing, and the reason in `why`,
-/// where the scans do not tell.
-std::optional<ScanStructure> recorded_structure(const Recording& recording, std::string* why);
+/// Estimates the beams of a LiDAR of the recording from its middle scan and the one after it, which
+/// may be damaged. Nothing, and the reason in `why`, where the scans do not tell.
+std::optional<ScanStructure> recorded_structure(const Recording& recording, std::string* why,
+                                                std::size_t lidar = 0);
 
 }  // namespace redrive

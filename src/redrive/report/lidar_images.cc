@@ -151,17 +151,20 @@ std::vector<ImageRow> lidar_image_rows(const Run& run, kernels::Backend& backend
   const std::vector<std::int64_t> frames = held_out_revolutions(run);
   if (frames.empty()) return {};
   const std::int64_t id = frames[frames.size() / 2];
-  auto firings = recorded_firings(run.recording, run.scene, id, backend.pool());
   const auto file = std::ranges::find(run.recording.lidar_files, id, &FrameFile::frame_id);
-  if (!firings || file == run.recording.lidar_files.end()) return {};
-  const Rigid3d& body_from_lidar = *run.recording.body_from_lidar;
+  if (file == run.recording.lidar_files.end()) return {};
+  auto firings = recorded_firings(run.recording, run.scene, id, backend.pool(), file->lidar);
+  if (!firings) return {};
+  const RecordedLidar& lidar = run.recording.lidars[file->lidar];
+  const Rigid3d& body_from_lidar = lidar.body_from_lidar;
   const std::vector<LidarPoint> scan = run.recording.read_lidar(*file);
   std::string why;
-  const auto structure = recorded_structure(run.recording, &why);
+  const auto structure = recorded_structure(run.recording, &why, file->lidar);
   if (structure) add_lost(lost_rays(scan, body_from_lidar, *structure), &*firings);
   const Points recorded = recorded_points(scan, body_from_lidar);
   const LidarScan rendered =
-      render_scan(backend, *run.field(), *firings, {run.scene, body_from_lidar}, {});
+      render_scan(backend, *run.field(), *firings, {run.scene, body_from_lidar},
+                  {.gain = static_cast<float>(lidar.gain)});
 
   const RangeImage cells = range_image(structure, recorded);
   const std::string title = "LiDAR, frame " + std::to_string(id) + ", held out: ";

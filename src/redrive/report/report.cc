@@ -94,6 +94,8 @@ std::string lidar_scores(const Evaluation& evaluation, const Evaluation* other,
       lidar_row("this run", evaluation.lidar)};
   if (evaluation.lidar && evaluation.lidar->moving)
     rows.push_back(moving_lidar_row("this run", *evaluation.lidar));
+  for (const auto& [name, score] : evaluation.lidars)
+    rows.push_back(lidar_row("this run, " + name, score));
   if (other) rows.push_back(lidar_row(name_of_other, other->lidar));
   if (other && other->lidar && other->lidar->moving)
     rows.push_back(moving_lidar_row(name_of_other, *other->lidar));

@@ -83,7 +83,7 @@ void add_scans(const Run& run, MemoryEstimate* need) {
   const Trainee& model = *run.state.model;
   // An existing run has the found objects in its masks.
   const bool searches = run.options.masks != "none" && !std::filesystem::exists(run.paths.masks());
-  if (!(model.uses_lidar() || searches) || !run.recording.body_from_lidar) return;
+  if (!(model.uses_lidar() || searches) || run.recording.lidars.empty()) return;
   std::uint64_t points = 0, files = 0;
   for (const FrameFile& file : run.recording.lidar_files)
     if (file.frame_id >= scene.frames.front().id && file.frame_id <= scene.frames.back().id) {

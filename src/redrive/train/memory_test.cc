@@ -124,7 +124,7 @@ TEST_F(MemoryEstimateTest, CountsWhatSplatsDeriveFromReturns) {
   const std::vector<LidarRecord> points(kPoints, {{20, 0, 0}, 1});
   folder_.write("frame_10.las", make_las(points));
   recording_.reader = aimotive::make_reader();
-  recording_.body_from_lidar = Rigid3d::Identity();
+  recording_.lidars = {{"lidar", Rigid3d::Identity()}};
   recording_.lidar_files = {{10, folder_.path / "frame_10.las"}};
   EXPECT_EQ(of(tiny_options(1)).of_lidar, 0u);
   TrainOptions options;
@@ -153,7 +153,7 @@ TEST_F(MemoryEstimateTest, CountsTheSearchForMovingObjects) {
   const std::vector<LidarRecord> points(kPoints, {{20, 0, 0}, 1});
   folder_.write("frame_10.las", make_las(points));
   recording_.reader = aimotive::make_reader();
-  recording_.body_from_lidar = Rigid3d::Identity();
+  recording_.lidars = {{"lidar", Rigid3d::Identity()}};
   TrainOptions options = tiny_options(1);
   const MemoryEstimate without = of(options);
   EXPECT_EQ(without.search, 0u);

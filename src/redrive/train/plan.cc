@@ -119,7 +119,7 @@ double measure_mask(const Scene& scene, ThreadPool& pool) {
 /// are so far apart that they look at each other, beyond what each of them takes alone.
 double measure_look(Run* run, ThreadPool& pool) {
   constexpr double kApart_s = 0.5;
-  const std::vector<FrameFile> files = run->recording.lidar_files;
+  const std::vector<FrameFile> files = run->recording.scans_of(0);
   const auto middle = std::ssize(files) / 2;
   const double drive_s =
       1e-9 * static_cast<double>(run->scene.frames.back().t_ns - run->scene.frames.front().t_ns);

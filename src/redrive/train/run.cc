@@ -12,6 +12,7 @@
 #include "redrive/base/progress.h"
 #include "redrive/model/method.h"
 #include "redrive/perception/moving_file.h"
+#include "redrive/recording/core/wording.h"
 #include "redrive/recording/folder_kind.h"
 #include "redrive/recording/formats/pose_files.h"
 #include "redrive/train/memory.h"
@@ -193,6 +194,7 @@ Run open_run(const std::filesystem::path& root, bool to_resume, std::optional<do
     if (!to_resume) check_rendering_memory(run);
     run.state = load_checkpoint(run.paths.checkpoint());
     check_belongs(run);
+    set_gains(run.state.lidar_gains, &run);
     check_shown_hyperparameters(run, config);
     load_actors(&run);  // in the poses that training began with, as training did
     if (run.state.step > 0 || !to_resume)
@@ -203,6 +205,15 @@ Run open_run(const std::filesystem::path& root, bool to_resume, std::optional<do
     if (!to_resume) run.state.model->freeze();
   }
   return run;
+}
+
+void set_gains(const std::vector<float>& gains, Run* run) {
+  std::vector<RecordedLidar>& lidars = run->recording.lidars;
+  if (!gains.empty() && gains.size() != lidars.size())
+    throw InputError(run->paths.checkpoint(), "lidar_gains", std::to_string(gains.size()),
+                     run->recording.root.string() + " has " + counted(lidars.size(), "LiDAR") +
+                         ": it is no longer the recording that was trained on");
+  for (std::size_t k = 0; k < gains.size(); ++k) lidars[k].gain = double(gains[k]);
 }
 
 void load_actors(Run* run, const std::vector<MovingObject>& found) {

@@ -69,6 +69,10 @@ struct Run {
 Run open_run(const std::filesystem::path& root, bool to_resume = false,
              std::optional<double> max_damaged = {});
 
+/// Sets RecordedLidar::gain of the recording's LiDARs; empty: none. InputError where they are not
+/// as many.
+void set_gains(const std::vector<float>& gains, Run* run);
+
 /// Sets run->moving to the annotated objects that move and to `found` ones
 /// (perception/find_moving.h). If the model draws objects, sets run->scene.actors to those with
 /// boxes at two or more times that exist at a frame of the scene. InputError as the readers of

@@ -52,6 +52,18 @@ TEST(SplatCheckpoint, RoundTripIsBitExact) {
   EXPECT_EQ(checkpoint_bytes(back), checkpoint_bytes(state));
 }
 
+TEST(SplatCheckpoint, KeepsTheGainsOfSeveralLidars) {
+  TrainState state = example_splat_state();
+  state.lidar_gains = {1, 0.1f, 3.0000002f};
+  const std::string bytes = checkpoint_bytes(state);
+  EXPECT_EQ(parse_checkpoint(bytes, "c").lidar_gains, state.lidar_gains);
+  for (const char* broken : {"[]", "[1,0]", "[1,-2]", "[1,\"x\"]", "[1,1e9]", "1", "[1,"}) {
+    CheckpointParts parts(bytes);
+    parts.header["__metadata__"]["lidar_gains"] = broken;
+    EXPECT_THAT(checkpoint_error(parts.bytes()), HasSubstr("__metadata__.lidar_gains")) << broken;
+  }
+}
+
 TEST(SplatCheckpoint, RejectsDamageToActorsByName) {
   const std::string good = checkpoint_bytes(example_splat_state(/*with_actors=*/true));
   ASSERT_EQ(checkpoint_error(good), "");

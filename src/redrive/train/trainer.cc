@@ -126,6 +126,12 @@ class Trainer {
 
   /// Initialises parameters from the data, with fresh moments.
   void begin_from_data() {
+    if (data_.lidar.sensors.size() > 1) {
+      state_.lidar_gains.clear();
+      for (const LidarReturns::Sensor& sensor : data_.lidar.sensors)
+        state_.lidar_gains.push_back(sensor.gain);
+      set_gains(state_.lidar_gains, &run_);
+    }
     Trainee& model = *state_.model;
     const Progress progress("preparing the first parameters");
     run_.scene.correct({});

@@ -7,6 +7,7 @@
 #include "redrive/base/progress.h"
 #include "redrive/perception/find_moving.h"
 #include "redrive/perception/moving_file.h"
+#include "redrive/scene/lidar/lidar_gains.h"
 #include "redrive/scene/load_views.h"
 #include "redrive/train/memory.h"
 
@@ -126,6 +127,10 @@ TrainingData applied(const Run& run, ThreadPool& pool, Exclusions left_out,
   const std::vector<MovingObject> found = found_objects(moving);
   data.lidar = returns ? *std::move(returns) : training_returns(run, moving.without(found), pool);
   take_out(run.scene, MovingObjects(found), &data.lidar);
+  if (data.lidar.sensors.size() > 1 && run.state.lidar_gains.empty()) {
+    const std::vector<float> gains = estimate_gains(run.scene, data.lidar, pool);
+    for (std::size_t k = 0; k < gains.size(); ++k) data.lidar.sensors[k].gain = gains[k];
+  }
   return data;
 }
 

@@ -102,7 +102,7 @@ TEST_F(TrainingDataTest, RevolutionsOfHeldOutFramesDoNotTrain) {
   prepare();
   run_.state.model = std::make_unique<GridModel>();
   run_.recording.reader = aimotive::make_reader();
-  run_.recording.body_from_lidar = Rigid3d::Identity();
+  run_.recording.lidars = {{"lidar", Rigid3d::Identity()}};
   std::vector<std::int64_t> times;
   for (const FramePose& frame : run_.recording.frames) {
     const LidarRecord point{{20, 0, 0}, frame.t_ns};

@@ -113,7 +113,7 @@ std::vector<OverlayLine> object_lines(const Placement& placement, const MovingOb
 }
 
 Overlay::Overlay(const Run& run) : run_(run) {
-  if (run.recording.body_from_lidar)
+  if (!run.recording.lidars.empty())
     for (const FrameFile& file : run.recording.lidar_files)
       if (run.scene.frame_index(file.frame_id) >= 0) cloud_files_.push_back(&file);
 }
@@ -142,7 +142,7 @@ std::shared_ptr<const Overlay::Points> Overlay::revolution(std::int64_t frame) {
       return revolutions_.front().second;
     }
   auto points = std::make_shared<Points>();
-  if (run_.recording.body_from_lidar)
+  if (!run_.recording.lidars.empty())
     for (const FrameFile& file : run_.recording.lidar_files)
       if (file.frame_id == frame) std::ranges::copy(read(file), std::back_inserter(*points));
   revolutions_.emplace_front(frame, std::move(points));

@@ -37,7 +37,7 @@ class OverlayTest : public testing::Test {
     run_.recording = make_test_recording(folder_.path, 3);
     run_.scene = make_scene(run_.recording, {});
     run_.recording.reader = reader_;
-    run_.recording.body_from_lidar = Rigid3d::Identity();
+    run_.recording.lidars = {{"lidar", Rigid3d::Identity()}};
     for (int frame = 10; frame < 14; ++frame)  // the last one has no pose
       run_.recording.lidar_files.push_back({frame, ""});
     run_.options.method = "nerf";

@@ -68,7 +68,7 @@ std::uint8_t range_colour(double range_m) { return logarithmic(range_m, 1, 100);
 
 std::vector<std::string> RenderedScans::sensors() const {
   std::vector<std::string> names;
-  if (!run_.field() || !run_.recording.body_from_lidar) return names;
+  if (!run_.field() || run_.recording.lidars.empty()) return names;
   if (!run_.recording.lidar_files.empty()) names = {"recorded", "estimated"};
   for (const LidarSensor& sensor : known_lidar_sensors()) names.push_back(sensor.name);
   return names;
@@ -105,7 +105,7 @@ void RenderedScans::update(const ScanRequest& request, std::int64_t frame, const
   if (*scan && (*scan)->request == request && (*scan)->frame == frame) return;
   scan->reset();
   if (!run_.field()) refuse_scan("scan", request.sensor, "there is no run");
-  if (!run_.recording.body_from_lidar)
+  if (run_.recording.lidars.empty())
     refuse_scan("scan.sensor", request.sensor, "the recording has no LiDAR, whose place it takes");
   const auto posed = std::ranges::find(run_.recording.frames, frame, &FramePose::id);
   if (posed == run_.recording.frames.end())
@@ -119,7 +119,7 @@ void RenderedScans::update(const ScanRequest& request, std::int64_t frame, const
     edited.actors = traffic.actors;
   }
   const Scene& scene = &traffic == &run_.scene ? run_.scene : edited;
-  const SensorMotion motion{scene, *run_.recording.body_from_lidar};
+  const SensorMotion motion{scene, run_.recording.lidars[0].body_from_lidar};
   const LidarScan rendered = render_scan(backend_, *run_.field(), rays, motion, options);
   if (request.colour == Colour::kIntensity && !rendered.has_intensity)
     refuse_scan("scan.colour", "intensity", "the run's method has no intensities");

@@ -26,7 +26,7 @@ class RenderedScansTest : public testing::Test {
   RenderedScansTest() {
     run_.recording = make_test_recording(folder_.path);
     run_.recording.reader = aimotive::make_reader();
-    run_.recording.body_from_lidar = Rigid3d(Eigen::Translation3d(1.2, 0.1, 1.7));
+    run_.recording.lidars = {{"lidar", Rigid3d(Eigen::Translation3d(1.2, 0.1, 1.7))}};
     run_.scene = make_scene(run_.recording, {});
     run_.options.method = "nerf";
     run_.state.model = make_painted_model();
@@ -42,7 +42,8 @@ class RenderedScansTest : public testing::Test {
   }
   std::int64_t t_ns() const { return run_.recording.frames[2].t_ns; }
   Eigen::Vector3d eye() const {
-    return run_.scene.world_from_body(t_ns()) * run_.recording.body_from_lidar->translation();
+    return run_.scene.world_from_body(t_ns()) *
+           run_.recording.lidars[0].body_from_lidar.translation();
   }
   void add(const Eigen::Vector3d& in_world, std::vector<LidarRecord>* points) const {
     points->push_back(
@@ -122,7 +123,7 @@ TEST_F(RenderedScansTest, SaysWhyThereIsNone) {
   EXPECT_THAT(error_of({"vlp-16"}, 99), HasSubstr("no such frame"));
   EXPECT_THAT(error_of({"vlp-16", Colour::kIntensity}), HasSubstr("no intensities"));
   EXPECT_THAT(error_of({"estimated"}), HasSubstr("cannot be estimated"));  // five points
-  run_.recording.body_from_lidar = std::nullopt;
+  run_.recording.lidars.clear();
   EXPECT_THAT(error_of({"vlp-16"}), HasSubstr("no LiDAR"));
   EXPECT_TRUE(RenderedScans(run_, backend_).sensors().empty());
 }

@@ -161,7 +161,7 @@ nlohmann::json ViewRenderer::describe() const {
           {"step", run_.state.step},
           {"metric", scene.metric},
           {"ecef", run_.recording.global_frame == GlobalFrame::kEcef},
-          {"lidar", !run_.recording.lidar_files.empty() && run_.recording.body_from_lidar},
+          {"lidar", !run_.recording.lidar_files.empty() && !run_.recording.lidars.empty()},
           {"boxes", !run_.recording.box_files.empty() || !run_.moving.objects().empty()},
           {"cameras", cameras},
           {"frames", frames},

@@ -33,7 +33,7 @@ class ViewerTest : public testing::Test {
   explicit ViewerTest(bool with_model = true, std::vector<MovingObject> traffic = {},
                       const FirstEdit& edit = {}) {
     run_.recording = make_test_recording(folder_.path, 3);
-    run_.recording.body_from_lidar = Rigid3d::Identity();
+    run_.recording.lidars = {{"lidar", Rigid3d::Identity()}};
     run_.scene = make_scene(run_.recording, {.holdout_every = 2});
     run_.scene.actors = std::move(traffic);
     run_.options.method = "nerf";

@@ -82,12 +82,13 @@ void AdjustmentProblem::add(std::vector<PlanarPatch>* patches) {
     double* const plane = landmark(&patch.plane.value);
     for (const int i : patch.samples) {
       const LocalMotion motion = model_.motion_at(lidar_[i].t_ns);
-      add_term(point_to_plane_cost(motion, {model_.body_from_lidar, lidar_[i].in_body},
-                                   patch.sigma_m, patch.plane),
-               &lidar_loss_,
-               {model_.corrections[motion.segment].data(),
-                model_.corrections[motion.segment + 1].data(), plane, &model_.lidar_elevation_rad},
-               motion.segment * sensors);
+      add_term(
+          point_to_plane_cost(motion, {model_.body_from_lidar, lidar_[i].in_body}, patch.sigma_m,
+                              patch.plane),
+          &lidar_loss_,
+          {model_.corrections[motion.segment].data(), model_.corrections[motion.segment + 1].data(),
+           plane, lidar_[i].lidar == 0 ? &model_.lidar_elevation_rad : &other_elevation_rad_},
+          motion.segment * sensors);
     }
   }
 }
@@ -163,6 +164,8 @@ void AdjustmentProblem::add_priors(const BundlePriors& priors) {
                               nullptr, elevation);
     elevation_index_ = estimate(options_.lidar_elevation && !held_.lidar_elevation, elevation);
   }
+  if (problem_.HasParameterBlock(&other_elevation_rad_))
+    problem_.SetParameterBlockConstant(&other_elevation_rad_);
   for (RigModelCamera& camera : model_.cameras) {
     for (int k = 0; k < 3; ++k)
       problem_.AddResidualBlock(scalar_prior_cost(3, k, priors.intrinsics[k]).release(), nullptr,
@@ -192,8 +195,9 @@ ceres::Solver::Summary AdjustmentProblem::solve(int iterations) {
     for (double* block :
          {camera.extrinsics.data(), &camera.offset_s, &camera.readout_s, camera.intrinsics.data()})
       solver.linear_solver_ordering->AddElementToGroup(block, 2);
-  if (problem_.HasParameterBlock(&model_.lidar_elevation_rad))
-    solver.linear_solver_ordering->AddElementToGroup(&model_.lidar_elevation_rad, 2);
+  for (double* const elevation : {&model_.lidar_elevation_rad, &other_elevation_rad_})
+    if (problem_.HasParameterBlock(elevation))
+      solver.linear_solver_ordering->AddElementToGroup(elevation, 2);
   ceres::Solver::Summary summary;
   ceres::Solve(solver, &problem_, &summary);
   for (std::size_t i = 0; i < targets_.size(); ++i) *targets_[i] = landmarks_[i];

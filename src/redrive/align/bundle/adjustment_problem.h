@@ -77,7 +77,8 @@ class AdjustmentProblem {
   std::vector<std::array<double, 3>*> targets_;
   std::vector<std::optional<int>> offset_index_, readout_index_;
   std::optional<int> elevation_index_;
-  ResidualGroups groups_;  ///< residuals of an image, or of the LiDAR between two frames
+  double other_elevation_rad_ = 0;  ///< constant, for LiDARs but the first
+  ResidualGroups groups_;           ///< residuals of an image, or of the LiDAR between two frames
 };
 
 }  // namespace redrive

@@ -71,9 +71,9 @@ BundlePriors priors_of_round(const BundlePriors& initial, const RigModel& model,
 
 double patch_distance_m(const RigModel& model, const LidarSample& sample,
                         const PlaneParameters& plane) {
-  const Eigen::Vector3d from_centre =
-      model.corrected_pose(model.motion_at(sample.t_ns)) * model.raised(sample.in_body) -
-      plane.centre;
+  const Eigen::Vector3d from_centre = model.corrected_pose(model.motion_at(sample.t_ns)) *
+                                          model.raised(sample.in_body, sample.lidar) -
+                                      plane.centre;
   return (plane.axes * Eigen::Vector3d(plane.value[0], plane.value[1], 1)).dot(from_centre) -
          plane.value[2];
 }

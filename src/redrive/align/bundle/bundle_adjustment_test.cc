@@ -434,9 +434,9 @@ struct ElevationFit {
 };
 ElevationFit fit_elevation(const SyntheticOptions& options, double error_deg) {
   SyntheticRig rig = make_synthetic_rig(options);
-  rig.recording.body_from_lidar = Rigid3d(Eigen::Translation3d(1, 0, 1.8));
+  rig.recording.lidars = {{"lidar", Rigid3d(Eigen::Translation3d(1, 0, 1.8))}};
   for (LidarSample& sample : rig.lidar)
-    sample.in_body = RaisedReturn(*rig.recording.body_from_lidar, sample.in_body)
+    sample.in_body = RaisedReturn(rig.recording.lidars[0].body_from_lidar, sample.in_body)
                          .at(error_deg * kRadiansPerDegree);
   RigModel model = make_rig_model(rig.recording);
   BundleOptions bundle;

@@ -28,8 +28,8 @@ std::vector<Return> returns_by_cell(const RigModel& model, const std::vector<Lid
   std::vector<Return> returns;
   for (std::size_t p = 0; p < patches.size(); ++p)
     for (const int i : patches[p].samples) {
-      const Eigen::Vector3d in_world =
-          model.corrected_pose(model.motion_at(lidar[i].t_ns)) * model.raised(lidar[i].in_body);
+      const Eigen::Vector3d in_world = model.corrected_pose(model.motion_at(lidar[i].t_ns)) *
+                                       model.raised(lidar[i].in_body, lidar[i].lidar);
       returns.push_back({voxel_key(voxel_of(in_world, kNear_m)), static_cast<int>(p), i, in_world});
     }
   std::ranges::stable_sort(returns, {}, &Return::cell);

@@ -136,12 +136,14 @@ std::vector<LidarSample> lidar_samples(const Recording& recording, const LidarRe
   std::vector<LidarSample> samples;
   samples.reserve(returns.n);
   if (returns.n == 0) return samples;
-  const float unit = 255 / returns.full_intensity();
+  std::vector<float> unit = returns.full_intensities();
+  for (float& of_sensor : unit) of_sensor = 255 / of_sensor;
   for (std::size_t i = 0; i < returns.n; ++i) {
     const std::int64_t t_ns = returns.t_ns[i];
     if (t_ns < recording.frames.front().t_ns || t_ns > recording.frames.back().t_ns) continue;
-    samples.push_back(
-        {returns.body_from_sensor * returns.in_sensor(i), t_ns, unit * returns.intensity[i]});
+    const std::size_t sensor = returns.sensor_of(i);
+    samples.push_back({returns.sensors[sensor].body_from_sensor * returns.in_sensor(i), t_ns,
+                       unit[sensor] * returns.intensity[i], sensor});
   }
   return samples;
 }

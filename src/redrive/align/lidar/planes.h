@@ -22,7 +22,8 @@ namespace redrive {
 struct LidarSample {
   Eigen::Vector3d in_body;  ///< without RigModel::lidar_elevation_rad
   std::int64_t t_ns = 0;
-  float intensity = 0;  ///< 0..255, whatever the full scale of the recording
+  float intensity = 0;    ///< 0..255, whatever the full scale of the recording
+  std::size_t lidar = 0;  ///< index in Recording::lidars
 };
 
 /// The `returns` between the times of the recording's first and last frame.
@@ -50,7 +51,7 @@ void transform_samples(const RigModel& model, const std::vector<LidarSample>& sa
         pose_ns = samples[i].t_ns;
         world_from_body = model.corrected_pose(model.motion_at(pose_ns));
       }
-      use(i, Eigen::Vector3d(world_from_body * model.raised(samples[i].in_body)));
+      use(i, Eigen::Vector3d(world_from_body * model.raised(samples[i].in_body, samples[i].lidar)));
     }
   });
 }

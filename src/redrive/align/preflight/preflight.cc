@@ -415,7 +415,8 @@ ClockCheck check_clock(const Recording& recording) {
   ClockCheck check;
   // time of the frame, time of the middle of its scan
   std::vector<std::pair<double, double>> times_s;
-  const auto& files = recording.lidar_files;
+  std::vector<FrameFile> files;  // one LiDAR's: others turn at other times
+  if (!recording.lidar_files.empty()) files = recording.scans_of(recording.lidar_files[0].lidar);
   const std::size_t step = std::max<std::size_t>(1, files.size() / 8);
   for (std::size_t i = 0; i < files.size(); i += step) {
     const auto frame = std::ranges::find(recording.frames, files[i].frame_id, &FramePose::id);

@@ -143,8 +143,8 @@ LocalMotion RigModel::row_motion(int camera, int frame, double v) const {
                    std::llround((c.offset_s + c.from_middle_row(v) * c.readout_s) * 1e9));
 }
 
-Eigen::Vector3d RigModel::raised(const Eigen::Vector3d& in_body) const {
-  if (lidar_elevation_rad == 0) return in_body;
+Eigen::Vector3d RigModel::raised(const Eigen::Vector3d& in_body, std::size_t lidar) const {
+  if (lidar_elevation_rad == 0 || lidar > 0) return in_body;
   return RaisedReturn(body_from_lidar, in_body).at(lidar_elevation_rad);
 }
 
@@ -200,7 +200,7 @@ RigModel make_rig_model(const Recording& recording) {
   for (const FramePose& frame : recording.frames)
     model.initial_frames.push_back(
         {frame.id, frame.t_ns, world_from_global * frame.global_from_body});
-  if (recording.body_from_lidar) model.body_from_lidar = *recording.body_from_lidar;
+  if (!recording.lidars.empty()) model.body_from_lidar = recording.lidars[0].body_from_lidar;
   model.corrections.assign(model.initial_frames.size(), Vector6d::Zero());
   for (const RecordedCamera& camera : recording.cameras) {
     RigModelCamera entry;

@@ -52,11 +52,11 @@ struct LocalMotion {
 
 struct RigModel {
   Rigid3d global_from_world = Rigid3d::Identity();
-  std::vector<PosedFrame> initial_frames;  ///< at least two
-  std::vector<Vector6d> corrections;       ///< (rho, phi) by frame, body axes
-  std::vector<RigModelCamera> cameras;     ///< in the order of Recording::cameras
-  Rigid3d body_from_lidar = Rigid3d::Identity();
-  double lidar_elevation_rad = 0;  ///< added to the elevations of the LiDAR's returns
+  std::vector<PosedFrame> initial_frames;         ///< at least two
+  std::vector<Vector6d> corrections;              ///< (rho, phi) by frame, body axes
+  std::vector<RigModelCamera> cameras;            ///< in the order of Recording::cameras
+  Rigid3d body_from_lidar = Rigid3d::Identity();  ///< the first LiDAR's
+  double lidar_elevation_rad = 0;                 ///< added to the elevations of its returns
 
   /// The motion that, with the present corrections added, is the smooth motion. Before the first
   /// and after the last frame it continues uniformly.
@@ -69,8 +69,8 @@ struct RigModel {
   /// The smooth motion itself, corrections included.
   LocalMotion smooth_motion_at(std::int64_t t_ns) const;
 
-  /// Returns a LiDAR return with its present elevation, in the axes of the body.
-  Eigen::Vector3d raised(const Eigen::Vector3d& in_body) const;
+  /// Returns a return of a LiDAR with its present elevation, in the axes of the body.
+  Eigen::Vector3d raised(const Eigen::Vector3d& in_body, std::size_t lidar) const;
 
   /// world_from_body with the present corrections.
   Rigid3d corrected_pose(const LocalMotion& motion) const;

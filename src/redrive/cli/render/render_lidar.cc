@@ -192,6 +192,10 @@ Action configure_render_lidar(CLI::App& command) {
                       ", N beams as usual sensors have them, N:MIN:MAX (from MIN to MAX degrees of "
                       "elevation) or elevations E1,E2,..")
       ->capture_default_str();
+  command
+      .add_option("--lidar", options->lidar.lidar,
+                  "the recorded LiDAR that is meant, by its name in inspect")
+      ->default_str("the first");
   add_mount_option(command, &options->lidar.mount, "the LiDAR")->default_str("the recording's");
   command
       .add_option("--azimuth-steps", options->lidar.azimuth_steps,

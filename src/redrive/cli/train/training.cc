@@ -97,6 +97,9 @@ void print_summary(const Run& run, const TrainingData& training, const kernels::
         "the vehicle, %zu on moving objects\n",
         lidar.n, lidar.unusable, lidar.repeated, lidar.beyond_trajectory, lidar.on_ego,
         lidar.on_moving);
+  for (std::size_t k = 1; k < training.lidar.sensors.size(); ++k)
+    std::printf("intensities of %s: %.3f of %s's\n", run.recording.lidars[k].name.c_str(),
+                double(training.lidar.sensors[k].gain), run.recording.lidars[0].name.c_str());
   for (const Finding& damaged : training.damaged)
     std::printf("note: %s: %s\n", damaged.subject.c_str(), damaged.what.c_str());
   if (const auto& damaged = training.lidar.damaged)

@@ -47,7 +47,7 @@ Points points_of(const PointCloud& cloud) {
 /// Finds the LiDAR returns that no image shows: they have no colour.
 Points unseen_returns(const TrainingSet& data, const PointCloud& seen) {
   Points points;
-  const float full = data.lidar.full_intensity();
+  const std::vector<float> full = data.lidar.full_intensities();
   LidarPoses poses(data.scene, data.lidar);
   std::size_t next = 0;
   for (std::size_t i = 0; i < data.lidar.n; ++i) {
@@ -57,7 +57,7 @@ Points unseen_returns(const TrainingSet& data, const PointCloud& seen) {
     }
     points.push_back({poses.in_world(i).cast<float>(), Eigen::Vector3f::Constant(0.5f),
                       poses.at(i).translation().cast<float>(),
-                      static_cast<float>(data.lidar.intensity[i]) / full});
+                      static_cast<float>(data.lidar.intensity[i]) / full[data.lidar.sensor_of(i)]});
   }
   return points;
 }
@@ -313,9 +313,10 @@ GaussianList initial_gaussians(const TrainingSet& data, const InitialGaussianOpt
   if (data.lidar.n > 0) {
     const PointCloud cloud = lidar_points(scene, data.images, data.lidar, pool);
     Points points = points_of(cloud);
-    const float full = data.lidar.full_intensity();
+    const std::vector<float> full = data.lidar.full_intensities();
     for (std::size_t i = 0; i < cloud.n; ++i)
-      points[i].intensity = static_cast<float>(data.lidar.intensity[cloud.source[i]]) / full;
+      points[i].intensity = static_cast<float>(data.lidar.intensity[cloud.source[i]]) /
+                            full[data.lidar.sensor_of(cloud.source[i])];
     if (!data.lidar.scan_ends.empty() && options.max_unseen > 0) {
       Points kept = thinned(unseen_returns(data, cloud), cameras, options.voxel,
                             static_cast<double>(options.max_unseen), pool);

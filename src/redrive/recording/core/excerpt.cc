@@ -21,7 +21,7 @@ Ids ids_of_images(const Recording& recording) {
 /// Returns the frames of the scans; none where the place of the sensor is unknown.
 Ids ids_of_scans(const Recording& recording) {
   Ids ids;
-  if (recording.body_from_lidar)
+  if (!recording.lidars.empty())
     for (const FrameFile& scan : recording.lidar_files) ids.insert(scan.frame_id);
   return ids;
 }

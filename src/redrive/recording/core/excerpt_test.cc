@@ -57,7 +57,7 @@ TEST(Excerpt, FramesWithAScanRemain) {
   leave_out_empty_frames(&without_extrinsics);
   EXPECT_THAT(ids_of(without_extrinsics), ElementsAre(2, 3));
 
-  recording.body_from_lidar = Rigid3d::Identity();
+  recording.lidars = {{"lidar", Rigid3d::Identity()}};
   leave_out_empty_frames(&recording);
   report_gaps(&recording);
   EXPECT_THAT(ids_of(recording), ElementsAre(1, 2, 3, 4));

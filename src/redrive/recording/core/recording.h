@@ -38,6 +38,7 @@ enum class GlobalFrame {
 struct FrameFile {
   std::int64_t frame_id = 0;
   std::filesystem::path path;
+  std::size_t lidar = 0;  ///< index in Recording::lidars, for scans
 };
 
 /// A mask image with the size of its image.
@@ -80,6 +81,14 @@ struct RecordedCamera {
   std::vector<ImageFile> images;  ///< sorted by frame id; only frames that have a pose
 };
 
+/// A LiDAR of the rig; Recording::lidar_files with its index are its scans.
+struct RecordedLidar {
+  std::string name;
+  Rigid3d body_from_lidar = Rigid3d::Identity();  ///< its origin is the origin of the rays
+  double elevation_rad = 0;                       ///< added to the elevations of recorded returns
+  double gain = 1;  ///< its intensities over the first LiDAR's of the same surface
+};
+
 /// Views that were never driven, with images as ground truth or to be rendered.
 struct NovelSet {
   std::string name;
@@ -96,16 +105,16 @@ struct Recording {
   std::vector<RecordedCamera> cameras;  ///< sorted by name; only cameras with images
   std::vector<FramePose> frames;        ///< sorted by id
   std::vector<std::string> other_sensors;
-  /// its origin is the origin of LiDAR rays; without it lidar_files are not used
-  std::optional<Rigid3d> body_from_lidar;
-  double lidar_elevation_rad = 0;  ///< added to the elevations of recorded returns
-  std::vector<NovelSet> novel;     ///< sorted by name
+  /// LiDARs whose place on the body is known; lidar_files without one are not used
+  std::vector<RecordedLidar> lidars;
+  std::vector<NovelSet> novel;  ///< sorted by name
   /// exact poses sorted by id, where a made recording ships them; `frames` may carry errors
   std::vector<FramePose> ground_truth_frames;
-  std::vector<FrameFile> lidar_files;  ///< sorted by frame id, with or without a pose; for reader
-  std::vector<FrameFile> box_files;    ///< sorted by frame id, with or without a pose; for reader
-  std::filesystem::path points_file;   ///< static point cloud instead of lidar_files, for
-                                       ///< reader; empty: none
+  /// scans, sorted by LiDAR, then frame id, with or without a pose; for reader
+  std::vector<FrameFile> lidar_files;
+  std::vector<FrameFile> box_files;   ///< sorted by frame id, with or without a pose; for reader
+  std::filesystem::path points_file;  ///< static point cloud instead of lidar_files, for
+                                      ///< reader; empty: none
   GlobalFrame global_frame = GlobalFrame::kEcef;
   /// True: a drive, in metres and seconds. False: photographs in an arbitrary unit, which replaces
   /// the metre everywhere; the body's axes are the axes of a camera that looks along body x, and
@@ -119,7 +128,9 @@ struct Recording {
   std::filesystem::path outside_file;
 
   const RecordedCamera* find_camera(const std::string& name) const;
-  /// Returns RecordingReader::read_lidar with the elevations corrected by lidar_elevation_rad.
+  /// Returns the scans of one of the LiDARs.
+  std::vector<FrameFile> scans_of(std::size_t lidar) const;
+  /// Returns RecordingReader::read_lidar with the elevations corrected.
   std::vector<LidarPoint> read_lidar(const FrameFile& file, std::size_t* left_out = nullptr) const;
 };
 

@@ -6,7 +6,7 @@
 //    other parameters of the model by name ("xi"), "RT_body_from_sensor": 4x4,
 //    "RT_sensor_from_body", "pos_meter", "time_offset_s", "readout_s"}}
 // The last four are optional; the first two of them are checked against RT_body_from_sensor. A
-// LiDAR ("sensor_type": "lidar") may have "elevation_offset_deg" (Recording::lidar_elevation_rad).
+// LiDAR ("sensor_type": "lidar") may have "elevation_offset_deg" (RecordedLidar::elevation_rad).
 #pragma once
 
 #include <filesystem>
@@ -25,7 +25,7 @@ struct OtherSensors {
   std::vector<std::string> names;
   std::optional<Rigid3d> body_from_lidar;  ///< set if exactly one sensor of type "lidar" has an
                                            ///< RT_body_from_sensor
-  double lidar_elevation_rad = 0;          ///< as in Recording
+  double lidar_elevation_rad = 0;          ///< RecordedLidar::elevation_rad of the first
 };
 
 /// Returns cameras sorted by name; other sensors go into `others`, which may be null. InputError:
@@ -46,7 +46,7 @@ nlohmann::json calibration_to_json(const CameraCalibration& camera);
 /// fields stay, but for angles that the new extrinsics contradict (yaw_pitch_roll_deg).
 void update_calibration(const CameraCalibration& camera, nlohmann::json* entry);
 
-/// Writes Recording::lidar_elevation_rad into the entry of the LiDAR, which is made where there is
+/// Writes the first LiDAR's elevation_rad into the entry of the LiDAR, which is made where there is
 /// none and the elevation is not 0.
 void update_lidar(double elevation_rad, nlohmann::json* sensors);
 

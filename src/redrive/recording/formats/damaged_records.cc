@@ -164,7 +164,12 @@ class Records {
     for (const RecordedCamera& camera : recording_.cameras)
       if (group_of(camera.calibration.name) == group) of_cameras += chosen(camera.images);
     if (of_cameras > 0 || camera_names_.contains(group)) return of_cameras;
-    if (group == kLidar) return chosen(recording_.lidar_files);
+    if (group == kLidar) {  // a file may have scans of several LiDARs
+      std::set<fs::path> files;
+      for (const FrameFile& file : recording_.lidar_files)
+        if (is_chosen(file.frame_id)) files.insert(file.path);
+      return files.size();
+    }
     if (group == kBoxes) return chosen(recording_.box_files);
     return static_cast<std::size_t>(std::ranges::count_if(
         recording_.frames, [&](const FramePose& frame) { return is_chosen(frame.id); }));
@@ -200,9 +205,11 @@ class Records {
     }
     if (!recording_.metric) mark_whole(0, check_.whole);
     const std::size_t first = checks_.size();
-    if (recording_.body_from_lidar)
+    std::set<fs::path> files;
+    if (!recording_.lidars.empty())
       for (const FrameFile& file : recording_.lidar_files)
-        add(kLidar, file, [&](bool whole) { check_scan(*recording_.reader, file, whole); });
+        if (files.insert(file.path).second)
+          add(kLidar, file, [&](bool whole) { check_scan(*recording_.reader, file, whole); });
     mark_whole(first, check_.whole);
     if (has_box_files(recording_))
       for (const FrameFile& file : recording_.box_files)

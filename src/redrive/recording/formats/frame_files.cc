@@ -144,4 +144,11 @@ void refuse_ground_truth(const std::filesystem::path& root, PoseSource source) {
     throw InputError(root, "", "", "this format ships no other, exact poses");
 }
 
+void share_files(Recording* recording) {
+  const std::vector<FrameFile> files = recording->lidar_files;
+  for (std::size_t k = 1; k < recording->lidars.size(); ++k)
+    for (const FrameFile& file : files)
+      recording->lidar_files.push_back({file.frame_id, file.path, k});
+}
+
 }  // namespace redrive

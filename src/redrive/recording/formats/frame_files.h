@@ -46,4 +46,7 @@ void require_cameras(const Recording& recording);
 /// InputError if exact poses are requested from a format that ships none.
 void refuse_ground_truth(const std::filesystem::path& root, PoseSource source);
 
+/// Gives each of the recording's LiDARs the scans of the first: their files have all.
+void share_files(Recording* recording);
+
 }  // namespace redrive

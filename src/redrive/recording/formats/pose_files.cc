@@ -103,7 +103,7 @@ void apply_pose_files(const PoseFiles& files, const fs::path& folder, Recording*
     frame = *std::ranges::lower_bound(poses.frames, frame.id, {}, &FramePose::id);
   require_few_left_out({.frames = frames, .most_percent = recording->most_damaged_percent}, records,
                        recording);
-  recording->lidar_elevation_rad = poses.lidar_elevation_rad;
+  if (!recording->lidars.empty()) recording->lidars[0].elevation_rad = poses.lidar_elevation_rad;
   for (RecordedCamera& camera : recording->cameras) {
     const auto found =
         std::ranges::find(poses.cameras, camera.calibration.name, &CameraCalibration::name);

@@ -35,13 +35,15 @@ void expect_round_trip(const Fixture& f) {
   cameras[1].parameters[0] = 1172.125;
   cameras[1].readout_ns = 29'999'999;
   Recording aligned = f.recording;
-  aligned.lidar_elevation_rad = 0.003;
+  aligned.lidars = {{"lidar", Rigid3d::Identity(), 0.003}, {"second", Rigid3d::Identity()}};
   write_pose_files(f.folder.path / "aligned",
                    f.recording.reader->make_pose_files(aligned, frames, cameras));
   Recording again = f.recording;
+  again.lidars = {{"lidar"}, {"second"}};
   apply_pose_files(read_pose_files(f.recording, f.folder.path / "aligned"),
                    f.folder.path / "aligned", &again);
-  EXPECT_NEAR(again.lidar_elevation_rad, 0.003, 1e-15);
+  EXPECT_NEAR(again.lidars[0].elevation_rad, 0.003, 1e-15);
+  EXPECT_EQ(again.lidars[1].elevation_rad, 0);
   for (std::size_t i = 0; i < frames.size(); ++i) {
     EXPECT_EQ(again.frames[i].id, frames[i].id);
     EXPECT_EQ(again.frames[i].t_ns, frames[i].t_ns);

@@ -16,12 +16,24 @@ constexpr const char *kEgomotionFile = "egomotion.json", *kCalibrationFile = "ca
 
 std::vector<LidarPoint> Recording::read_lidar(const FrameFile& file, std::size_t* left_out) const {
   std::vector<LidarPoint> points = reader->read_lidar(file, left_out);
-  if (lidar_elevation_rad == 0 || !body_from_lidar) return points;
+  if (file.lidar >= lidars.size() || lidars[file.lidar].elevation_rad == 0) return points;
+  const RecordedLidar& lidar = lidars[file.lidar];
   for (LidarPoint& point : points)
-    point.in_body_m = RaisedReturn(*body_from_lidar, point.in_body_m.cast<double>())
-                          .at(lidar_elevation_rad)
+    point.in_body_m = RaisedReturn(lidar.body_from_lidar, point.in_body_m.cast<double>())
+                          .at(lidar.elevation_rad)
                           .cast<float>();
   return points;
+}
+
+std::vector<FrameFile> Recording::scans_of(std::size_t lidar) const {
+  std::vector<FrameFile> scans;
+  for (const FrameFile& file : lidar_files)
+    if (file.lidar == lidar) scans.push_back(file);
+  return scans;
+}
+
+double first_elevation_rad(const Recording& recording) {
+  return recording.lidars.empty() ? 0 : recording.lidars[0].elevation_rad;
 }
 
 std::vector<LidarPoint> RecordingReader::read_lidar(const FrameFile& file, std::size_t*) const {
@@ -51,7 +63,7 @@ PoseFiles RecordingReader::make_pose_files(const Recording& recording,
   nlohmann::json sensors = nlohmann::json::object();
   for (const CameraCalibration& camera : cameras)
     sensors[camera.name] = calibration_to_json(camera);
-  update_lidar(recording.lidar_elevation_rad, &sensors);
+  update_lidar(first_elevation_rad(recording), &sensors);
   return {{kEgomotionFile, egomotion_to_json(frames).dump(1) + "\n"},
           {kCalibrationFile, sensors.dump(1) + "\n"}};
 }

@@ -24,7 +24,7 @@ using PoseFiles = std::map<std::filesystem::path, std::string>;
 struct CalibratedPoses {
   std::vector<FramePose> frames;           ///< sorted by id
   std::vector<CameraCalibration> cameras;  ///< sorted by name
-  double lidar_elevation_rad = 0;          ///< as in Recording
+  double lidar_elevation_rad = 0;          ///< RecordedLidar::elevation_rad of the first
   std::filesystem::path frames_file, cameras_file;
 };
 
@@ -60,7 +60,7 @@ class RecordingReader {
 
   /// Names of the files that make_pose_files returns: poses, calibration.
   virtual std::vector<std::filesystem::path> pose_file_names() const;
-  /// Returns `frames`, `cameras` and recording.lidar_elevation_rad in the format of `recording`;
+  /// Returns `frames`, `cameras` and the elevation of the first LiDAR in the format of `recording`;
   /// times come back to 1 ms.
   virtual PoseFiles make_pose_files(const Recording& recording,
                                     const std::vector<FramePose>& frames,
@@ -70,5 +70,8 @@ class RecordingReader {
   CalibratedPoses parse_pose_files(const PoseFiles& files, const std::filesystem::path& folder,
                                    const DamagedList* damaged = nullptr) const;
 };
+
+/// Returns RecordedLidar::elevation_rad of the first LiDAR; 0 without one.
+double first_elevation_rad(const Recording& recording);
 
 }  // namespace redrive

@@ -164,7 +164,7 @@ TEST_F(RealLidar, HasTheBeamsOfItsSensor) {
   const std::vector<std::vector<LidarPoint>> scans = {
       recording_.reader->read_lidar(recording_.lidar_files[10])};
   std::string why;
-  const auto found = estimate_structure(scans, *recording_.body_from_lidar, &why);
+  const auto found = estimate_structure(scans, recording_.lidars[0].body_from_lidar, &why);
   ASSERT_TRUE(found) << why;
   EXPECT_EQ(found->sensor.beams.size(), 64u);
   EXPECT_NEAR(found->sensor.azimuth_steps, 1800, 5);

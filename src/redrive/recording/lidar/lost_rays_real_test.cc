@@ -23,10 +23,10 @@ std::vector<Rays> rays_of(const std::filesystem::path& root) {
     const std::vector<std::vector<LidarPoint>> scan = {recording.reader->read_lidar(
         recording.lidar_files[i * (recording.lidar_files.size() - 1) / (kScans - 1)])};
     std::string why;
-    const auto structure = estimate_structure(scan, *recording.body_from_lidar, &why);
+    const auto structure = estimate_structure(scan, recording.lidars[0].body_from_lidar, &why);
     EXPECT_TRUE(structure) << why;
     if (!structure) continue;
-    const LostRays lost = lost_rays(scan[0], *recording.body_from_lidar, *structure, &why);
+    const LostRays lost = lost_rays(scan[0], recording.lidars[0].body_from_lidar, *structure, &why);
     EXPECT_EQ(why, "");
     const auto fired = static_cast<double>(lost.size() + lost.returned);
     rays.push_back({fired, static_cast<double>(lost.size()) / fired});

@@ -54,11 +54,11 @@ bool is_on_moving(const std::vector<MovingBox>& boxes, const Eigen::Vector3d& in
 /// Makes returns of one revolution; adds those on moving objects to `out` and counts dropped ones.
 std::vector<Return> returns_of(const std::vector<LidarPoint>& points,
                                const std::vector<LidarPoint>& before, const Recording& recording,
-                               const Scene& scene, const MovingObjects& moving, LidarReturns* out) {
+                               const Rigid3d& sensor_from_body, const Scene& scene,
+                               const MovingObjects& moving, LidarReturns* out) {
   const std::vector<std::uint8_t> repeated = mark_repeated(points, before);
   const std::int64_t first_ns = recording.frames.front().t_ns - kMaxBeyond_ns,
                      last_ns = recording.frames.back().t_ns + kMaxBeyond_ns;
-  const Rigid3d sensor_from_body = recording.body_from_lidar->inverse(Eigen::Isometry);
   std::vector<Return> returns;
   returns.reserve(points.size());
   Rigid3d world_from_body = Rigid3d::Identity();
@@ -102,23 +102,25 @@ std::vector<Return> returns_of(const std::vector<LidarPoint>& points,
 /// Adds the rays of a revolution that had no return. Files may overlap in time: rays that the one
 /// before has, too, are left out.
 void add_lost(const std::vector<LidarPoint>& points, const std::vector<LidarPoint>& before,
-              const Recording& recording, const ScanStructure& structure, LidarReturns* out) {
+              const Recording& recording, const Rigid3d& body_from_lidar,
+              const ScanStructure& structure, LidarReturns* out) {
   std::int64_t first_ns = recording.frames.front().t_ns - kMaxBeyond_ns;
   const std::int64_t last_ns = recording.frames.back().t_ns + kMaxBeyond_ns;
   for (const LidarPoint& point : before) first_ns = std::max(first_ns, point.t_ns + 1);
-  const LostRays lost = lost_rays(points, *recording.body_from_lidar, structure);
+  const LostRays lost = lost_rays(points, body_from_lidar, structure);
   for (std::size_t i = 0; i < lost.size(); ++i)
     if (lost.t_ns[i] >= first_ns && lost.t_ns[i] <= last_ns)
       out->lost.push_back({lost.direction[i], lost.t_ns[i]});
 }
 
-/// Estimates the beams from a few of the scans; nothing where they cannot be known.
-std::optional<ScanStructure> structure_of(const std::vector<std::vector<LidarPoint>>& points,
-                                          const Rigid3d& body_from_lidar) {
+/// Estimates the beams of a LiDAR from a few of its scans; nothing where they cannot be known.
+std::optional<ScanStructure> structure_of(const std::vector<const FrameFile*>& files,
+                                          const std::vector<std::vector<LidarPoint>>& points,
+                                          std::size_t lidar, const Rigid3d& body_from_lidar) {
   constexpr std::size_t kScans = 4;
   std::vector<std::size_t> read;
   for (std::size_t f = 0; f < points.size(); ++f)
-    if (!points[f].empty()) read.push_back(f);
+    if (files[f]->lidar == lidar && !points[f].empty()) read.push_back(f);
   std::vector<std::vector<LidarPoint>> some;
   for (std::size_t k = 0; k < std::min(kScans, read.size()); ++k)
     some.push_back(points[read[k * read.size() / std::min(kScans, read.size())]]);
@@ -149,7 +151,7 @@ LidarReturns returns_of_cloud(const Recording& recording, const Scene& scene, Th
     origins.push_back({frame.world_from_body * body_from_sensor, frame.t_ns});
   LidarReturns returns = cloud_returns(read_cloud(recording, scene), origins,
                                        recording.metric ? kLeastRange_m : 0, pool);
-  returns.body_from_sensor = body_from_sensor;
+  returns.sensors = {{body_from_sensor}};
   return returns;
 }
 
@@ -198,11 +200,14 @@ LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene,
   if (recording.lidar_files.empty() && !recording.points_file.empty())
     return returns_of_cloud(recording, scene, pool);
   LidarReturns returns;
-  if (!recording.body_from_lidar) return returns;
-  returns.body_from_sensor = *recording.body_from_lidar;
+  if (recording.lidars.empty()) return returns;
+  returns.sensors.clear();
+  for (const RecordedLidar& lidar : recording.lidars)
+    returns.sensors.push_back({lidar.body_from_lidar, static_cast<float>(lidar.gain)});
   std::vector<const FrameFile*> files;
   for (const FrameFile& file : recording.lidar_files)
-    if (file.frame_id >= scene.frames.front().id && file.frame_id <= scene.frames.back().id)
+    if (file.frame_id >= scene.frames.front().id && file.frame_id <= scene.frames.back().id &&
+        file.lidar == selection.lidar.value_or(file.lidar))
       files.push_back(&file);
   const int count = static_cast<int>(files.size());
   const auto selected = [&](int f) {
@@ -225,20 +230,28 @@ LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene,
     }
   });
   std::vector<DamagedRecord> left_out;
+  std::set<std::filesystem::path> paths;  // a file may have scans of several LiDARs
   for (int f = 0; f < count; ++f)
-    if (!damaged[f].empty()) left_out.push_back({"lidar", files[f]->frame_id, damaged[f]});
-  returns.damaged = judge_damaged(recording, left_out, files.size());
+    if (paths.insert(files[f]->path).second && !damaged[f].empty())
+      left_out.push_back({"lidar", files[f]->frame_id, damaged[f]});
+  returns.damaged = judge_damaged(recording, left_out, paths.size());
 
   std::vector<std::vector<Return>> of_files(files.size());
   const std::vector<LidarPoint> none;
-  const std::optional<ScanStructure> structure =
-      selection.lost ? structure_of(points, *recording.body_from_lidar) : std::nullopt;
+  std::vector<std::optional<ScanStructure>> structures(recording.lidars.size());
+  for (std::size_t k = 0; selection.lost && k < structures.size(); ++k)
+    structures[k] = structure_of(files, points, k, recording.lidars[k].body_from_lidar);
   pool.run(count, [&](int f) {
     progress.count();
     if (!selected(f)) return;
-    const std::vector<LidarPoint>& before = f > 0 && !selection.repeated ? points[f - 1] : none;
-    of_files[f] = returns_of(points[f], before, recording, scene, moving, &counts[f]);
-    if (structure) add_lost(points[f], before, recording, *structure, &counts[f]);
+    const std::size_t lidar = files[f]->lidar;
+    const bool has_before = f > 0 && files[f - 1]->lidar == lidar && !selection.repeated;
+    const std::vector<LidarPoint>& before = has_before ? points[f - 1] : none;
+    const Rigid3d& body_from_lidar = recording.lidars[lidar].body_from_lidar;
+    of_files[f] = returns_of(points[f], before, recording, body_from_lidar.inverse(Eigen::Isometry),
+                             scene, moving, &counts[f]);
+    if (structures[lidar])
+      add_lost(points[f], before, recording, body_from_lidar, *structures[lidar], &counts[f]);
   });
 
   for (int f = 0; f < count; ++f) {
@@ -253,14 +266,28 @@ LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene,
                               counts[f].on_objects.end());
     returns.lost.insert(returns.lost.end(), counts[f].lost.begin(), counts[f].lost.end());
     if (selected(f) && damaged[f].empty())
-      returns.scan_ends.push_back({returns.n, returns.on_objects.size(), returns.lost.size()});
+      returns.scan_ends.push_back(
+          {returns.n, returns.on_objects.size(), returns.lost.size(), files[f]->lidar});
   }
   join_files(of_files, &returns);
   return returns;
 }
 
-float LidarReturns::full_intensity() const {
-  return intensity.empty() ? 255 : intensity_scale(std::ranges::max(intensity));
+std::size_t LidarReturns::sensor_of(std::size_t i) const {
+  if (sensors.size() == 1 || scan_ends.empty()) return 0;
+  return std::ranges::upper_bound(scan_ends, i, {}, &ScanEnd::returns)->sensor;
+}
+
+std::vector<float> LidarReturns::full_intensities() const {
+  std::vector<std::uint16_t> largest(sensors.size());
+  for (std::size_t i = 0; i < n; ++i) {
+    std::uint16_t& of_sensor = largest[sensor_of(i)];
+    of_sensor = std::max(of_sensor, intensity[i]);
+  }
+  std::vector<float> full;
+  for (std::size_t k = 0; k < sensors.size(); ++k)
+    full.push_back(static_cast<float>(intensity_scale(largest[k])) * sensors[k].gain);
+  return full;
 }
 
 bool LidarReturns::same_ray(std::size_t i) const {
@@ -276,21 +303,44 @@ LidarReturns::Ray LidarReturns::ray_at(std::size_t first, std::size_t last) cons
 }
 
 const Rigid3d& LidarPoses::at(std::size_t i) {
-  if (t_ns_ != returns_.t_ns[i]) {
+  const std::size_t sensor = returns_.sensor_of(i);
+  if (t_ns_ != returns_.t_ns[i] || sensor_ != sensor) {
     t_ns_ = returns_.t_ns[i];
-    world_from_sensor_ = scene_.world_from_body(*t_ns_, which_) * returns_.body_from_sensor;
+    sensor_ = sensor;
+    world_from_sensor_ =
+        scene_.world_from_body(*t_ns_, which_) * returns_.sensors[sensor].body_from_sensor;
   }
   return world_from_sensor_;
 }
 
 LidarRays rays_in_world(const Scene& scene, const LidarReturns& returns, ThreadPool& pool,
                         Poses which) {
-  return fire(
-      returns.t_ns, [&](std::size_t i) { return returns.direction_in_sensor(i); },
-      [&](std::int64_t t_ns) {
-        return scene.world_from_body(t_ns, which) * returns.body_from_sensor;
-      },
-      &pool);
+  const std::size_t n = returns.n;
+  LidarRays rays{std::vector<float>(3 * n), std::vector<float>(3 * n)};
+  for (std::size_t begin = 0, end = 0; begin < n; begin = end) {
+    const std::size_t sensor = returns.sensor_of(begin);
+    end = n;
+    if (returns.sensors.size() > 1)
+      end = std::ranges::upper_bound(returns.scan_ends, begin, {}, &LidarReturns::ScanEnd::returns)
+                ->returns;
+    const LidarRays part = fire(
+        std::span(returns.t_ns).subspan(begin, end - begin),
+        [&](std::size_t i) { return returns.direction_in_sensor(begin + i); },
+        [&](std::int64_t t_ns) {
+          return scene.world_from_body(t_ns, which) * returns.sensors[sensor].body_from_sensor;
+        },
+        &pool);
+    for (std::size_t k = 0; k < 3; ++k) {
+      const auto row = [&](const std::vector<float>& of) {
+        return of.begin() + static_cast<std::ptrdiff_t>(k * (end - begin));
+      };
+      const auto count = static_cast<std::ptrdiff_t>(end - begin),
+                 to = static_cast<std::ptrdiff_t>(k * n + begin);
+      std::copy_n(row(part.origin), count, rays.origin.begin() + to);
+      std::copy_n(row(part.direction), count, rays.direction.begin() + to);
+    }
+  }
+  return rays;
 }
 
 std::optional<Finding> lost_returns(const LidarReturns& returns) {
@@ -328,7 +378,7 @@ std::optional<Finding> unusable_returns(const LidarReturns& returns) {
 LidarReturns sample_returns(const Recording& recording, ThreadPool& pool) {
   constexpr std::size_t kSample = 4;
   const std::vector<FrameFile>& files = recording.lidar_files;
-  if (!recording.body_from_lidar || files.empty()) return {};
+  if (recording.lidars.empty() || files.empty()) return {};
   std::set<std::int64_t> sample;
   for (std::size_t i = 0; i < kSample; ++i)
     sample.insert(files[(2 * i + 1) * files.size() / (2 * kSample)].frame_id);
@@ -358,7 +408,7 @@ void take_out(const Scene& scene, const MovingObjects& moving, LidarReturns* ret
   };
   for (LidarReturns::ScanEnd& scan : r.scan_ends) {
     take_scan(scan.returns, scan.on_objects);
-    scan = {kept.size(), r.on_objects.size(), scan.lost};
+    scan = {kept.size(), r.on_objects.size(), scan.lost, scan.sensor};
   }
   take_scan(r.n, before.size());
   const auto keep = [&](auto& of, std::size_t rows) {

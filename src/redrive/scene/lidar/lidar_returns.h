@@ -20,14 +20,17 @@ namespace redrive {
 
 /// Structure of arrays, as RayBatch.
 struct LidarReturns {
+  /// A LiDAR; for a point cloud, whose points have no sensor, the scene's first camera.
+  struct Sensor {
+    Rigid3d body_from_sensor = Rigid3d::Identity();
+    float gain = 1;  ///< RecordedLidar::gain
+  };
   std::size_t n = 0;
-  /// Pose of the sensor; of a point cloud, whose points have no sensor, of the scene's first
-  /// camera.
-  Rigid3d body_from_sensor = Rigid3d::Identity();
-  std::vector<float> direction;          ///< [3, n] unit, in the sensor's axes
-  std::vector<float> range_m;            ///< [n] > 0: the return is at range_m * direction
-  std::vector<std::int64_t> t_ns;        ///< [n] host clock
-  std::vector<std::uint16_t> intensity;  ///< [n] in the sensor's own scale; 0 for point clouds
+  std::vector<Sensor> sensors = {Sensor{}};  ///< as Recording::lidars; at least one
+  std::vector<float> direction;              ///< [3, n] unit, in the sensor's axes
+  std::vector<float> range_m;                ///< [n] > 0: the return is at range_m * direction
+  std::vector<std::int64_t> t_ns;            ///< [n] host clock
+  std::vector<std::uint16_t> intensity;      ///< [n] in the sensor's own scale; 0 for point clouds
 
   /// Returns on moving objects that are known.
   struct OnObject {
@@ -49,6 +52,7 @@ struct LidarReturns {
   /// Ends of a scan's returns; they begin where the last scan's end. Point clouds have no scans.
   struct ScanEnd {
     std::size_t returns = 0, on_objects = 0, lost = 0;
+    std::size_t sensor = 0;  ///< index in `sensors`
   };
   std::vector<ScanEnd> scan_ends;
 
@@ -76,8 +80,10 @@ struct LidarReturns {
   };
   /// Returns the ray whose first return is `first`. `last`: end of its scan's returns.
   Ray ray_at(std::size_t first, std::size_t last) const;
-  /// Intensity that counts as 1: sensors have 8 bits or 16.
-  float full_intensity() const;
+  /// Returns the sensor of return i.
+  std::size_t sensor_of(std::size_t i) const;
+  /// Returns the intensity of each sensor that counts as 1: sensors have 8 bits or 16, and a gain.
+  std::vector<float> full_intensities() const;
   /// Returns the position of a return in the sensor's axes, metres.
   Eigen::Vector3d in_sensor(std::size_t i) const {
     return double(range_m[i]) * direction_in_sensor(i);
@@ -102,6 +108,7 @@ class LidarPoses {
   const LidarReturns& returns_;
   Poses which_;
   std::optional<std::int64_t> t_ns_;
+  std::size_t sensor_ = 0;
   Rigid3d world_from_sensor_;
 };
 
@@ -120,13 +127,14 @@ std::vector<std::uint8_t> mark_repeated(const std::vector<LidarPoint>& points,
 /// Selects revolutions. Does not apply to point clouds.
 struct LidarSelection {
   std::function<bool(std::int64_t frame_id)> frame;  ///< filter of scans by frame id; empty: all
-  bool repeated = false;  ///< keeps points that the previous file has, too
-  bool lost = false;      ///< finds LidarReturns::lost
+  bool repeated = false;                  ///< keeps points that the previous file has, too
+  bool lost = false;                      ///< finds LidarReturns::lost
+  std::optional<std::size_t> lidar = {};  ///< one of Recording::lidars alone
 };
 
 /// Reads the scans whose frame ids lie within the ids of scene.frames, or, for a recording with a
 /// points_file instead, its cloud_returns. Empty where there is neither or the LiDAR's extrinsics
-/// are unknown (Recording::body_from_lidar). Returns are on moving objects by the recorded poses.
+/// are unknown. Returns are on moving objects by the recorded poses.
 /// InputError where a cloud is malformed, or more scans are damaged than allowed.
 LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene,
                                 const MovingObjects& moving, ThreadPool& pool,

@@ -10,6 +10,7 @@
 #include "redrive/recording/core/trajectory.h"
 #include "redrive/recording/formats/aimotive/aimotive.h"
 #include "redrive/recording/lidar/las_testing.h"
+#include "redrive/scene/lidar/lidar_gains.h"
 #include "redrive/scene/scene_testing.h"
 
 namespace redrive {
@@ -23,8 +24,8 @@ class LidarReturnsTest : public ::testing::Test {
  protected:
   LidarReturnsTest() {
     recording_.reader = aimotive::make_reader();
-    recording_.body_from_lidar = Rigid3d(Eigen::Translation3d(kSensor));
-    recording_.body_from_lidar->rotate(Eigen::AngleAxisd(1.5, Vector3d::UnitZ()));
+    recording_.lidars = {{"lidar", Rigid3d(Eigen::Translation3d(kSensor))}};
+    recording_.lidars[0].body_from_lidar.rotate(Eigen::AngleAxisd(1.5, Vector3d::UnitZ()));
   }
 
   /// A return from `in_world` at t_ns in the axes of the recording's files.
@@ -251,7 +252,7 @@ TEST_F(LidarReturnsTest, DropsPointsOnMovingObjectsOnly) {
 /// A revolution of 8 beams and 180 steps on a sphere; every 30th ray is lost.
 TEST_F(LidarReturnsTest, FindsLostRaysAndTheEndsOfScans) {
   constexpr int kBeams = 8, kSteps = 180, kEvery = 30;
-  recording_.body_from_lidar = Rigid3d(Eigen::Translation3d(kSensor));
+  recording_.lidars = {{"lidar", Rigid3d(Eigen::Translation3d(kSensor))}};
   for (const int frame : {1, 2}) {
     std::vector<LasRecord> points;
     for (int ray = 0; ray < kBeams * kSteps; ++ray) {
@@ -277,7 +278,88 @@ TEST_F(LidarReturnsTest, FindsLostRaysAndTheEndsOfScans) {
     EXPECT_NEAR(beam, std::round(beam), 0.05);
     EXPECT_NEAR(double(lost.direction.norm()), 1, 1e-6);
   }
-  EXPECT_EQ(returns.full_intensity(), 255);
+  EXPECT_EQ(returns.full_intensities()[0], 255);
+}
+
+/// Two LiDARs that see the same wall 20 m ahead: the second has intensities of half the first's.
+class TwoLidarsTest : public LidarReturnsTest {
+ protected:
+  static constexpr double kGain = 0.5;
+
+  TwoLidarsTest() {
+    recording_.lidars.push_back({"second", Rigid3d(Eigen::Translation3d(kSecond))});
+    recording_.lidars[1].body_from_lidar.rotate(Eigen::AngleAxisd(-0.4, Vector3d::UnitY()));
+    for (std::size_t lidar = 0; lidar < 2; ++lidar)
+      for (const FramePose& frame : recording_.frames) {
+        std::vector<LasRecord> points;
+        for (int i = 0; i < 2000; ++i) {
+          // The sensors share their times, but not their points.
+          const double y = -5 + 0.1 * (i % 100) + (lidar == 0 ? 0 : 0.03), z = 0.15 * (i / 100);
+          points.push_back(seen({20, y, z}, frame.t_ns + 10'000ll * i));
+          points.back().intensity = static_cast<std::uint16_t>(
+              std::lround((lidar == 0 ? 1 : kGain) * (140 + 100 * std::sin(y))));
+        }
+        const std::string name = std::to_string(lidar) + "_" + std::to_string(frame.id) + ".las";
+        folder_.write(name, testing::las_file(points));
+        recording_.lidar_files.push_back({frame.id, folder_.path / name, lidar});
+      }
+  }
+  static inline const Vector3d kSecond{2.1, -0.5, 0.9};
+  ThreadPool pool_{2};
+};
+
+TEST_F(TwoLidarsTest, EachReturnStartsAtItsOwn) {
+  const LidarReturns returns = load();
+  ASSERT_EQ(returns.sensors.size(), 2u);
+  ASSERT_EQ(returns.n, 2u * 6 * 2000);
+  EXPECT_EQ(returns.repeated, 0u);
+  ASSERT_EQ(returns.scan_ends.size(), 12u);
+  const Scene scene = make_scene(recording_, {});
+  const LidarRays rays = rays_in_world(scene, returns, pool_);
+  LidarPoses poses(scene, returns);
+  for (std::size_t i = 0; i < returns.n; i += 37) {
+    const std::size_t sensor = i / 12'000;
+    ASSERT_EQ(returns.sensor_of(i), sensor);
+    const Vector3d origin = world_from_body(returns.t_ns[i]) * (sensor == 0 ? kSensor : kSecond);
+    ASSERT_LT((poses.at(i).translation() - origin).norm(), 1e-8) << i;
+    ASSERT_LT((rays.origin_at(i).cast<double>() - origin).norm(), 1e-5) << i;
+    ASSERT_NEAR(poses.in_world(i).x(), 20, 2 * kMillimetre_m) << i;
+    const Eigen::Vector3f end = rays.origin_at(i) + returns.range_m[i] * rays.direction_at(i);
+    ASSERT_NEAR(end.x(), 20, 2 * kMillimetre_m) << i;
+  }
+  const LidarReturns second = load({}, {}, {.lidar = 1});
+  ASSERT_EQ(second.n, 6u * 2000);
+  EXPECT_EQ(second.sensor_of(0), 1u);
+  EXPECT_EQ(second.range_m[0], returns.range_m[12'000]);
+}
+
+TEST_F(TwoLidarsTest, TheirGainsFollowFromWhatBothSee) {
+  LidarReturns returns = load();
+  const Scene scene = make_scene(recording_, {});
+  std::vector<float> gains = estimate_gains(scene, returns, pool_);
+  ASSERT_EQ(gains.size(), 2u);
+  EXPECT_EQ(gains[0], 1);
+  EXPECT_NEAR(gains[1], kGain, 0.02 * kGain);
+  // A gain that is known changes nothing, and makes intensities equal.
+  returns.sensors[1].gain = gains[1];
+  EXPECT_NEAR(estimate_gains(scene, returns, pool_)[1], gains[1], 1e-6);
+  const std::vector<float> full = returns.full_intensities();
+  EXPECT_NEAR(float(returns.intensity[12'000]) / full[1], float(returns.intensity[0]) / full[0],
+              0.02);
+  // Surfaces that only one has seen do not tell.
+  std::erase_if(recording_.lidar_files, [](const FrameFile& file) { return file.lidar == 0; });
+  EXPECT_EQ(estimate_gains(scene, load(), pool_)[1], 1);
+}
+
+TEST_F(TwoLidarsTest, ADamagedScanCostsItself) {
+  recording_.most_damaged_percent = 20;
+  std::filesystem::resize_file(recording_.lidar_files[7].path, 240);
+  const LidarReturns returns = load();
+  EXPECT_EQ(returns.n, 11u * 2000);
+  ASSERT_TRUE(returns.damaged);
+  EXPECT_TRUE(returns.damaged->what.starts_with("1 of 12 records")) << returns.damaged->what;
+  std::erase_if(recording_.lidar_files, [](const FrameFile& file) { return file.lidar == 1; });
+  EXPECT_EQ(load().n, 6u * 2000) << "a LiDAR without scans";
 }
 
 TEST_F(LidarReturnsTest, UsesRevolutionsOfAllFramesOfTheScene) {
@@ -315,7 +397,7 @@ TEST_F(LidarReturnsTest, UsesAPointCloudWithoutRevolutions) {
 
 TEST_F(LidarReturnsTest, IsEmptyWithoutExtrinsics) {
   add_file(10, {seen({20, 1, 1}, recording_.frames[0].t_ns)});
-  recording_.body_from_lidar.reset();
+  recording_.lidars.clear();
   EXPECT_EQ(load().n, 0u);
 }
 
@@ -339,7 +421,7 @@ TEST_F(LidarReturnsTest, SaysWhyMostReturnsAreLost) {
   LasRecord far = good;
   far.x *= 100, far.y *= 100;  // centimetres
   EXPECT_NE(finding({far, far, good}).find("are their lengths metres?"), std::string::npos);
-  recording_.body_from_lidar.reset();
+  recording_.lidars.clear();
   EXPECT_EQ(finding({late}), "");
 }
 

@@ -20,13 +20,13 @@ inline LidarReturns returns_of(const Scene& scene, std::span<const MeasuredPoint
                                const Eigen::Vector3d& sensor_in_body = Eigen::Vector3d::Zero()) {
   LidarReturns returns;
   returns.n = points.size();
-  returns.body_from_sensor = Eigen::Translation3d(sensor_in_body);
+  returns.sensors = {{Rigid3d(Eigen::Translation3d(sensor_in_body))}};
   returns.direction.resize(3 * returns.n);
   returns.intensity.assign(returns.n, 0);
   for (const MeasuredPoint& point : points) {
     const std::size_t i = returns.range_m.size();
     const Rigid3d world_from_sensor =
-        scene.world_from_body(point.t_ns, Poses::kRecorded) * returns.body_from_sensor;
+        scene.world_from_body(point.t_ns, Poses::kRecorded) * returns.sensors[0].body_from_sensor;
     const Eigen::Vector3d in_sensor = world_from_sensor.inverse() * point.in_world;
     for (int k = 0; k < 3; ++k)
       returns.direction[k * returns.n + i] = static_cast<float>(in_sensor[k] / in_sensor.norm());

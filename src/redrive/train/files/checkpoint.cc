@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // Writes TrainState as a safetensors file and reads it. Numbers are in __metadata__ in their
 // shortest exact form (std::to_chars).
+#include <algorithm>
 #include <charconv>
 #include <cmath>
+
+#include <nlohmann/json.hpp>
 
 #include "redrive/base/error.h"
 #include "redrive/base/files/files.h"
@@ -17,7 +20,7 @@ constexpr const char* kCellErrors = "cell_errors";
 constexpr const char* kMoments[] = {"adam.first_moment", "adam.second_moment"};
 constexpr const char* kPoses[] = {"poses", "poses.first_moment", "poses.second_moment"};
 constexpr const char *kPacked = "adam.packed", *kErrors = "adam.errors";
-constexpr const char* kDevice = "device";
+constexpr const char *kDevice = "device", *kLidarGains = "lidar_gains";
 constexpr const char* kFormat = "redrive-19";
 
 /// Visits the scalars of a state, without its model's, once each by name; writing and reading share
@@ -134,6 +137,20 @@ Buffer<T> read(const Safetensors& parsed, const std::string& name, std::size_t s
   return out;
 }
 
+std::vector<float> parse_gains(const std::string& text, const std::filesystem::path& file) {
+  constexpr float kMost = 1e4f;
+  const nlohmann::json json = nlohmann::json::parse(text, nullptr, /*allow_exceptions=*/false);
+  std::vector<float> gains;
+  if (json.is_array())
+    for (const nlohmann::json& gain : json)
+      gains.push_back(gain.is_number() ? gain.get<float>() : 0);
+  if (gains.empty() ||
+      !std::ranges::all_of(gains, [&](float gain) { return gain > 0 && gain <= kMost; }))
+    throw InputError(file, std::string("__metadata__.") + kLidarGains, text.substr(0, 80),
+                     "must be a list of numbers above 0, 1e4 at most");
+  return gains;
+}
+
 SafetensorsFile checkpoint_file(const TrainState& state) {
   const Trainee& model = *state.model;
   std::map<std::string, std::string> metadata = {{"format", kFormat}, {"method", model.method()}};
@@ -149,6 +166,7 @@ SafetensorsFile checkpoint_file(const TrainState& state) {
   visit_numbers(state, note);
   visit_model(state, note);
   if (!state.device.empty()) metadata[kDevice] = state.device;
+  if (!state.lidar_gains.empty()) metadata[kLidarGains] = nlohmann::json(state.lidar_gains).dump();
   std::vector<SafetensorsEntry> entries;
   for (const ModelTensor& tensor : model.tensors())
     entries.push_back({tensor.name,
@@ -271,6 +289,8 @@ TrainState parse_checkpoint(std::string_view bytes, const std::filesystem::path&
 
   if (const auto device = parsed.metadata.find(kDevice); device != parsed.metadata.end())
     state.device = device->second.substr(0, 200);
+  if (const auto gains = parsed.metadata.find(kLidarGains); gains != parsed.metadata.end())
+    state.lidar_gains = parse_gains(gains->second, file);
   read_adam(parsed, file, model, &state.adam);
   const std::vector<ModelTensor> tensors = model.tensors();
   model.parameters = Buffer<float>(model.size());

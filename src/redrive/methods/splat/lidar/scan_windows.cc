@@ -30,7 +30,7 @@ ScanWindows::ScanWindows(const Scene& scene, const LidarReturns& lidar,
     : scene_(scene),
       lidar_(lidar),
       drawn_(std::move(drawn)),
-      full_intensity_(lidar.full_intensity()) {
+      full_intensities_(lidar.full_intensities()) {
   LidarReturns::ScanEnd begin;
   for (const LidarReturns::ScanEnd& end : lidar.scan_ends) {
     Scan scan{begin, end, std::numeric_limits<std::int64_t>::max(),
@@ -77,7 +77,7 @@ ScanWindow ScanWindows::operator[](std::size_t which) const {
     const float part = part_of(scan, t_ns, direction) * static_cast<float>(window.parts);
     if (static_cast<int>(part) != window.part) return;
     rays.push_back({direction, range_m > 0 ? std::log(range_m) : kernels::kNoRange,
-                    static_cast<float>(intensity) / full_intensity_, t_ns});
+                    static_cast<float>(intensity) / full_intensities_[scan.end.sensor], t_ns});
   };
   for (std::size_t i = scan.begin.returns; i < scan.end.returns;) {
     const LidarReturns::Ray ray = lidar_.ray_at(i, scan.end.returns);
@@ -101,7 +101,9 @@ ScanWindow ScanWindows::operator[](std::size_t which) const {
   }
   LidarRays in_world = fire(
       out.t_ns, [&](std::size_t i) { return rays[i].direction.cast<double>(); },
-      [&](std::int64_t t_ns) { return scene_.world_from_body(t_ns) * lidar_.body_from_sensor; });
+      [&, &sensor = lidar_.sensors[scan.end.sensor]](std::int64_t t_ns) {
+        return scene_.world_from_body(t_ns) * sensor.body_from_sensor;
+      });
   Eigen::Vector3d middle = Eigen::Vector3d::Zero();
   for (std::size_t i = 0; i < rays.size(); ++i) middle += in_world.direction_at(i).cast<double>();
   out.origin = std::move(in_world.origin);

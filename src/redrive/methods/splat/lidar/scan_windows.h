@@ -50,7 +50,7 @@ class ScanWindows {
   const Scene& scene_;
   const LidarReturns& lidar_;
   std::function<bool(std::int64_t)> drawn_;
-  float full_intensity_;
+  std::vector<float> full_intensities_;
   std::vector<Scan> scans_;
   std::vector<Window> windows_;
 };

@@ -26,7 +26,7 @@ struct TwoScans : SplatScene {
       add_view(0, pose);
     }
     finish();
-    lidar.body_from_sensor = Eigen::Translation3d(0, 0, 2);
+    lidar.sensors = {{Rigid3d(Eigen::Translation3d(0, 0, 2))}};
     std::vector<Eigen::Vector3f> directions;
     for (int scan = 0; scan < 2; ++scan) {
       for (int ray = 0; ray + 1 < kRays; ++ray) {
@@ -109,6 +109,23 @@ TEST(ScanWindows, TakeTheStrongerReturnOfARay) {
     const ScanWindow window = windows[0];
     ASSERT_EQ(window.t_ns.size(), 1u);
     EXPECT_NEAR(window.log_range[0], std::log(second ? 6 : 5), 1e-6);
+  }
+}
+
+TEST(ScanWindows, OfAnotherLidarHaveItsPlaceAndGain) {
+  TwoScans drive;
+  LidarReturns& lidar = drive.lidar;
+  lidar.sensors.push_back({Rigid3d(Eigen::Translation3d(0, 0, 3)), 0.5f});
+  lidar.scan_ends[1].sensor = 1;
+  const ScanWindows windows(drive.scene, lidar, [](std::int64_t) { return false; });
+  ASSERT_EQ(windows.size(), 8u);
+  for (const std::size_t w : {0, 4}) {
+    const ScanWindow window = windows[w];
+    const std::size_t n = window.t_ns.size();
+    EXPECT_NEAR(window.origin[2 * n], w == 0 ? 2 : 3, 1e-6);
+    // 51 of 153, which is below 255, or half of that.
+    ASSERT_GT(n, 1u);
+    EXPECT_NEAR(window.intensity[1], (w == 0 ? 1 : 2) * 51 / 255.0, 1e-6);
   }
 }
 

@@ -48,7 +48,7 @@ class Reader : public RecordingReader {
     nlohmann::json sensors = read_json(recording.root / kCalibrationFile);
     for (const CameraCalibration& camera : cameras)
       update_calibration(camera, &sensors.at(camera.name));
-    update_lidar(recording.lidar_elevation_rad, &sensors);
+    update_lidar(first_elevation_rad(recording), &sensors);
     return {{kEgomotionFile, egomotion_to_json(frames).dump(1) + "\n"},
             {kCalibrationFile, sensors.dump(1) + "\n"}};
   }
@@ -108,14 +108,14 @@ void add_lidar(Recording* recording) {
   recording->lidar_files =
       list_frame_files(root / "dynamic/raw-revolutions", "frame_", {".laz", ".las"},
                        "dynamic/raw-revolutions", &recording->findings);
-  if (!recording->lidar_files.empty() && !recording->body_from_lidar)
+  if (!recording->lidar_files.empty() && recording->lidars.empty())
     recording->findings.push_back(
         {"lidar",
          "not used: calibration.json has no sensor, or several, of type lidar with "
          "extrinsics (RT_body_from_sensor)"});
   if (!is_there(root / "points.ply")) return;
   recording->points_file = root / "points.ply";
-  if (!recording->body_from_lidar)
+  if (recording->lidars.empty())
     recording->lidar_files.clear();
   else if (!recording->lidar_files.empty())
     recording->findings.push_back({"points.ply", "not used: the LiDAR's revolutions are"});
@@ -149,8 +149,8 @@ Recording open(const fs::path& root, PoseSource source) {
   const std::vector<CameraCalibration> calibrations =
       parse_calibration(read_file(calibration_file), calibration_file, &others);
   recording.other_sensors = others.names;
-  recording.body_from_lidar = others.body_from_lidar;
-  recording.lidar_elevation_rad = others.lidar_elevation_rad;
+  if (others.body_from_lidar)
+    recording.lidars = {{"lidar", *others.body_from_lidar, others.lidar_elevation_rad}};
   if (use_ground_truth || is_there(true_poses_file))
     recording.ground_truth_frames = parse_egomotion(read_file(true_poses_file), true_poses_file);
   if (use_ground_truth) {

@@ -53,7 +53,7 @@ TEST(Aimotive, OpensARecording) {
   ASSERT_EQ(recording.novel.size(), 1u);
   EXPECT_EQ(recording.novel[0].name, "left_1m");
   EXPECT_THAT(finding_about(recording, "novel/empty"), HasSubstr("no poses.json"));
-  EXPECT_FALSE(recording.body_from_lidar.has_value());
+  EXPECT_TRUE(recording.lidars.empty());
   EXPECT_THAT(finding_about(recording, "lidar"), HasSubstr("RT_body_from_sensor"));
   EXPECT_EQ(recording.findings.size(), 3u);
   ASSERT_TRUE(recording.find_camera("L_FISH"));
@@ -204,8 +204,8 @@ TEST(Aimotive, OpensARealRecording) {
   ASSERT_EQ(recording.cameras.size(), 4u);
   EXPECT_THAT(recording.other_sensors,
               ElementsAre("B_LRR_C", "F_LRR_C", "Imu0", "M_LIDAR_M", "novatel", "ublox_gps"));
-  ASSERT_TRUE(recording.body_from_lidar.has_value());
-  EXPECT_NEAR(recording.body_from_lidar->translation().z(), 1.6823, 1e-4);
+  ASSERT_FALSE(recording.lidars.empty());
+  EXPECT_NEAR(recording.lidars[0].body_from_lidar.translation().z(), 1.6823, 1e-4);
   ASSERT_EQ(recording.frames.size(), 50u);
   EXPECT_EQ(recording.frames.front().id, 33643);
   EXPECT_EQ(recording.frames.back().id, 33692);

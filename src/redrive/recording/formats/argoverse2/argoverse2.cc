@@ -34,8 +34,8 @@ class Reader : public RecordingReader {
  public:
   std::vector<LidarPoint> read_lidar(const FrameFile& file,
                                      std::size_t* left_out = nullptr) const override {
-    return parse_scan(read_file(file.path), file.path, scan_times_ns.at(file.path), poses,
-                      left_out);
+    return parse_scan(read_file(file.path), file.path, lidars.at(file.lidar),
+                      scan_times_ns.at(file.path), poses, left_out);
   }
   std::uint64_t lidar_point_count(const FrameFile& file) const override {
     return arrow_rows(file.path);
@@ -45,6 +45,7 @@ class Reader : public RecordingReader {
   }
 
   std::vector<FramePose> poses;
+  std::vector<Lidar> lidars;  ///< Recording::lidars
   std::map<fs::path, std::int64_t> scan_times_ns;
   std::map<std::int64_t, std::vector<Box>> boxes;  ///< key: frame; for Recording::box_files
 };
@@ -118,13 +119,17 @@ void add_scans(const fs::path& root, const std::map<std::string, Rigid3d>& extri
   std::vector<FrameFile> scans =
       list_frame_files(root / "sensors/lidar", "", {".feather"}, "lidar", findings);
   if (scans.empty()) return;
-  const auto up = extrinsics.find(kUpLidar);
-  if (up == extrinsics.end()) {
-    findings->push_back({"lidar", counted(scans.size(), "scan") + " not used: no row of " +
-                                      kExtrinsics + " has the up_lidar"});
-    return;
+  for (const auto& [name, lidar] : {std::pair(kUpLidar, Lidar::kUp), {kDownLidar, Lidar::kDown}}) {
+    const auto pose = extrinsics.find(name);
+    if (pose == extrinsics.end()) {
+      findings->push_back(
+          {name, std::string("its returns are not used: no row of ") + kExtrinsics + " has it"});
+      continue;
+    }
+    recording->lidars.push_back({name, pose->second});
+    reader->lidars.push_back(lidar);
   }
-  recording->body_from_lidar = up->second;
+  if (recording->lidars.empty()) return;
   std::size_t without_frame = 0;
   for (FrameFile& scan : scans) {
     const std::int64_t t_ns = std::min(scan.frame_id, kMaxTime_ns),
@@ -140,9 +145,7 @@ void add_scans(const fs::path& root, const std::map<std::string, Rigid3d>& extri
   if (without_frame > 0)
     findings->push_back(
         {"lidar", counted(without_frame, "scan") + " not used: no image within 0.1 s"});
-  findings->push_back({"lidar",
-                       "returns of both LiDARs are rays from the up_lidar's place; beams are the "
-                       "up_lidar's"});
+  share_files(recording);
 }
 
 /// Adds the annotated objects. Their times are known from a scan.
@@ -154,9 +157,9 @@ void add_boxes(const fs::path& root, Reader* reader, Recording* recording) {
     return;
   }
   std::optional<SweepTiming> timing;
-  for (const FrameFile& scan : recording->lidar_files) try {
+  for (const FrameFile& scan : recording->scans_of(0)) try {
       timing = sweep_timing(reader->read_lidar(scan), reader->scan_times_ns.at(scan.path),
-                            *recording->body_from_lidar);
+                            recording->lidars[0].body_from_lidar);
       break;
     } catch (const InputError&) {  // named where all scans are checked
     }

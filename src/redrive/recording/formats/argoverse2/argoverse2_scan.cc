@@ -36,8 +36,8 @@ constexpr ScanColumn kColumns[] = {
 }  // namespace
 
 std::vector<LidarPoint> parse_scan(std::string_view feather, const std::filesystem::path& file,
-                                   std::int64_t t_ns, const std::vector<FramePose>& poses,
-                                   std::size_t* left_out) {
+                                   Lidar lidar, std::int64_t t_ns,
+                                   const std::vector<FramePose>& poses, std::size_t* left_out) {
   const ArrowTable table(feather, file);
   std::vector<double> columns[std::size(kColumns)];
   for (std::size_t k = 0; k < std::size(kColumns); ++k)
@@ -82,9 +82,10 @@ std::vector<LidarPoint> parse_scan(std::string_view feather, const std::filesyst
       continue;
     }
     const int laser = static_cast<int>(columns[4][i]);
+    if ((laser < kLasersOfLidar) != (lidar == Lidar::kUp)) continue;
     points.push_back({.in_body_m = in_body.cast<float>(),
                       .intensity = static_cast<std::uint16_t>(std::lround(columns[3][i])),
-                      .ring = laser < kLasersOfLidar ? static_cast<std::uint8_t>(laser) : kNoRing,
+                      .ring = static_cast<std::uint8_t>(laser % kLasersOfLidar),
                       .t_ns = at_ns});
   }
   if (left_out) *left_out += unusable.count();
@@ -106,7 +107,6 @@ std::optional<SweepTiming> sweep_timing(const std::vector<LidarPoint>& points, s
                      .lidar_in_body = body_from_up_lidar.translation()};
   double sine = 0, cosine = 0;
   for (const LidarPoint& point : points) {
-    if (point.ring == kNoRing) continue;
     const Eigen::Vector3d seen = point.in_body_m.cast<double>() - timing.lidar_in_body;
     const double at_first = std::atan2(seen.y(), seen.x()) +
                             kRate_rad_per_ns * double(point.t_ns - points.front().t_ns);

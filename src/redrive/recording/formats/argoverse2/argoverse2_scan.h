@@ -15,16 +15,18 @@
 
 namespace redrive::argoverse2 {
 
+enum class Lidar { kUp, kDown };
 constexpr int kLasersOfLidar =
     32;  ///< numbers below are the up_lidar's, the others the down_lidar's
 constexpr std::int64_t kRevolution_ns = 100'000'000;
 
-/// Returns the points in the body at their own times, in order of time. `poses`: the body's. Rings
-/// are numbers of lasers of the up_lidar; returns of the down_lidar, which has another place, have
-/// none. Adds to `left_out` returns that are not finite; a twentieth of the returns may be further
-/// than 1000 m away, at most, or have impossible values. InputError for a damaged table.
+/// Returns a LiDAR's points in the body at their own times, in order of time. `poses`: the body's.
+/// Rings are its lasers, 0 to 31. Adds to `left_out` returns of either that are not finite; a
+/// twentieth of the returns may be further than 1000 m away, at most, or have impossible values.
+/// InputError for a damaged table.
 std::vector<LidarPoint> parse_scan(std::string_view feather, const std::filesystem::path& file,
-                                   std::int64_t t_ns, const std::vector<FramePose>& poses,
+                                   Lidar lidar, std::int64_t t_ns,
+                                   const std::vector<FramePose>& poses,
                                    std::size_t* left_out = nullptr);
 
 /// When the LiDARs look into a direction.
@@ -39,7 +41,7 @@ struct SweepTiming {
   std::int64_t middle_ns(const Eigen::Vector3d& in_body) const;
 };
 
-/// Estimates it from the points of a scan, of which rings are the up_lidar's; nothing without any.
+/// Estimates it from the points of a scan of the up_lidar; nothing without any.
 std::optional<SweepTiming> sweep_timing(const std::vector<LidarPoint>& points, std::int64_t t_ns,
                                         const Rigid3d& body_from_up_lidar);
 

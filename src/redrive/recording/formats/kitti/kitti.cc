@@ -252,7 +252,7 @@ Recording open(const fs::path& root, PoseSource source) {
 
   recording.lidar_files = list_scans(root, recording.frames, reader.get(),
                                      damaged_times("velodyne_points", &recording), &findings);
-  if (!recording.lidar_files.empty()) recording.body_from_lidar = reader->body_from_velodyne;
+  if (!recording.lidar_files.empty()) recording.lidars = {{"lidar", reader->body_from_velodyne}};
   if (const fs::path file = find_labels(root, &findings); !file.empty()) {
     const bool tracklets = has_extension(file, {".xml"});
     const std::string text = read_file(file);

@@ -112,7 +112,7 @@ Recording open_odometry(const fs::path& root, PoseSource source) {
     const auto reader = std::make_shared<Reader>();
     reader->body_from_velodyne =
         rectified_from_body().inverse(Eigen::Isometry) * *calibration.rectified_from_velodyne;
-    recording.body_from_lidar = reader->body_from_velodyne;
+    recording.lidars = {{"lidar", reader->body_from_velodyne}};
     drop_scans_behind(recording.frames, &recording.lidar_files, &findings);
     // The benchmark's scans are motion compensated to the time of their frame.
     for (const FrameFile& file : recording.lidar_files) {

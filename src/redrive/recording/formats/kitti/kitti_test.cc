@@ -62,9 +62,9 @@ TEST_F(Kitti, OpensADrive) {
 // and 0.76 m ahead of the rear axle, in the middle of the car.
 TEST_F(Kitti, TheBodyIsOnTheGroundBelowTheRearAxle) {
   const Recording recording = opened();
-  ASSERT_TRUE(recording.body_from_lidar);
-  EXPECT_TRUE(
-      recording.body_from_lidar->translation().isApprox(Eigen::Vector3d(0.76, 0, 1.73), 1e-12));
+  ASSERT_FALSE(recording.lidars.empty());
+  EXPECT_TRUE(recording.lidars[0].body_from_lidar.translation().isApprox(
+      Eigen::Vector3d(0.76, 0, 1.73), 1e-12));
   const CameraCalibration& camera = recording.cameras[1].calibration;
   EXPECT_TRUE(camera.body_from_sensor.translation().isApprox(
       Eigen::Vector3d(1.01, 0.06, 1.65), 1e-12));  // camera 2 is to the left of camera 0
@@ -336,9 +336,9 @@ TEST_F(KittiSequence, Opens) {
   EXPECT_EQ(camera.height, 370);
   EXPECT_TRUE(
       camera.body_from_sensor.translation().isApprox(Eigen::Vector3d(1.03, 0.06, 1.65), 1e-12));
-  ASSERT_TRUE(recording.body_from_lidar);
-  EXPECT_TRUE(
-      recording.body_from_lidar->translation().isApprox(Eigen::Vector3d(0.78, 0, 1.73), 1e-12));
+  ASSERT_FALSE(recording.lidars.empty());
+  EXPECT_TRUE(recording.lidars[0].body_from_lidar.translation().isApprox(
+      Eigen::Vector3d(0.78, 0, 1.73), 1e-12));
   ASSERT_EQ(recording.frames.size(), 3u);
   const Rigid3d motion =
       recording.frames[0].global_from_body.inverse() * recording.frames[2].global_from_body;

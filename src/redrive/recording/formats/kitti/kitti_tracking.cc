@@ -133,7 +133,7 @@ Recording open_tracking(const fs::path& root, PoseSource source) {
   recording.lidar_files = list_frame_files(sequence.training / "velodyne" / sequence.name, "",
                                            {".bin"}, "velodyne", &recording.findings);
   drop_scans_behind(recording.frames, &recording.lidar_files, &recording.findings);
-  if (!recording.lidar_files.empty()) recording.body_from_lidar = reader->body_from_velodyne;
+  if (!recording.lidar_files.empty()) recording.lidars = {{"lidar", reader->body_from_velodyne}};
   for (const FrameFile& scan : recording.lidar_files) {
     const std::int64_t t_ns = scan.frame_id * kFrameInterval_ns;
     reader->scans[scan.frame_id] = {t_ns - kFrameInterval_ns / 2, t_ns + kFrameInterval_ns / 2};

@@ -58,7 +58,7 @@ TEST_F(KittiTracking, IsMountedAsARawDrive) {
   const Recording raw = open_recording(folder_.path / testing::kKittiDrive), recording = opened();
   EXPECT_TRUE(recording.cameras[0].calibration.body_from_sensor.isApprox(
       raw.cameras[1].calibration.body_from_sensor, 1e-12));
-  EXPECT_TRUE(recording.body_from_lidar->isApprox(*raw.body_from_lidar, 1e-12));
+  EXPECT_TRUE(recording.lidars[0].body_from_lidar.isApprox(raw.lidars[0].body_from_lidar, 1e-12));
   // Frame 2 of the raw drive has its images' poses, 8 ms before the packets.
   EXPECT_NEAR((recording.frames[2].global_from_body.translation() -
                raw.frames[0].global_from_body.translation())

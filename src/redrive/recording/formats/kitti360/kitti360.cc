@@ -431,7 +431,7 @@ Recording open(const fs::path& root, PoseSource source) {
     reader->body_from_velodyne = imu_from_body().inverse(Eigen::Isometry) *
                                  calibration.imu_from_camera("image_00") *
                                  velodyne_from_camera.inverse(Eigen::Isometry);
-    recording.body_from_lidar = reader->body_from_velodyne;
+    recording.lidars = {{"lidar", reader->body_from_velodyne}};
   }
   if (is_folder(drive.velodyne.parent_path() / "sick_points"))
     recording.other_sensors.push_back("sick_points");

@@ -120,8 +120,8 @@ TEST_F(Kitti360, TheBodyIsOnTheGroundBelowTheRearAxle) {
   EXPECT_TRUE(front.linear().col(1).isApprox(-Eigen::Vector3d::UnitZ(), 1e-12));
   EXPECT_TRUE(left.translation().isApprox(Eigen::Vector3d(0.65, 0.47, 1.97), 1e-12));
   EXPECT_TRUE(left.linear().col(2).isApprox(Eigen::Vector3d::UnitY(), 1e-12));
-  EXPECT_TRUE(
-      recording.body_from_lidar->translation().isApprox(Eigen::Vector3d(0.65, 0, 1.75), 1e-12));
+  EXPECT_TRUE(recording.lidars[0].body_from_lidar.translation().isApprox(
+      Eigen::Vector3d(0.65, 0, 1.75), 1e-12));
   for (const FramePose& frame : recording.frames) {
     EXPECT_NEAR(frame.global_from_body.translation().z(), 0, 1e-12);
     EXPECT_TRUE(frame.global_from_body.linear().isIdentity(1e-12)) << "x forward, z up";
@@ -383,8 +383,8 @@ TEST(RealKitti360, CalibrationIsRead) {
   EXPECT_NEAR(right_from_left.translation().x(), -0.594, 1e-3);
   EXPECT_NEAR(right_from_left.translation().tail<2>().norm(), 0, 2e-3);
   EXPECT_TRUE(right_from_left.linear().isIdentity(1e-3));
-  EXPECT_NEAR(recording.body_from_lidar->translation().z(), 1.736, 1e-3);
-  EXPECT_GT(recording.body_from_lidar->linear()(2, 2), 0.999) << "upright";
+  EXPECT_NEAR(recording.lidars[0].body_from_lidar.translation().z(), 1.736, 1e-3);
+  EXPECT_GT(recording.lidars[0].body_from_lidar.linear()(2, 2), 0.999) << "upright";
 }
 
 }  // namespace

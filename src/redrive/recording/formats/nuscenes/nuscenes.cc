@@ -193,7 +193,7 @@ Recording open(const fs::path& root, PoseSource source) {
     const Sensor& sensor = scene.sensors[s];
     const std::string& name = sensor.calibration.name;
     if (sensor.modality != "camera") recording.other_sensors.push_back(name);
-    if (name == kLidar) recording.body_from_lidar = sensor.calibration.body_from_sensor;
+    if (name == kLidar) recording.lidars = {{name, sensor.calibration.body_from_sensor}};
     // CAM_FRONT, or the first camera by name.
     const auto before = [&](const std::string& other) {
       return std::pair(name != kFirstCamera, name) < std::pair(other != kFirstCamera, other);
@@ -230,13 +230,16 @@ Recording open(const fs::path& root, PoseSource source) {
   require_cameras(recording);
 
   const auto reader = std::make_shared<Reader>();
-  if (recording.body_from_lidar) {
-    reader->body_from_lidar = *recording.body_from_lidar;
+  if (!recording.lidars.empty()) {
+    reader->body_from_lidar = recording.lidars[0].body_from_lidar;
     reader->poses = scene.poses;
     recording.lidar_files = list_revolutions(scene, recording.frames, reader.get());
     drop_missing(&recording.lidar_files, kLidar, &findings);
   }
-  reader->boxes = boxes_of_frames(scene, recording.body_from_lidar, recording.frames);
+  reader->boxes = boxes_of_frames(
+      scene,
+      recording.lidars.empty() ? std::nullopt : std::optional(recording.lidars[0].body_from_lidar),
+      recording.frames);
   for (const auto& [frame_id, boxes] : reader->boxes)
     recording.box_files.push_back({frame_id, tables / "sample_annotation.json"});
   recording.reader = reader;

@@ -35,8 +35,10 @@ class Reader : public RecordingReader {
  public:
   std::vector<LidarPoint> read_lidar(const FrameFile& file,
                                      std::size_t* left_out = nullptr) const override {
-    return parse_scan(unpack(read_file(file.path), file.path), file.path, Lidar::kPandar64, frames,
-                      body_from_lidar, left_out);
+    return parse_scan(unpack(read_file(file.path), file.path), file.path,
+                      file.lidar == 0 ? Lidar::kPandar64 : Lidar::kPandarGt, frames,
+                      file.lidar == 0 ? body_from_lidar : body_from_lidar * pandar64_from_gt(),
+                      left_out);
   }
   /// The end of a gzip file has the size of its content, the points of both LiDARs.
   std::uint64_t lidar_point_count(const FrameFile& file) const override {
@@ -70,7 +72,7 @@ class Reader : public RecordingReader {
 
   std::vector<FramePose> frames;  ///< as recorded: points and cuboids lie in this world
   std::vector<FrameFile> box_files;
-  Rigid3d body_from_lidar = Rigid3d::Identity();
+  Rigid3d body_from_lidar = Rigid3d::Identity();  ///< the Pandar64's
 
  private:
   void read_all_boxes() const {
@@ -246,7 +248,6 @@ void add_scans_and_boxes(const Rigid3d& body_from_lidar, Reader* reader, Recordi
   std::vector<Finding>* findings = &recording->findings;
   recording->lidar_files = list_frame_files(root / "lidar", "", {".pkl.gz"}, "lidar", findings,
                                             {"poses.json", "timestamps.json"});
-  recording->body_from_lidar = body_from_lidar;
   std::vector<std::int64_t> missing;
   for (const RecordedCamera& camera : recording->cameras)
     for (const ImageFile& image : camera.images)
@@ -258,9 +259,9 @@ void add_scans_and_boxes(const Rigid3d& body_from_lidar, Reader* reader, Recordi
                                       " with images: " + first_few(missing)});
   if (!recording->lidar_files.empty()) {
     recording->other_sensors = {"Pandar64", "PandarGT"};
-    findings->push_back({"lidar",
-                         "scans are the Pandar64's; points of the PandarGT in the same "
-                         "files are not used"});
+    recording->lidars = {{"Pandar64", body_from_lidar},
+                         {"PandarGT", body_from_lidar * pandar64_from_gt()}};
+    share_files(recording);
   }
   recording->box_files =
       list_frame_files(annotations / "cuboids", "", {".pkl.gz"}, "boxes", findings);

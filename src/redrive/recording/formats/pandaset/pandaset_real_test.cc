@@ -9,6 +9,7 @@
 
 #include "redrive/camera/camera.h"
 #include "redrive/image/image_io.h"
+#include "redrive/math/angles.h"
 #include "redrive/recording/core/recording.h"
 #include "redrive/recording/core/trajectory.h"
 #include "redrive/recording/core/upper_median.h"
@@ -35,12 +36,18 @@ TEST_F(RealPandaSet, ReadsWhatThereIs) {
   EXPECT_NEAR(front.body_from_sensor.translation().y(), 0, 0.02);
   EXPECT_NEAR(front.body_from_sensor.translation().z(), 2.08, 0.02);
   EXPECT_NEAR(front.body_from_sensor.linear()(0, 2), 1, 2e-3) << "looks ahead";
-  EXPECT_NEAR(recording_.body_from_lidar->translation().x(), 0.811, 0.005);
+  EXPECT_NEAR(recording_.lidars[0].body_from_lidar.translation().x(), 0.811, 0.005);
   const Rigid3d step =
       recording_.frames[0].global_from_body.inverse() * recording_.frames[3].global_from_body;
   EXPECT_NEAR(step.translation().x(), 2.37, 0.1);
   EXPECT_LT(step.translation().tail<2>().norm(), 0.05);
-  EXPECT_EQ(recording_.lidar_files.size(), 3u);
+  EXPECT_EQ(recording_.lidar_files.size(), 6u);
+  ASSERT_EQ(recording_.lidars.size(), 2u);
+  const Rigid3d pandar64_from_gt =
+      recording_.lidars[0].body_from_lidar.inverse() * recording_.lidars[1].body_from_lidar;
+  EXPECT_NEAR(pandar64_from_gt.translation().x(), 0.606, 1e-3) << "ahead of the Pandar64";
+  EXPECT_NEAR(pandar64_from_gt.translation().z(), -0.302, 1e-3);
+  EXPECT_GT(pandar64_from_gt.linear()(0, 0), 0.99) << "looks ahead";
 }
 
 TEST_F(RealPandaSet, TheRoadIsAtHeightZero) {
@@ -57,7 +64,7 @@ TEST_F(RealPandaSet, BeamsOfThePandar64HaveTheirElevations) {
   std::map<int, int> histogram;
   const std::vector<LidarPoint> points = recording_.reader->read_lidar(recording_.lidar_files[1]);
   ASSERT_EQ(points.size(), 106'541u);
-  const Rigid3d lidar_from_body = recording_.body_from_lidar->inverse();
+  const Rigid3d lidar_from_body = recording_.lidars[0].body_from_lidar.inverse();
   for (const LidarPoint& point : points) {
     const Eigen::Vector3d in_lidar = lidar_from_body * point.in_body_m.cast<double>();
     ++histogram[int(std::floor(std::asin(in_lidar.z() / in_lidar.norm()) / 1e-4))];
@@ -68,12 +75,38 @@ TEST_F(RealPandaSet, BeamsOfThePandar64HaveTheirElevations) {
       << "effective number of bins of 0.1 mrad; they would be some 2600 without the motion";
 }
 
+TEST_F(RealPandaSet, PointsOfThePandarGtLieAheadOnThePandar64s) {
+  const std::vector<FrameFile> scans = recording_.scans_of(1);
+  const std::vector<LidarPoint> ahead = recording_.reader->read_lidar(scans[1]),
+                                around = recording_.reader->read_lidar(recording_.scans_of(0)[1]);
+  ASSERT_EQ(ahead.size(), 62'273u);
+  const Rigid3d gt_from_body = recording_.lidars[1].body_from_lidar.inverse();
+  // The road 8 m to 15 m ahead, by cells of half a metre.
+  std::map<std::pair<long, long>, std::vector<double>> heights[2];
+  for (const LidarPoint& point : ahead) {
+    const Eigen::Vector3d at = gt_from_body * point.in_body_m.cast<double>();
+    EXPECT_LT(std::abs(std::atan2(at.y(), at.x())), 33 * kRadiansPerDegree);
+  }
+  for (const auto* points : {&around, &ahead})
+    for (const LidarPoint& point : *points)
+      if (const Eigen::Vector3f& p = point.in_body_m;
+          p.x() > 8 && p.x() < 15 && std::abs(p.y()) < 2)
+        heights[points == &ahead][{std::lround(2 * p.x()), std::lround(2 * p.y())}].push_back(
+            p.z());
+  std::vector<double> apart_m;
+  for (auto& [cell, of_cell] : heights[0])
+    if (const auto same = heights[1].find(cell); same != heights[1].end())
+      apart_m.push_back(upper_median(of_cell) - upper_median(same->second));
+  ASSERT_GT(apart_m.size(), 30u);
+  EXPECT_LT(std::abs(upper_median(apart_m)), 0.05);
+}
+
 /// Edges of near things before far ones, by the side on which the far ones are: where the image has
 /// its strongest vertical edge within 10 px, pixels to the right of the LiDAR's.
 using EdgeOffsets = std::map<int, std::vector<double>>;
 
 void add_edges(const Recording& recording, std::size_t f, EdgeOffsets* offsets) {
-  const Rigid3d lidar_from_body = recording.body_from_lidar->inverse();
+  const Rigid3d lidar_from_body = recording.lidars[0].body_from_lidar.inverse();
   struct Return {
     double azimuth_deg, range_m;
     Eigen::Vector3d in_lidar;
@@ -109,7 +142,7 @@ void add_edges(const Recording& recording, std::size_t f, EdgeOffsets* offsets) 
             near.range_m * (near.in_lidar.normalized() + far.in_lidar.normalized()).normalized();
         const auto pixel =
             camera.project(camera_from_global * (pose_at(recording.frames, near.t_ns) *
-                                                 (*recording.body_from_lidar * between)));
+                                                 (recording.lidars[0].body_from_lidar * between)));
         if (!pixel || pixel->x() < 20 || pixel->x() > image.width - 20 || pixel->y() < 5 ||
             pixel->y() > image.height - 5)
           continue;

@@ -43,6 +43,8 @@ Rigid3d body_of_car(const Rigid3d& world_from_car);
 std::vector<std::string> camera_names();
 /// Pose of the Pandar64 in a camera as the devkit publishes it; nothing for unknown cameras.
 std::optional<Rigid3d> camera_from_lidar(const std::string& camera);
+/// Pose of the PandarGT in the Pandar64 as the devkit publishes it, both with x forward.
+Rigid3d pandar64_from_gt();
 /// Body from the Pandar64 as measured in sequence 001, for excerpts without poses of the car.
 Rigid3d usual_body_from_lidar();
 

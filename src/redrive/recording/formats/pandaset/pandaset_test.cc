@@ -55,7 +55,7 @@ TEST_F(PandaSet, ReadsFramesAndCameras) {
   EXPECT_EQ(recording.frames[2].t_ns, PandaSetDrive::t_ns(2));
   for (const FramePose& frame : recording.frames)
     EXPECT_TRUE(frame.global_from_body.isApprox(PandaSetDrive::world_from_body(frame.t_ns), 1e-9));
-  EXPECT_TRUE(recording.body_from_lidar->isApprox(PandaSetDrive::body_from_lidar(), 1e-9));
+  EXPECT_TRUE(recording.lidars[0].body_from_lidar.isApprox(PandaSetDrive::body_from_lidar(), 1e-9));
   for (const RecordedCamera& camera : recording.cameras) {
     const CameraCalibration& calibration = camera.calibration;
     EXPECT_EQ(camera.images.size(), 4u);
@@ -90,11 +90,15 @@ TEST_F(PandaSet, RaysAreTheImages) {
 
 TEST_F(PandaSet, PointsLieInTheWorldWhereTheFileHasThem) {
   const Recording recording = opened();
-  ASSERT_EQ(recording.lidar_files.size(), 4u);
+  ASSERT_EQ(recording.lidars.size(), 2u);
+  ASSERT_EQ(recording.lidar_files.size(), 8u);
   EXPECT_GE(recording.reader->lidar_point_count(recording.lidar_files[1]), 40u);
-  for (std::size_t f = 0; f < 4; ++f) {
-    std::vector<PandaSetDrive::Point> truth = PandaSetDrive::points(int(f));
-    std::erase_if(truth, [](const auto& point) { return point.sensor == 1; });
+  for (std::size_t f = 0; f < 8; ++f) {
+    std::vector<PandaSetDrive::Point> truth = PandaSetDrive::points(int(f % 4));
+    const auto lidar = static_cast<std::int64_t>(recording.lidar_files[f].lidar);
+    EXPECT_EQ(lidar, std::int64_t(f / 4));
+    std::erase_if(truth, [&](const auto& point) { return point.sensor != lidar; });
+    ASSERT_FALSE(truth.empty());
     std::ranges::sort(truth, {}, &PandaSetDrive::Point::t_ns);
     const std::vector<LidarPoint> points = recording.reader->read_lidar(recording.lidar_files[f]);
     const std::vector<Eigen::Vector3d> placed = in_world(recording, f);

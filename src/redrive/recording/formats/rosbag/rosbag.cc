@@ -187,7 +187,8 @@ void add_scans(const Rig& rig, const Survey& survey, Reader* reader, Recording* 
                                cloud->second.fields.end())
         throw InputError(bag.folder() / kRigFile, std::string("lidar.") + key, name,
                          "is no field of " + rig.lidar);
-  recording->body_from_lidar = reader->body_from_lidar = *pose;
+  reader->body_from_lidar = *pose;
+  recording->lidars = {{"lidar", *pose}};
   reader->scan = rig.scan;
   double middle_s = 0;
   if (const auto seen = survey.scans.find(rig.lidar);

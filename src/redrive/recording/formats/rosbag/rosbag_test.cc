@@ -314,7 +314,7 @@ TEST(Rosbag, ItsMappingIsWrittenEditedAndRead) {
       RosDrive::world_from_body(RosDrive::t_ns(0) + 6'000'000) * Eigen::Translation3d(0, 0, -0.5),
       1e-9))
       << "poses are recorded 1 ms late";
-  EXPECT_TRUE(recording.body_from_lidar->isApprox(
+  EXPECT_TRUE(recording.lidars[0].body_from_lidar.isApprox(
       Eigen::Translation3d(0, 0, 0.5) * RosDrive::place("lidar"), 1e-9));
 }
 
