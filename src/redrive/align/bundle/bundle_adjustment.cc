@@ -37,7 +37,7 @@ constexpr double kUnsupported = 0.25;
 // times the median correction: larger ones are no measure of the usual ones
 constexpr double kMuchLarger = 5;
 constexpr int kLeastRounds = 4;
-// A round has converged when it changes poses by less than this part of their sigma.
+// A round has converged when it changes poses and times by less than this part of their sigma.
 constexpr double kConvergedSigmas = 0.1;
 // in multiples of the least change below: standard deviations may exceed it
 constexpr double kNear = 10;
@@ -302,7 +302,18 @@ void note_changes(const RigModel& now, const RigModel& before, BundleResult* res
 /// Whether to compute standard deviations, which takes time, to see if a round changed nothing.
 bool is_near_convergence(const BundleResult& result) {
   return result.last_translation_m < kNear * kConverged_m &&
-         result.last_rotation_rad < kNear * kConverged_rad && result.last_time_s < kConverged_s;
+         result.last_rotation_rad < kNear * kConverged_rad &&
+         result.last_time_s < kNear * kConverged_s;
+}
+
+/// Returns the smallest standard deviation of a time offset or of half a readout; 0 without any.
+double least_time_sigma_s(const BundleResult& result) {
+  std::vector<double> sigmas_s;
+  for (const std::optional<int>& index : result.offset_index)
+    if (index) sigmas_s.push_back(std::sqrt(std::max(0.0, result.variance[*index])));
+  for (const std::optional<int>& index : result.readout_index)
+    if (index) sigmas_s.push_back(std::sqrt(std::max(0.0, result.variance[*index])) / 2);
+  return sigmas_s.empty() ? 0 : std::ranges::min(sigmas_s);
 }
 
 /// Whether a round changed less than a tenth of the standard deviations, or next to nothing.
@@ -317,7 +328,8 @@ bool has_converged(const RigModel& model, bool scale_is_given, const BundleResul
   return result.last_translation_m <
              std::max(kConverged_m, kConvergedSigmas * std::sqrt(squares_m)) &&
          result.last_rotation_rad <
-             std::max(kConverged_rad, kConvergedSigmas * std::sqrt(squares_rad));
+             std::max(kConverged_rad, kConvergedSigmas * std::sqrt(squares_rad)) &&
+         result.last_time_s < std::max(kConverged_s, kConvergedSigmas * least_time_sigma_s(result));
 }
 
 struct RoundFigures {
