@@ -362,7 +362,7 @@ Recording simulate(RunRenderer& renderer, const Scene& scene, const SimulateOpti
   if (options.with_lidar) request = parse_lidar_request(options.lidar);
   const bool with_lidar =
       options.with_lidar &&
-      (request.mount || (run.recording.body_from_lidar && !run.recording.lidar_files.empty()));
+      (request.mount || (!run.recording.lidars.empty() && !run.recording.lidar_files.empty()));
   std::optional<SensorMotion> motion;
   if (with_lidar) {
     motion.emplace(sensor_motion(request, run.recording, scene, {}));
@@ -387,8 +387,13 @@ Recording simulate(RunRenderer& renderer, const Scene& scene, const SimulateOpti
   drive.points_file.clear();
   drive.novel.clear();
   drive.ground_truth_frames.clear();
-  drive.lidar_elevation_rad = 0;
-  if (with_lidar) drive.body_from_lidar = motion->body_from_sensor;
+  drive.lidars.clear();
+  if (with_lidar) {
+    const std::size_t meant = lidar_index(request, run.recording);
+    const bool has_name = meant < run.recording.lidars.size();
+    drive.lidars.push_back({has_name ? run.recording.lidars[meant].name : request.options.sensor,
+                            motion->body_from_sensor});
+  }
   for (const Frame& frame : scene.frames) {
     if (with_lidar) drive.lidar_files.push_back({frame.id, simulation.scan_file(frame.id)});
     drive.box_files.push_back({frame.id, {}});
