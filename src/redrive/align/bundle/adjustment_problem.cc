@@ -177,12 +177,12 @@ void AdjustmentProblem::add_priors(const BundlePriors& priors) {
   }
 }
 
-ceres::Solver::Summary AdjustmentProblem::solve(int iterations) {
+ceres::Solver::Summary AdjustmentProblem::solve(int iterations, double tolerance) {
   ceres::Solver::Options solver;
   // One thread: with more, the order of sums and so the last digits differ from run to run.
   solver.num_threads = 1;
   solver.max_num_iterations = iterations;
-  solver.function_tolerance = 1e-7;
+  solver.function_tolerance = tolerance;
   solver.logging_type = ceres::SILENT;
   solver.linear_solver_type = points_.empty()      ? ceres::SPARSE_NORMAL_CHOLESKY
                               : rig_.size() <= 200 ? ceres::DENSE_SCHUR

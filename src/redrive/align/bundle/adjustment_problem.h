@@ -51,7 +51,8 @@ class AdjustmentProblem {
   void add(const std::vector<ContrastFit>& fits);
   void add_priors(const BundlePriors& priors);
 
-  ceres::Solver::Summary solve(int iterations);
+  /// tolerance: of the cost's relative decrease.
+  ceres::Solver::Summary solve(int iterations, double tolerance);
   /// Computes covariances of the rig's parameters.
   void compute_covariance(BundleResult* result);
 

@@ -37,6 +37,9 @@ constexpr double kUnsupported = 0.25;
 // times the median correction: larger ones are no measure of the usual ones
 constexpr double kMuchLarger = 5;
 constexpr int kLeastRounds = 4;
+// Relative decrease of the cost at which a round ends. Early rounds choose their observations anew
+// anyway; 1e-7 takes 1.6 times as long and ends within 0.5 mm and 0.0003 degrees (samples/street).
+constexpr double kCoarse = 1e-3, kFine = 1e-5;
 // A round has converged when it changes poses and times by less than this part of their sigma.
 constexpr double kConvergedSigmas = 0.1;
 // in multiples of the least change below: standard deviations may exceed it
@@ -406,7 +409,8 @@ BundleResult adjust_bundle(RigModel* model, const std::vector<Track>& tracks,
     problem.add(&patches);
     problem.add(result.contrast);
     problem.add_priors(priors_of_round(options.priors, *model, round));
-    const ceres::Solver::Summary summary = problem.solve(round == 0 ? 20 : 12);
+    const ceres::Solver::Summary summary =
+        problem.solve(round == 0 ? 20 : 12, round + 1 < kLeastRounds ? kCoarse : kFine);
     for (const UnobservableExtrinsic& number : held.extrinsics)
       reset_extrinsic(&model->cameras[number.camera], number.axis);
 
