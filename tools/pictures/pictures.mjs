@@ -64,6 +64,45 @@ async function write(page, name, clip) {
   console.log(path.join(out, name));
 }
 
+/** Draws masks, boxes and track ids over an image of a simulated drive; returns the file. */
+async function labelled(browser, drive, frame) {
+  const {images, annotations} = JSON.parse(
+    fs.readFileSync(path.join(drive, "labels", "instances.json")));
+  const image = images.find((one) => one.camera === camera && one.frame_id === Number(frame));
+  const pixels = fs.readFileSync(path.join(drive, "labels", image.file_name)).toString("base64");
+  const page = await openPage(browser);
+  await page.setViewport({width: image.width, height: image.height});
+  await page.setContent(
+    '<style>body { margin: 0 } canvas { display: block }</style><canvas id="canvas"></canvas>');
+  await page.evaluate(async (url, objects, {width, height}) => {
+    const canvas = Object.assign(document.querySelector("canvas"), {width, height});
+    const draw = canvas.getContext("2d");
+    const drawn = new Image();
+    drawn.src = url;
+    await drawn.decode();
+    draw.drawImage(drawn, 0, 0);
+    draw.font = "bold 13px sans-serif";
+    for (const {bbox, segmentation, track_id: id} of objects) {
+      const hue = (id * 137 + 60) % 360; // apart for any number of objects
+      draw.fillStyle = `hsl(${hue} 90% 50% / 0.45)`;
+      let pixel = 0; // down the columns
+      segmentation.counts.forEach((run, k) => {
+        for (const end = pixel + run; pixel < end; ++pixel)
+          if (k % 2 === 1) draw.fillRect(Math.floor(pixel / height), pixel % height, 1, 1);
+      });
+      draw.strokeStyle = draw.fillStyle = `hsl(${hue} 90% 60%)`;
+      draw.lineWidth = 2;
+      draw.strokeRect(...bbox);
+      draw.fillText(String(id), bbox[0] + 3, bbox[1] - 4);
+    }
+  }, `data:image/png;base64,${pixels}`,
+  annotations.filter((one) => one.image_id === image.id), image);
+  const file = inFolder(`${path.basename(drive)}.png`);
+  fs.writeFileSync(file, await screenshotOfCanvas(page));
+  await page.close();
+  return file;
+}
+
 function written(name, json) {
   fs.writeFileSync(inFolder(name), JSON.stringify(json));
   return inFolder(name);
@@ -106,6 +145,19 @@ const pictures = {
     await row(browser, "traffic.jpg", [recorded("street_traffic", "0001012"),
       rendered(run, "as-recorded", "1012"), rendered(run, "removed", "1012", "--edit", removed),
       rendered(run, "moved", "1012", "--edit", moved)], 416);
+  },
+
+  async labels(browser) {
+    const moved = written("anew.json", {actors: {2: {shift_m: [0, 2.6, 0], turn_deg: 12}}});
+    const drives = {driven: [], anew: ["--path", "sideways:1", "--edit", moved]};
+    const files = [];
+    for (const [name, words] of Object.entries(drives)) {
+      const drive = inFolder(name);
+      redrive("simulate", traffic(), "--sensor", "none", "--labels", "masks", ...words,
+        "--out", drive);
+      files.push(await labelled(browser, drive, "1012"));
+    }
+    await row(browser, "labels.jpg", files, 628);
   },
 
   async poses(browser) {

@@ -51,7 +51,7 @@ class AdjustmentProblem {
   void add(const std::vector<ContrastFit>& fits);
   void add_priors(const BundlePriors& priors);
 
-  /// tolerance: of the cost's relative decrease.
+  /// Stops where the cost decreases by less than this share.
   ceres::Solver::Summary solve(int iterations, double tolerance);
   /// Computes covariances of the rig's parameters.
   void compute_covariance(BundleResult* result);
