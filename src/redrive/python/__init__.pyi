@@ -179,8 +179,8 @@ class Run(Recording):
                translate: Sequence[float] = (0, 0, 0), axes: str = "body", yaw: float = 0,
                pitch: float = 0, rolling_shutter: bool = False, edit: Edit = None,
                actors: str = "all", exposure: str = "own", ids: bool = False) -> Image: ...
-    def render_scan(self, frame: int, *, sensor: str = "recorded", mount: str = "",
-                    range: str = "", points_in: str = "sensor",
+    def render_scan(self, frame: int, *, sensor: str = "recorded", lidar: str = "",
+                    mount: str = "", range: str = "", points_in: str = "sensor",
                     azimuth_steps: Optional[int] = None, rate: Optional[float] = None,
                     seed: Optional[int] = None, translate: Sequence[float] = (0, 0, 0),
                     axes: str = "body", yaw: float = 0, pitch: float = 0, edit: Edit = None,

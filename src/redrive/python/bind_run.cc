@@ -304,23 +304,24 @@ void bind_run(py::module_& module) {
       .def(
           "render_scan",
           [](OpenedRun& run, std::int64_t frame, const std::string& sensor,
-             const std::string& mount, const std::string& range, const std::string& points_in,
-             const std::optional<int>& azimuth_steps, const std::optional<double>& rate,
-             const std::optional<std::uint64_t>& seed, const std::array<double, 3>& translate,
-             const std::string& axes, double yaw, double pitch, const py::object& edit,
-             const std::string& actors) {
+             const std::string& lidar, const std::string& mount, const std::string& range,
+             const std::string& points_in, const std::optional<int>& azimuth_steps,
+             const std::optional<double>& rate, const std::optional<std::uint64_t>& seed,
+             const std::array<double, 3>& translate, const std::string& axes, double yaw,
+             double pitch, const py::object& edit, const std::string& actors) {
             return render_scan(
-                run, frame, {sensor, mount, range, points_in, azimuth_steps, rate, seed},
+                run, frame, {sensor, lidar, mount, range, points_in, azimuth_steps, rate, seed},
                 shift_of(translate, axes, yaw, pitch, run.run()), Traffic(edit, actors));
           },
-          py::arg("frame"), py::kw_only(), py::arg("sensor") = "recorded", py::arg("mount") = "",
-          py::arg("range") = "", py::arg("points_in") = "sensor", py::arg("azimuth_steps") = none,
-          py::arg("rate") = none, py::arg("seed") = none, py::arg("translate") = still,
-          py::arg("axes") = "body", py::arg("yaw") = 0.0, py::arg("pitch") = 0.0,
-          py::arg("edit") = none, py::arg("actors") = "all",
+          py::arg("frame"), py::kw_only(), py::arg("sensor") = "recorded", py::arg("lidar") = "",
+          py::arg("mount") = "", py::arg("range") = "", py::arg("points_in") = "sensor",
+          py::arg("azimuth_steps") = none, py::arg("rate") = none, py::arg("seed") = none,
+          py::arg("translate") = still, py::arg("axes") = "body", py::arg("yaw") = 0.0,
+          py::arg("pitch") = 0.0, py::arg("edit") = none, py::arg("actors") = "all",
           "Renders the Scan of a LiDAR's revolution at a frame, by the options of `redrive render "
           "lidar`: sensor recorded, estimated, the name of a known one (\"hdl-64e\"), or beams "
-          "\"N\", \"N:MIN:MAX\", \"E1,E2,..\"; mount \"X,Y,Z,YAW,PITCH,ROLL\"; range \"MIN:MAX\"; "
+          "\"N\", \"N:MIN:MAX\", \"E1,E2,..\"; lidar the recorded one that is meant; mount "
+          "\"X,Y,Z,YAW,PITCH,ROLL\"; range \"MIN:MAX\"; "
           "seed draws which rays return.")
       .def("evaluate", &evaluate_run, py::kw_only(), py::arg("max_images") = 0,
            py::arg("all") = false,
