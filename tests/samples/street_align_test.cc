@@ -30,7 +30,12 @@ TEST(Street, IsAligned) {
     const Eigen::Matrix3d error =
         found.body_from_sensor.linear() * exact.body_from_sensor.linear().transpose();
     if (found.name == "F_MIDRANGECAM_C") {
-      EXPECT_LT(std::abs(so3_log(error).z()) * kDegreesPerRadian, 0.02);
+      constexpr int kYaw = 5;
+      constexpr double kSigmas = 2, kMost_deg = 0.03;
+      const auto& sigma_rad = result.camera_corrections[c].extrinsic_sigmas[kYaw];
+      ASSERT_TRUE(sigma_rad);
+      EXPECT_LT(std::abs(so3_log(error).z()), kSigmas * *sigma_rad);
+      EXPECT_LT(std::abs(so3_log(error).z()) * kDegreesPerRadian, kMost_deg);
     }
     EXPECT_LT(std::abs(static_cast<double>(found.time_offset_ns - exact.time_offset_ns)), 1e6);
     EXPECT_LT(result.bundle.cameras[c].aligned_px, 0.5 * result.bundle.cameras[c].initial_px);

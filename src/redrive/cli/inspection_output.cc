@@ -104,6 +104,22 @@ nlohmann::ordered_json objects_to_json(const std::vector<ObjectSummary>& objects
   return list;
 }
 
+nlohmann::ordered_json lidars_to_json(const Inspection& result) {
+  const Recording& recording = result.recording;
+  nlohmann::ordered_json list = nlohmann::ordered_json::array();
+  for (std::size_t k = 0; k < recording.lidars.size(); ++k) {
+    const RecordedLidar& lidar = recording.lidars[k];
+    nlohmann::ordered_json beams;  // null where they are not known
+    if (k < result.lidars.size() && result.lidars[k]) beams = structure_to_json(*result.lidars[k]);
+    list.push_back({{"name", lidar.name},
+                    {"files", recording.scans_of(k).size()},
+                    {"body_from_lidar", rigid_to_json(lidar.body_from_lidar)},
+                    {"elevation_offset_deg", kDegreesPerRadian * lidar.elevation_rad},
+                    {"beams", beams}});
+  }
+  return list;
+}
+
 void print_objects(const std::vector<ObjectSummary>& objects) {
   std::printf("%-12s %-20s %-8s %6s %9s %10s %7s\n", "object", "type", "", "boxes", "driven m",
               "nearest m", "images");
@@ -160,17 +176,6 @@ nlohmann::ordered_json inspection_to_json(const Inspection& result) {
              {"mean_speed_m_per_s", result.drive->mean_speed_m_per_s},
              {"max_speed_m_per_s", result.drive->max_speed_m_per_s}};
   }
-  nlohmann::ordered_json lidars = nlohmann::ordered_json::array();
-  for (std::size_t k = 0; k < recording.lidars.size(); ++k) {
-    const RecordedLidar& lidar = recording.lidars[k];
-    nlohmann::ordered_json beams;  // null where they are not known
-    if (k < result.lidars.size() && result.lidars[k]) beams = structure_to_json(*result.lidars[k]);
-    lidars.push_back({{"name", lidar.name},
-                      {"files", recording.scans_of(k).size()},
-                      {"body_from_lidar", rigid_to_json(lidar.body_from_lidar)},
-                      {"elevation_offset_deg", kDegreesPerRadian * lidar.elevation_rad},
-                      {"beams", beams}});
-  }
   nlohmann::ordered_json preflight;  // null without --report
   if (result.preflight) preflight = preflight_to_json(*result.preflight);
   nlohmann::ordered_json objects;  // null without --actors
@@ -189,7 +194,7 @@ nlohmann::ordered_json inspection_to_json(const Inspection& result) {
           {"drive", drive},
           {"bounds", bounds},
           {"lidar_files", recording.lidar_files.size()},
-          {"lidars", lidars},
+          {"lidars", lidars_to_json(result)},
           {"box_files", recording.box_files.size()},
           {"other_sensors", recording.other_sensors},
           {"novel", novel},

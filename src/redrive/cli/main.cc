@@ -105,7 +105,7 @@ constexpr redrive::Command kCommands[] = {
     {"simulate", "render the whole drive anew, with labels, as a drive of a data set",
      redrive::configure_simulate,
      "  redrive simulate RUN --path sideways:1 --out LEFT\n"
-     "  redrive simulate RUN --edit EDIT.json --sensor hdl-64e --to kitti360 --out DRIVE"},
+     "  redrive simulate RUN --edit EDIT.json --sensor hdl-64e --to kitti360 --out NEW"},
     {"figures", "write a run's figures as PNG and one report.html", redrive::configure_figures,
      "  redrive figures RUN\n"
      "  redrive figures RUN --compare OTHER",
