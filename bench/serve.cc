@@ -103,17 +103,8 @@ sensorsim::BatchRequest request_of(const std::string& scene, const Views& views)
     lens->set_principal_point_y(views.lens.cy + 0.5);
     request->set_frame_start_us(static_cast<std::uint64_t>(views.t_ns / 1000));
     request->set_frame_end_us(static_cast<std::uint64_t>(views.t_ns / 1000));
-    const Eigen::Quaterniond turn(pose.linear());
-    sensorsim::Pose out;
-    out.mutable_vec()->set_x(static_cast<float>(pose.translation().x()));
-    out.mutable_vec()->set_y(static_cast<float>(pose.translation().y()));
-    out.mutable_vec()->set_z(static_cast<float>(pose.translation().z()));
-    out.mutable_quat()->set_w(static_cast<float>(turn.w()));
-    out.mutable_quat()->set_x(static_cast<float>(turn.x()));
-    out.mutable_quat()->set_y(static_cast<float>(turn.y()));
-    out.mutable_quat()->set_z(static_cast<float>(turn.z()));
-    *request->mutable_sensor_pose()->mutable_start_pose() = out;
-    *request->mutable_sensor_pose()->mutable_end_pose() = out;
+    fill_pose(pose, request->mutable_sensor_pose()->mutable_start_pose());
+    fill_pose(pose, request->mutable_sensor_pose()->mutable_end_pose());
     request->set_image_format(static_cast<unsigned>(ImageFormat::kJpeg));
   }
   return batch;

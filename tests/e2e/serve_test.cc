@@ -64,16 +64,6 @@ class ServeTest : public ::testing::Test {
     return static_cast<std::uint64_t>(scene().frames[frame].t_ns / 1000);
   }
 
-  static void set_pose(const Rigid3d& pose, sensorsim::Pose* out) {
-    const Eigen::Quaterniond turn(pose.linear());
-    out->mutable_vec()->set_x(static_cast<float>(pose.translation().x()));
-    out->mutable_vec()->set_y(static_cast<float>(pose.translation().y()));
-    out->mutable_vec()->set_z(static_cast<float>(pose.translation().z()));
-    out->mutable_quat()->set_w(static_cast<float>(turn.w()));
-    out->mutable_quat()->set_x(static_cast<float>(turn.x()));
-    out->mutable_quat()->set_y(static_cast<float>(turn.y()));
-    out->mutable_quat()->set_z(static_cast<float>(turn.z()));
-  }
   static Rigid3d pose_of(const sensorsim::Pose& pose) {
     Rigid3d out = Rigid3d::Identity();
     out.linear() =
@@ -109,15 +99,15 @@ class ServeTest : public ::testing::Test {
     request.set_frame_end_us(start_us(frame) + 1);
     const std::int64_t t_ns = scene().frames[frame].t_ns;
     const Rigid3d pose = scene().world_from_body(t_ns) * pose_of(front.rig_to_camera());
-    set_pose(pose, request.mutable_sensor_pose()->mutable_start_pose());
-    set_pose(pose, request.mutable_sensor_pose()->mutable_end_pose());
+    fill_pose(pose, request.mutable_sensor_pose()->mutable_start_pose());
+    fill_pose(pose, request.mutable_sensor_pose()->mutable_end_pose());
     for (const MovingObject& actor : scene().actors) {
       const auto box = actor.world_from_box(t_ns);
       if (!box) continue;
       sensorsim::DynamicObject* const object = request.add_dynamic_objects();
       object->set_track_id(std::to_string(actor.id));
-      set_pose(*box, object->mutable_pose_pair()->mutable_start_pose());
-      set_pose(*box, object->mutable_pose_pair()->mutable_end_pose());
+      fill_pose(*box, object->mutable_pose_pair()->mutable_start_pose());
+      fill_pose(*box, object->mutable_pose_pair()->mutable_end_pose());
     }
     request.set_image_format(1);
     return request;
@@ -194,7 +184,7 @@ TEST_F(ServeTest, ImagesAreThoseOfRunRenderer) {
 
   Rigid3d later = pose;
   later.translation().x() += 0.5;
-  set_pose(later, request.mutable_sensor_pose()->mutable_end_pose());
+  fill_pose(later, request.mutable_sensor_pose()->mutable_end_pose());
   later = pose_of(request.sensor_pose().end_pose());
   request.set_frame_end_us(request.frame_start_us() + 30'000);
   request.mutable_camera_intrinsics()->set_shutter_type(1);
@@ -278,8 +268,8 @@ TEST_F(ServeTest, ScansLieInTheSensorAtTheEndOfTheSpin) {
   Rigid3d start = scene().world_from_body(scene().frames[12].t_ns), end = start;
   start.translation().z() += 2;
   end.translation() += Eigen::Vector3d(1, 0, 2.5);
-  set_pose(start, request.mutable_sensor_pose()->mutable_start_pose());
-  set_pose(end, request.mutable_sensor_pose()->mutable_end_pose());
+  fill_pose(start, request.mutable_sensor_pose()->mutable_start_pose());
+  fill_pose(end, request.mutable_sensor_pose()->mutable_end_pose());
   for (const std::uint32_t type : {0, 1}) {
     request.mutable_lidar_config()->set_lidar_type(type);
     sensorsim::ScanReply scan;

@@ -64,7 +64,8 @@ def labels(settings):
             image = lambda values: values.reshape(height, width).astype(np.uint16)
             cv2.imwrite(str(folder / f"{job.frame_id}_ids.png"), image(ids))
             seen = inside & np.isfinite(distance)
-            cv2.imwrite(str(folder / f"{job.frame_id}_depth.png"), image(np.minimum(65535, np.where(seen, 1000 * distance, 0))))
+            depth_mm = np.minimum(65535, np.where(seen, 1000 * distance, 0))
+            cv2.imwrite(str(folder / f"{job.frame_id}_depth.png"), image(depth_mm))
             flow = np.full((len(rays), 2), np.nan)
             if index + 1 < frames:
                 points = origin + world_rays[seen] * distance[seen, None]

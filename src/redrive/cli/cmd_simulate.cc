@@ -45,7 +45,7 @@ constexpr DriveFormat kDriveFormats[] = {{"aimotive", write_aimotive},
 /// Values of --labels; each has those before, too.
 const std::vector<std::string> kLabels{"none", "masks", "flow", "guesses"};
 
-/// What the files of an unfinished simulation depend on.
+/// Returns the options and files that rendered files depend on.
 nlohmann::json plan_of(const SimulateCommandOptions& options, const Run& run) {
   const LidarOptions& lidar = options.simulate.lidar;
   const bool is_file = fs::is_regular_file(options.simulate.path);

@@ -11,10 +11,22 @@
 #include <grpcpp/impl/codegen/proto_utils.h>
 #include <grpcpp/security/credentials.h>
 
+#include "redrive/math/rigid3.h"
 #include "redrive/serve/rpc/sensorsim_calls.h"
 #include "sensorsim.pb.h"
 
 namespace redrive::serve {
+
+inline void fill_pose(const Rigid3d& pose, sensorsim::Pose* out) {
+  const Eigen::Quaterniond turn(pose.linear());
+  out->mutable_vec()->set_x(static_cast<float>(pose.translation().x()));
+  out->mutable_vec()->set_y(static_cast<float>(pose.translation().y()));
+  out->mutable_vec()->set_z(static_cast<float>(pose.translation().z()));
+  out->mutable_quat()->set_w(static_cast<float>(turn.w()));
+  out->mutable_quat()->set_x(static_cast<float>(turn.x()));
+  out->mutable_quat()->set_y(static_cast<float>(turn.y()));
+  out->mutable_quat()->set_z(static_cast<float>(turn.z()));
+}
 
 class RpcClient {
  public:

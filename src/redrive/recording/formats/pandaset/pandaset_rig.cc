@@ -154,8 +154,7 @@ std::optional<Rigid3d> camera_from_lidar(const std::string& camera) {
 }
 
 Rigid3d pandar64_from_gt() {
-  // front_gt of the devkit's file. The patterns of its scans agree best from there: to 0.028
-  // degrees in sequence 001, to 0.041 from the Pandar64's place.
+  // front_gt in docs/static_extrinsic_calibration.yaml of the devkit.
   const Rigid3d published =
       rigid({0.021475754959146356, -0.002060907279494794, 0.01134678181520767, 0.9997028534282365},
             {-0.000451117754, -0.605646431446, -0.301525235176});
