@@ -122,9 +122,10 @@ Packing packing_of(std::string_view name, const fs::path& file) {
   throw InputError(file, "chunk.compression", name, "is lz4, zstd or empty");
 }
 
-std::uint32_t crc_of(std::string_view bytes) {
+/// Returns the CRC of bytes behind others, of which `before` is the CRC.
+std::uint32_t crc_of(std::string_view bytes, std::uint32_t before = 0) {
   return static_cast<std::uint32_t>(
-      ::crc32_z(0, reinterpret_cast<const Bytef*>(bytes.data()), bytes.size()));
+      ::crc32_z(before, reinterpret_cast<const Bytef*>(bytes.data()), bytes.size()));
 }
 
 class McapFile : public BagFile {
@@ -154,14 +155,15 @@ class McapFile : public BagFile {
       return;
     }
     const Chunk& chunk = chunks_[index];
-    if (most == kAllBytes) {
-      const std::shared_ptr<const std::string> records = whole(index);
-      for (std::size_t i = 0; i < messages.size(); ++i)
-        take(i, message_in(*records, messages[i].offset, most));
-    } else if (chunk.packing == Packing::kNone) {
+    if (chunk.packing == Packing::kNone) {
+      if (most == kAllBytes) check_crc(index);
       for (std::size_t i = 0; i < messages.size(); ++i)
         take(i, message_in_file(chunk.records + messages[i].offset, chunk.records + chunk.bytes,
                                 most));
+    } else if (most == kAllBytes) {
+      const std::shared_ptr<const std::string> records = whole(index);
+      for (std::size_t i = 0; i < messages.size(); ++i)
+        take(i, message_in(*records, messages[i].offset, most));
     } else {
       std::uint64_t want = 0;
       for (const Message& message : messages) want = std::max(want, message.offset);
@@ -453,11 +455,38 @@ class McapFile : public BagFile {
     const Chunk& chunk = chunks_[index];
     const auto records = std::make_shared<const std::string>(unpack(chunk, chunk.bytes));
     if (const std::uint32_t crc = stated_crc(chunk); crc != 0 && crc != crc_of(*records))
-      fail("chunk", at(chunk.records), "the CRC of its records is wrong");
+      fail_crc(chunk);
     const std::lock_guard lock(mutex_);
     kept_.emplace_front(index, records);
     if (kept_.size() > kKept) kept_.pop_back();
     return records;
+  }
+
+  /// Checks the CRC of a chunk without compression, where it has one. It is computed once.
+  void check_crc(std::uint32_t index) const {
+    const Chunk& chunk = chunks_[index];
+    std::optional<bool> right;
+    {
+      const std::lock_guard lock(mutex_);
+      if (const auto known = has_right_crc_.find(index); known != has_right_crc_.end())
+        right = known->second;
+    }
+    if (!right) {
+      const std::uint32_t stated = stated_crc(chunk);
+      std::uint32_t crc = 0;
+      constexpr std::uint64_t kBlock = 1 << 18;  // stays in the cache
+      for (std::uint64_t done = 0; stated != 0 && done < chunk.bytes; done += kBlock)
+        crc = crc_of(
+            bytes_->read(chunk.records + done, std::size_t(std::min(kBlock, chunk.bytes - done))),
+            crc);
+      right = stated == 0 || stated == crc;
+      const std::lock_guard lock(mutex_);
+      has_right_crc_[index] = *right;
+    }
+    if (!*right) fail_crc(chunk);
+  }
+  [[noreturn]] void fail_crc(const Chunk& chunk) const {
+    fail("chunk", at(chunk.records), "the CRC of its records is wrong");
   }
 
   /// The index of chunks has no CRC; the chunk has it before its compression.
@@ -513,6 +542,7 @@ class McapFile : public BagFile {
   std::size_t without_channel_ = 0;
   mutable std::mutex mutex_;
   mutable std::list<std::pair<std::uint32_t, std::shared_ptr<const std::string>>> kept_;
+  mutable std::map<std::uint32_t, bool> has_right_crc_;  ///< of chunks without compression
 };
 
 }  // namespace
