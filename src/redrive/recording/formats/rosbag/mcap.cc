@@ -2,17 +2,14 @@
 #include "redrive/recording/formats/rosbag/mcap.h"
 
 #include <algorithm>
-#include <cerrno>
 #include <cstring>
+#include <functional>
 #include <list>
 #include <map>
 #include <mutex>
 #include <optional>
 #include <set>
 
-#include <fcntl.h>
-#include <sys/stat.h>
-#include <unistd.h>
 #include <zlib.h>
 
 #include "redrive/base/error.h"
@@ -43,41 +40,6 @@ enum Opcode : std::uint8_t {
   kChunkIndexOp = 0x08,
   kStatisticsOp = 0x0b,
   kDataEndOp = 0x0f
-};
-
-class FileBytes : public ByteSource {
- public:
-  explicit FileBytes(const fs::path& path)
-      : path_(path), fd_(::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK)) {
-    struct stat status {};
-    if (fd_ < 0 || ::fstat(fd_, &status) != 0) fail(std::strerror(errno));
-    if (!S_ISREG(status.st_mode)) fail("is no regular file");
-    size_ = static_cast<std::uint64_t>(status.st_size);
-  }
-  ~FileBytes() override { ::close(fd_); }
-  FileBytes(const FileBytes&) = delete;
-  FileBytes& operator=(const FileBytes&) = delete;
-
-  std::uint64_t size() const override { return size_; }
-  std::string read(std::uint64_t offset, std::size_t size) const override {
-    std::string bytes(offset >= size_ ? 0 : std::min<std::uint64_t>(size, size_ - offset), '\0');
-    for (std::size_t have = 0; have < bytes.size();) {
-      const ssize_t n =
-          ::pread(fd_, bytes.data() + have, bytes.size() - have, static_cast<off_t>(offset + have));
-      if (n < 0 && errno == EINTR) continue;
-      if (n < 0) fail(std::strerror(errno));
-      if (n == 0) bytes.resize(have);
-      have += static_cast<std::size_t>(n);
-    }
-    return bytes;
-  }
-
- private:
-  [[noreturn]] void fail(const std::string& rule) const { throw InputError(path_, "", "", rule); }
-
-  fs::path path_;
-  int fd_;
-  std::uint64_t size_ = 0;
 };
 
 /// Takes fields from the front of a record.
@@ -156,22 +118,15 @@ class McapFile : public BagFile {
     }
     const Chunk& chunk = chunks_[index];
     if (chunk.packing == Packing::kNone) {
-      if (most == kAllBytes) check_crc(index);
+      if (most == kAllBytes) check_crc(index, [&] { return crc_in_file(chunk); });
       for (std::size_t i = 0; i < messages.size(); ++i)
         take(i, message_in_file(chunk.records + messages[i].offset, chunk.records + chunk.bytes,
                                 most));
-    } else if (most == kAllBytes) {
-      const std::shared_ptr<const std::string> records = whole(index);
-      for (std::size_t i = 0; i < messages.size(); ++i)
-        take(i, message_in(*records, messages[i].offset, most));
-    } else {
-      std::uint64_t want = 0;
-      for (const Message& message : messages) want = std::max(want, message.offset);
-      want += kRecordHead + kMessageHead + most;
-      const std::string records = unpack(chunk, std::min(want, chunk.bytes));
-      for (std::size_t i = 0; i < messages.size(); ++i)
-        take(i, message_in(records, messages[i].offset, most, chunk.bytes));
+      return;
     }
+    const std::shared_ptr<const std::string> records = whole(index);
+    for (std::size_t i = 0; i < messages.size(); ++i)
+      take(i, message_in(*records, messages[i].offset, most));
   }
 
  private:
@@ -423,20 +378,18 @@ class McapFile : public BagFile {
           {name, counted(without_channel_, "message") + " of channels that it does not list"});
   }
 
-  /// Unpacks the first `want` bytes of a chunk's records.
-  std::string unpack(const Chunk& chunk, std::uint64_t want) const {
-    constexpr std::size_t kBlock = 1 << 16, kLargeBlock = 1 << 22;
-    const std::size_t block = want > kBlock * 4 ? kLargeBlock : kBlock;
+  /// Unpacks a chunk's records.
+  std::string unpack(const Chunk& chunk) const {
+    constexpr std::uint64_t kBlock = 1 << 18;  // stays in the cache
     std::uint64_t done = 0;
     std::optional<std::string> out =
-        unpack_start(chunk.packing, static_cast<std::size_t>(want), [&] {
-          const auto size =
-              static_cast<std::size_t>(std::min<std::uint64_t>(block, chunk.packed_bytes - done));
+        unpack_start(chunk.packing, static_cast<std::size_t>(chunk.bytes), [&] {
+          const auto size = static_cast<std::size_t>(std::min(kBlock, chunk.packed_bytes - done));
           std::string part = size == 0 ? "" : bytes_->read(chunk.records + done, size);
           done += part.size();
           return part;
         });
-    if (!out || out->size() < want)
+    if (!out || out->size() < chunk.bytes)
       fail("chunk", at(chunk.records),
            std::string("has damaged ") + (chunk.packing == Packing::kLz4    ? "LZ4"
                                           : chunk.packing == Packing::kZstd ? "Zstandard"
@@ -444,7 +397,7 @@ class McapFile : public BagFile {
     return std::move(*out);
   }
 
-  /// Returns a chunk's records, whose CRC is right where it has one. The last few stay in memory.
+  /// Returns a chunk's records. The last few stay in memory.
   std::shared_ptr<const std::string> whole(std::uint32_t index) const {
     constexpr std::size_t kKept = 4;
     {
@@ -453,17 +406,16 @@ class McapFile : public BagFile {
         if (kept == index) return records;
     }
     const Chunk& chunk = chunks_[index];
-    const auto records = std::make_shared<const std::string>(unpack(chunk, chunk.bytes));
-    if (const std::uint32_t crc = stated_crc(chunk); crc != 0 && crc != crc_of(*records))
-      fail_crc(chunk);
+    const auto records = std::make_shared<const std::string>(unpack(chunk));
+    check_crc(index, [&] { return crc_of(*records); });
     const std::lock_guard lock(mutex_);
     kept_.emplace_front(index, records);
     if (kept_.size() > kKept) kept_.pop_back();
     return records;
   }
 
-  /// Checks the CRC of a chunk without compression, where it has one. It is computed once.
-  void check_crc(std::uint32_t index) const {
+  /// Checks the CRC of a chunk that has one. It is computed once.
+  void check_crc(std::uint32_t index, const std::function<std::uint32_t()>& computed) const {
     const Chunk& chunk = chunks_[index];
     std::optional<bool> right;
     {
@@ -473,20 +425,21 @@ class McapFile : public BagFile {
     }
     if (!right) {
       const std::uint32_t stated = stated_crc(chunk);
-      std::uint32_t crc = 0;
-      constexpr std::uint64_t kBlock = 1 << 18;  // stays in the cache
-      for (std::uint64_t done = 0; stated != 0 && done < chunk.bytes; done += kBlock)
-        crc = crc_of(
-            bytes_->read(chunk.records + done, std::size_t(std::min(kBlock, chunk.bytes - done))),
-            crc);
-      right = stated == 0 || stated == crc;
+      right = stated == 0 || stated == computed();
       const std::lock_guard lock(mutex_);
       has_right_crc_[index] = *right;
     }
-    if (!*right) fail_crc(chunk);
+    if (!*right) fail("chunk", at(chunk.records), "the CRC of its records is wrong");
   }
-  [[noreturn]] void fail_crc(const Chunk& chunk) const {
-    fail("chunk", at(chunk.records), "the CRC of its records is wrong");
+  /// Returns the CRC of the records of a chunk without compression.
+  std::uint32_t crc_in_file(const Chunk& chunk) const {
+    constexpr std::uint64_t kBlock = 1 << 18;  // stays in the cache
+    std::uint32_t crc = 0;
+    for (std::uint64_t done = 0; done < chunk.bytes; done += kBlock)
+      crc = crc_of(bytes_->read(chunk.records + done,
+                                static_cast<std::size_t>(std::min(kBlock, chunk.bytes - done))),
+                   crc);
+    return crc;
   }
 
   /// The index of chunks has no CRC; the chunk has it before its compression.
@@ -509,12 +462,11 @@ class McapFile : public BagFile {
     return head.substr(kRecordHead + kMessageHead, std::min(data, most));
   }
 
-  std::string_view message_in(std::string_view records, std::uint64_t offset, std::size_t most,
-                              std::uint64_t all = 0) const {
+  std::string_view message_in(std::string_view records, std::uint64_t offset,
+                              std::size_t most) const {
     if (offset > records.size()) fail("message", at(offset), "is not in its chunk");
     records.remove_prefix(offset);
-    const std::size_t data =
-        checked_data(records, offset, all == 0 ? records.size() : all - offset);
+    const std::size_t data = checked_data(records, offset, records.size());
     return records.substr(kRecordHead + kMessageHead, std::min(data, most));
   }
 
@@ -542,14 +494,10 @@ class McapFile : public BagFile {
   std::size_t without_channel_ = 0;
   mutable std::mutex mutex_;
   mutable std::list<std::pair<std::uint32_t, std::shared_ptr<const std::string>>> kept_;
-  mutable std::map<std::uint32_t, bool> has_right_crc_;  ///< of chunks without compression
+  mutable std::map<std::uint32_t, bool> has_right_crc_;  ///< of chunks that were read
 };
 
 }  // namespace
-
-std::unique_ptr<ByteSource> open_bytes(const fs::path& path) {
-  return std::make_unique<FileBytes>(path);
-}
 
 std::unique_ptr<BagFile> open_mcap(std::unique_ptr<ByteSource> bytes, const fs::path& path) {
   return std::make_unique<McapFile>(std::move(bytes), path);

@@ -4,25 +4,13 @@
 // write.
 #pragma once
 
-#include <cstdint>
 #include <filesystem>
 #include <memory>
-#include <string>
 
 #include "redrive/recording/formats/rosbag/bag.h"
+#include "redrive/recording/formats/rosbag/byte_source.h"
 
 namespace redrive::rosbag {
-
-/// Bytes that are read where they are needed.
-class ByteSource {
- public:
-  virtual ~ByteSource() = default;
-  virtual std::uint64_t size() const = 0;
-  /// Returns `size` bytes from `offset` on, fewer at the end. InputError if it cannot be read.
-  virtual std::string read(std::uint64_t offset, std::size_t size) const = 0;
-};
-
-std::unique_ptr<ByteSource> open_bytes(const std::filesystem::path& path);
 
 /// Opens by the summary and the indices of messages. Without a summary all records are walked, and
 /// a finding says what is cut off. InputError, which names `path`: no MCAP, an impossible length, a

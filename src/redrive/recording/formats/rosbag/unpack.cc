@@ -38,6 +38,8 @@ bool unpack_by(const Step& step, std::size_t want, const std::function<std::stri
 std::optional<std::string> unpack_start(Packing packing, std::size_t want,
                                         const std::function<std::string()>& next) {
   std::string out;
+  constexpr std::size_t kMostAtOnce = 16 << 20;  // `want` may be wrong
+  out.reserve(std::min(want, kMostAtOnce));
   bool whole = true;
   if (packing == Packing::kNone) {
     while (out.size() < want) {
