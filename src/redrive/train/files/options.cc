@@ -316,8 +316,11 @@ TrainOptions options_from_json(const nlohmann::json& json, const std::filesystem
       throw InputError(file, key, value.dump().substr(0, 80), "unknown option");
   TrainOptions options;
   for (const TrainField& field : fields) {
-    if (!json.contains(field.name) && field.hyperparameter.empty())
-      throw InputError(file, field.name, "", "missing");
+    if (!json.contains(field.name) && field.hyperparameter.empty()) {
+      if (contains({"recording", "method"}, field.name))
+        throw InputError(file, field.name, "", "missing");
+      continue;  // the run is older than the option
+    }
     try {
       field.load(options, json);
     } catch (const UsageError& error) {

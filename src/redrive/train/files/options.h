@@ -159,7 +159,8 @@ constexpr const char* kHyperparametersKey = "hyperparameters";
 /// Returns a number, or a list of integers.
 nlohmann::json hyperparameter_json(const HyperparameterValue& value);
 nlohmann::json options_to_json(const TrainOptions& options);
-/// Throws InputError for an unknown or missing key, a value of another type or out of range.
+/// A missing option has its default: the run is older than it. Throws InputError without recording
+/// or method, for an unknown key, a value of another type or out of range.
 TrainOptions options_from_json(const nlohmann::json& json, const std::filesystem::path& file);
 
 }  // namespace redrive

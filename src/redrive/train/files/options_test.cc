@@ -449,10 +449,6 @@ TEST(TrainOptions, RejectsMalformedJson) {
   EXPECT_THAT(what(json), HasSubstr("colour"));
   for (const TrainField& candidate : train_fields()) {
     json = options_to_json(unusual());
-    if (candidate.hyperparameter.empty()) {
-      json.erase(candidate.name);
-      EXPECT_THAT(what(json), HasSubstr(candidate.name)) << "missing";
-    }
     json[candidate.name] = {{"x", nullptr}};
     EXPECT_THAT(what(json), HasSubstr(candidate.name)) << "an object";
     json[candidate.name] = nullptr;
@@ -464,6 +460,26 @@ TEST(TrainOptions, RejectsMalformedJson) {
   json["width"] = 100;
   EXPECT_THAT(what(json), HasSubstr("--width 100"));
   EXPECT_THAT(what(nlohmann::json::array()), HasSubstr("config.json"));
+}
+
+TEST(TrainOptions, AnOptionThatIsNewerThanTheRunHasItsDefault) {
+  const nlohmann::json whole = options_to_json(unusual());
+  nlohmann::json older = whole;
+  older.erase("seed");
+  const TrainOptions back = options_from_json(older, "config.json");
+  EXPECT_NE(unusual().seed, TrainOptions().seed);
+  EXPECT_EQ(back.seed, TrainOptions().seed);
+  EXPECT_EQ(back.far_m, unusual().far_m);
+  for (const std::string name : {"recording", "method"}) {
+    nlohmann::json json = whole;
+    json.erase(name);
+    try {
+      options_from_json(json, "config.json");
+      ADD_FAILURE() << name;
+    } catch (const InputError& error) {
+      EXPECT_THAT(error.what(), HasSubstr(name + ": missing"));
+    }
+  }
 }
 
 TEST(Options, RefinesPosesOfDrivesWithGridByDefault) {
