@@ -146,7 +146,7 @@ TEST_F(LiveViewTest, SplatsGrowOnThreadsWhileThePageLooksAround) {
   options.set("initial.sky", 400);
   options.set("max_gaussians", 1000);
   options.set("densify_every", 8);
-  options.set("grown_by", 1e-4);  // by step 8
+  options.set("grown_by", 1e-4);  // step 8 has them all
   redrive::Run run = tiny_run(folder_.path / "run", folder_.path, options);
   const auto backend = processor_backend(3);
   std::atomic<bool> stop{false};

@@ -494,7 +494,7 @@ class McapFile : public BagFile {
   std::size_t without_channel_ = 0;
   mutable std::mutex mutex_;
   mutable std::list<std::pair<std::uint32_t, std::shared_ptr<const std::string>>> kept_;
-  mutable std::map<std::uint32_t, bool> has_right_crc_;  ///< of chunks that were read
+  mutable std::map<std::uint32_t, bool> has_right_crc_;  ///< for chunks that were read
 };
 
 }  // namespace
