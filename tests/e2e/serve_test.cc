@@ -12,6 +12,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/files/files.h"
+#include "redrive/base/files/zip.h"
 #include "redrive/image/png.h"
 #include "redrive/render/open_to_render.h"
 #include "redrive/serve/rpc/rpc_client_testing.h"
@@ -392,6 +393,65 @@ TEST_F(ServeTest, SaysWhichFileOfASceneIsDamaged) {
     EXPECT_THAT(error.what(), HasSubstr("broken/checkpoint.safetensors"));
   }
   EXPECT_THAT(service.loaded_scenes(), ElementsAre());
+}
+
+TEST_F(ServeTest, ABundleNeedsNoRecordingAndRendersTheBitsOfItsRun) {
+  const fs::path bundles = folder_ / "bundles", made = bundles / "one.usdz",
+                 moved = bundles / "elsewhere.usdz";
+  fs::create_directories(bundles);
+  const ProgramResult exported =
+      Program(REDRIVE_BINARY, {"export", (folder_ / "one").string(), "--to", "usdz-scene",
+                               "--voxel", "0.5", made.string()})
+          .wait();
+  ASSERT_EQ(exported.exit_code, 0) << exported.err;
+  EXPECT_THAT(exported.out,
+              AllOf(HasSubstr("scene one"), HasSubstr("map.xodr: 1 road"), HasSubstr("one lane")));
+  const ProgramResult inspected = Program(REDRIVE_BINARY, {"inspect", made.string()}).wait();
+  EXPECT_EQ(inspected.exit_code, 0) << inspected.out << inspected.err;
+  EXPECT_THAT(inspected.out,
+              AllOf(HasSubstr("AlpaSim: nothing is missing"),
+                    HasSubstr("CARLA: nothing is missing"), HasSubstr("its run is inside")));
+  // The same bundle on a machine without the recording.
+  const ZipFile zip(made);
+  std::vector<std::string> bytes;
+  std::vector<ZipMember> members;
+  for (const std::string& name : zip.names()) {
+    bytes.push_back(zip.read(made / name, kMaxDataBytes));
+    if (name != "redrive/config.json") continue;
+    nlohmann::json config = nlohmann::json::parse(bytes.back());
+    config["recording"] = "/nowhere";
+    bytes.back() = config.dump();
+  }
+  for (const std::string& name : zip.names()) members.push_back({name, bytes[members.size()]});
+  write_zip(moved, members);
+  fs::remove(made);
+
+  SceneStore store({bundles}, {.threads = 2}, kMuch);
+  EXPECT_THAT(store.ids(), ElementsAre("one"));
+  RunService service(&store);
+  ImageQuery query;
+  query.scene = "one";
+  query.format = static_cast<int>(ImageFormat::kPlanar);
+  std::vector<ImageQuery> queries;
+  for (const SceneCamera& camera : service_.cameras("one"))
+    for (const int frame : {3, 12}) {
+      query.start_ns = query.end_ns = scene().frames[frame].t_ns;
+      query.local_from_sensor.start = query.local_from_sensor.end =
+          scene().world_from_body(query.start_ns) * camera.rig_from_camera;
+      query.lens = camera.lens;
+      queries.push_back(query);
+    }
+  const auto never = [] { return false; };
+  const std::vector<ImageAnswer> from_run = service_.images(queries, never),
+                                 from_bundle = service.images(queries, never);
+  for (std::size_t i = 0; i < queries.size(); ++i) {
+    EXPECT_EQ(from_bundle[i].code, StatusCode::kOk) << from_bundle[i].bytes;
+    EXPECT_TRUE(from_bundle[i].bytes == from_run[i].bytes) << queries[i].lens.camera.name;
+  }
+  const std::vector<TimedPose> here = service.trajectory("one"), there = service_.trajectory("one");
+  ASSERT_EQ(here.size(), there.size());
+  for (std::size_t i = 0; i < here.size(); ++i)
+    EXPECT_EQ(here[i].local_from_rig.matrix(), there[i].local_from_rig.matrix());
 }
 
 std::size_t resident_bytes() {

@@ -11,6 +11,7 @@
 #include "redrive/base/error.h"
 #include "redrive/base/files/files.h"
 #include "redrive/base/files/output_folder.h"
+#include "redrive/base/files/zip.h"
 #include "redrive/base/memory_limit.h"
 #include "redrive/cli/backend_options.h"
 #include "redrive/cli/command.h"
@@ -20,6 +21,7 @@
 #include "redrive/cli/output_file.h"
 #include "redrive/cli/train/training.h"
 #include "redrive/edit/edit_actors.h"
+#include "redrive/export/bundle/scene_bundle.h"
 #include "redrive/export/drive.h"
 #include "redrive/export/field_mesh.h"
 #include "redrive/export/field_points.h"
@@ -245,6 +247,49 @@ int export_mesh(const ExportCommandOptions& options) {
   return kExitOk;
 }
 
+int export_scene_bundle(const ExportCommandOptions& options) {
+  check_output_file("OUT", options.out, options.force);
+  refuse_part_of_run(options);
+  if (!has_extension(options.out, {".usdz"}))
+    throw UsageError("OUT", options.out, "a scene bundle must end in .usdz");
+  if (const auto obstacle = mesh_obstacle()) throw UsageError("--to", options.format, *obstacle);
+  const Run run = open_to_render(options.from, options.max_damaged);
+  const auto backend = make_backend(options.backend, run.options.method);
+  const std::filesystem::path from = std::filesystem::canonical(options.from);
+  const std::string id = (is_scene_bundle(from) ? from.stem() : from.filename()).string();
+  const SceneBundle bundle = make_scene_bundle(
+      run, *backend,
+      {id, REDRIVE_VERSION, options.voxel_m > 0 ? options.voxel_m : kBundleVoxel_m,
+       allowed_memory(run.options, memory_bytes())});
+  std::vector<ZipMember> members;
+  std::size_t bytes = 0;
+  for (const auto& [name, content] : bundle.members) {
+    members.push_back({name, content});
+    bytes += content.size();
+  }
+  write_zip(options.out, members);
+  std::printf("scene %s: %zu poses, %s, %s; mesh: %zu triangles, of the ground %zu\n", id.c_str(),
+              bundle.poses, counted(bundle.cameras, "camera").c_str(),
+              counted(bundle.tracks, "moving object").c_str(), bundle.triangles,
+              bundle.ground_triangles);
+  const RoadMap& map = bundle.map;
+  if (map.roads > 0)
+    std::printf("map.xodr: %s, %.1f m, at most %.3f m beside the poses; %s\n",
+                counted(static_cast<std::size_t>(map.roads), "road").c_str(), map.length_m,
+                map.deviation_m,
+                map.measured == map.roads ? "one lane, between markings"
+                : map.measured > 0 ? "one lane, between markings or of 3.5 m, as userData says"
+                                   : "one lane of 3.5 m, which is assumed");
+  else
+    std::printf(
+        "not exported: map.xodr, since less than %g m were driven forward; CARLA needs it\n",
+        kShortestRoad_m);
+  if (map.reversed_m > 0)
+    std::printf("not exported: %.1f m that were driven backwards, in map.xodr\n", map.reversed_m);
+  std::printf("%s: %.1f MB\n", options.out.c_str(), 1e-6 * static_cast<double>(bytes));
+  return kExitOk;
+}
+
 int export_las(const ExportCommandOptions& options) {
   check_output_file("OUT", options.out, options.force);
   const Source source = open_source(options);
@@ -341,6 +386,10 @@ constexpr Format kFormats[] = {
      export_ply},
     {"mesh", "triangles with colours, .ply, .obj or .glb, from a run's rendered depth (runs)",
      export_mesh},
+    {"usdz-scene",
+     "a scene bundle for AlpaSim and CARLA, .usdz, with the run inside, which serve takes (runs of "
+     "drives)",
+     export_scene_bundle},
     {"las",
      "the recorded LiDAR returns of the static world as LAS 1.2, motion compensated (runs and "
      "recordings)",
@@ -407,8 +456,9 @@ Action configure_export(CLI::App& command) {
   command
       .add_option("--voxel", options->voxel_m,
                   "of meshes, the side of a voxel in metres, 0.001..100 (default: " +
-                      number_text(kMeshVoxel_m) + "; of photographs the median depth / " +
-                      number_text(kVoxelsPerMedianDepth) + ")")
+                      number_text(kMeshVoxel_m) + ", in usdz-scene " + number_text(kBundleVoxel_m) +
+                      "; of photographs the median depth / " + number_text(kVoxelsPerMedianDepth) +
+                      ")")
       ->check(within("--voxel", 0.001, 100.0));
   command.add_flag("--force", options->force,
                    "overwrites an existing file, or a folder of an earlier export");

@@ -21,6 +21,7 @@
 #include "redrive/cli/inspection.h"
 #include "redrive/cli/json_output.h"
 #include "redrive/edit/edit_actors.h"
+#include "redrive/export/bundle/check_bundle.h"
 #include "redrive/image/image_io.h"
 #include "redrive/perception/find_moving.h"
 #include "redrive/perception/masks.h"
@@ -29,6 +30,7 @@
 #include "redrive/recording/core/wording.h"
 #include "redrive/recording/formats/damaged_records.h"
 #include "redrive/recording/formats/recording_reader.h"
+#include "redrive/render/open_to_render.h"
 #include "redrive/render/recorded_lidar.h"
 #include "redrive/report/preflight_page.h"
 #include "redrive/scene/lidar/lidar_returns.h"
@@ -300,7 +302,47 @@ bool show_mapping(const InspectOptions& options, std::optional<Mapping>* mapping
   return false;
 }
 
+/// Shows a scene bundle, and what AlpaSim and CARLA miss in it.
+int inspect_bundle(const InspectOptions& options) {
+  const BundleReport report = check_bundle(options.recording);
+  const bool complete = report.alpasim.empty() && report.carla.empty();
+  if (options.json) {
+    nlohmann::ordered_json members = nlohmann::ordered_json::object();
+    for (const BundleReport::Member& member : report.members) members[member.name] = member.bytes;
+    const auto list = [](const std::vector<BundleGap>& gaps) {
+      nlohmann::ordered_json all = nlohmann::ordered_json::array();
+      for (const BundleGap& gap : gaps)
+        all.push_back({{"member", gap.member}, {"field", gap.field}, {"what", gap.what}});
+      return all;
+    };
+    print_json(nlohmann::ordered_json{{"scene_id", report.scene_id},
+                                      {"members", members},
+                                      {"alpasim", list(report.alpasim)},
+                                      {"carla", list(report.carla)},
+                                      {"remarks", list(report.remarks)},
+                                      {"has_run", report.has_run}});
+    return complete ? kExitOk : kExitBadInput;
+  }
+  std::printf("scene bundle, scene %s\n", report.scene_id.empty() ? "?" : report.scene_id.c_str());
+  for (const BundleReport::Member& member : report.members)
+    std::printf("  %12llu  %s\n", static_cast<unsigned long long>(member.bytes),
+                member.name.c_str());
+  const auto print = [](const char* who, const std::vector<BundleGap>& gaps, const char* none) {
+    if (gaps.empty()) std::printf("%s: %s\n", who, none);
+    for (const BundleGap& gap : gaps)
+      std::printf("%s: %s%s%s %s\n", who, gap.member.c_str(), gap.field.empty() ? "" : ": ",
+                  gap.field.c_str(), gap.what.c_str());
+  };
+  print("AlpaSim", report.alpasim, "nothing is missing");
+  print("CARLA", report.carla, "nothing is missing");
+  for (const BundleGap& gap : report.remarks) print("remark", {gap}, "");
+  std::printf("redrive: %s\n", report.has_run ? "its run is inside, which serve takes"
+                                              : "no run is inside; serve cannot render the scene");
+  return complete ? kExitOk : kExitBadInput;
+}
+
 int run_inspect(const InspectOptions& options) {
+  if (is_scene_bundle(options.recording)) return inspect_bundle(options);
   const std::string &masks = options.masks, &report = options.report;
   if (!masks.empty()) require_empty_folder("--masks-out", masks);
   if (!report.empty()) require_empty_folder("--report", report);
@@ -329,7 +371,10 @@ int run_inspect(const InspectOptions& options) {
 
 Action configure_inspect(CLI::App& command) {
   auto options = std::make_shared<InspectOptions>();
-  command.add_option("RECORDING", options->recording, "folder of the recording")->required();
+  command
+      .add_option("RECORDING", options->recording,
+                  "folder of the recording, or a scene bundle (.usdz)")
+      ->required();
   add_frames_option(command, &options->frames);
   add_cameras_option(command, &options->cameras);
   add_outside_files_option(command, &options->outside_files);

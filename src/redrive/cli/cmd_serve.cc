@@ -65,7 +65,10 @@ int run_serve(const ServeOptions& options) {
 
 Action configure_serve(CLI::App& command) {
   auto options = std::make_shared<ServeOptions>();
-  command.add_option("RUN", options->runs, "run folders, or folders that have runs")->required();
+  command
+      .add_option("RUN", options->runs,
+                  "run folders, scene bundles (.usdz), or folders that have some")
+      ->required();
   command.add_option("--port", options->rpc.port, "port to listen on, 0: any that is free")
       ->capture_default_str()
       ->check(within("--port", 0, 65535));

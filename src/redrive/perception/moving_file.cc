@@ -5,6 +5,7 @@
 #include <cmath>
 #include <set>
 
+#include "redrive/base/files/file_container.h"
 #include "redrive/base/files/files.h"
 #include "redrive/math/angles.h"
 #include "redrive/recording/parse/json_numbers.h"
@@ -101,7 +102,7 @@ std::filesystem::path moving_file(const std::filesystem::path& masks) {
 }
 
 std::vector<MovingObject> read_moving_file(const std::filesystem::path& file) {
-  if (!std::filesystem::exists(file)) return {};
+  if (!file_bytes(file)) return {};
   return parse_moving_objects(read_file(file), file);
 }
 

@@ -4,6 +4,8 @@
 #include <algorithm>
 
 #include "redrive/base/error.h"
+#include "redrive/base/files/files.h"
+#include "redrive/base/files/zip.h"
 #include "redrive/base/memory_limit.h"
 #include "redrive/recording/core/frame_range.h"
 #include "redrive/recording/formats/damaged_records.h"
@@ -70,6 +72,14 @@ void correct_tracks(const DividedField& field, std::vector<MovingObject>* actors
 }  // namespace
 
 Run open_to_render(const fs::path& root, std::optional<double> max_damaged) {
+  if (is_scene_bundle(root)) {
+    const auto zip = std::make_shared<ZipFile>(root);
+    if (!zip->size(RunPaths{root / kRunOfBundle}.config()))
+      throw InputError(root, kRunOfBundle, "",
+                       "the bundle has no run of redrive, which export --to usdz-scene adds");
+    mount(root, zip);
+    return open_run(root / kRunOfBundle, /*to_resume=*/false, max_damaged);
+  }
   if (!is_divided_run(root)) return open_run(root, /*to_resume=*/false, max_damaged);
   DividedRun whole = open_divided_run(root, max_damaged);
   Run run;
@@ -116,6 +126,11 @@ Run open_to_render(const fs::path& root, std::optional<double> max_damaged) {
   load_actors(&run);
   correct_tracks(divided, &run.scene.actors);
   return run;
+}
+
+bool is_scene_bundle(const fs::path& path) {
+  std::error_code error;
+  return has_extension(path, {".usdz"}) && fs::is_regular_file(path, error);
 }
 
 bool is_run_folder(const fs::path& folder) { return fs::exists(RunPaths{folder}.config()); }

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Opens a run or a divided run (train/files/blocks.h) for rendering, or a recording in its place.
+// Opens a run, a divided run (train/files/blocks.h) or a scene bundle (export/scene_bundle.h) for
+// rendering, or a recording in its place.
 #pragma once
 
 #include <filesystem>
@@ -14,9 +15,15 @@ namespace redrive {
 /// Opens a run as open_run, or a divided run as one: with the whole drive's recording and scene and
 /// a DividedField (render/divided_field.h), whose blocks are loaded when an image needs them.
 /// Blocks in memory have a quarter of what --memory allows together. Where moving objects are
-/// drawn, each block is opened once for its corrections of their tracks. Errors as open_run; a
-/// block that is missing or damaged is an InputError when it is needed.
+/// drawn, each block is opened once for its corrections of their tracks. The run of a scene bundle
+/// is read in place, and mounted (base/files/file_container.h). Errors as open_run; a block that is
+/// missing or damaged is an InputError when it is needed.
 Run open_to_render(const std::filesystem::path& root, std::optional<double> max_damaged = {});
+
+/// Folder of redrive's run within a scene bundle.
+inline constexpr const char* kRunOfBundle = "redrive";
+/// Whether the path is a file .usdz.
+bool is_scene_bundle(const std::filesystem::path& path);
 
 /// Whether the folder is a run rather than a recording.
 bool is_run_folder(const std::filesystem::path& folder);

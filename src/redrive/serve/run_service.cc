@@ -2,7 +2,6 @@
 #include "redrive/serve/run_service.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <future>
 #include <set>
@@ -12,6 +11,7 @@
 #include "redrive/image/jpeg.h"
 #include "redrive/image/png.h"
 #include "redrive/render/lidar_scan.h"
+#include "redrive/render/run_camera.h"
 
 namespace redrive::serve {
 namespace {
@@ -233,21 +233,11 @@ std::vector<SceneCamera> RunService::cameras(const std::string& scene) {
     const std::shared_ptr<OpenScene> open = store_.get(scene);
     std::vector<SceneCamera> cameras;
     for (const RigCamera& rig : open->run->scene.rig) {
-      const Camera& camera = rig.camera;
-      SceneCamera one{{open->run->recording.find_camera(rig.name)->calibration}, {}};
-      CameraCalibration& as = one.lens.camera;
-      if (camera.info().name != as.model) {  // undistorted
-        as.model = camera.info().name;
-        as.parameters.assign(4 + camera.info().distortion.size(), 0.0);
-      }
-      std::ranges::copy(std::array{camera.fx, camera.fy, camera.cx, camera.cy},
-                        as.parameters.begin());
-      as.width = camera.width;
-      as.height = camera.height;
+      SceneCamera one{{calibration_of(*open->run, rig)}, {}};
       one.lens.shutter = rig.readout_ns == 0  ? Shutter::kGlobal
                          : rig.readout_ns > 0 ? Shutter::kTopToBottom
                                               : Shutter::kBottomToTop;
-      if (const auto* fisheye = std::get_if<OpenCvFisheye>(&camera.model))
+      if (const auto* fisheye = std::get_if<OpenCvFisheye>(&rig.camera.model))
         one.lens.max_angle_rad = fisheye->max_angle_rad;
       one.rig_from_camera = rig.body_from_sensor;
       cameras.push_back(std::move(one));

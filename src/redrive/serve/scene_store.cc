@@ -5,6 +5,9 @@
 
 #include "redrive/base/did_you_mean.h"
 #include "redrive/base/error.h"
+#include "redrive/base/files/files.h"
+#include "redrive/base/files/zip.h"
+#include "redrive/base/json_field.h"
 #include "redrive/render/open_to_render.h"
 #include "redrive/serve/sensor_service.h"
 #include "redrive/train/memory.h"
@@ -14,13 +17,24 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// Returns an estimate of the memory of an opened run, of a drive in blocks with all blocks.
+/// Returns an estimate of the memory of an opened run, of a drive in blocks with all blocks. Errors
+/// as ZipFile.
 std::uint64_t bytes_of_run(const fs::path& root) {
   constexpr std::uint64_t kTables = std::uint64_t{32} << 20;  // recording, rays of cameras
   std::uint64_t files = 0;
+  if (is_scene_bundle(root))
+    return kTables + 2 * ZipFile(root).size(RunPaths{root / kRunOfBundle}.checkpoint()).value_or(0);
   for (const fs::directory_entry& entry : fs::recursive_directory_iterator(root))
     if (entry.path().filename() == RunPaths{}.checkpoint().filename()) files += entry.file_size();
   return kTables + 2 * files;
+}
+
+/// Returns the scene's id in a bundle. InputError where it has none.
+std::string id_of_bundle(const fs::path& bundle) {
+  constexpr const char* kMember = "data_info.json";
+  const nlohmann::json document =
+      parse_json(ZipFile(bundle).read(bundle / kMember, kMaxTextBytes), bundle / kMember);
+  return JsonField(document, bundle / kMember).at("sequence_id").string();
 }
 
 }  // namespace
@@ -29,26 +43,32 @@ SceneStore::SceneStore(const std::vector<fs::path>& runs, kernels::BackendChoice
                        std::uint64_t memory)
     : backend_(std::move(backend)), memory_(memory) {
   const auto add = [&](const fs::path& root) {
-    known_.push_back({fs::canonical(root).filename().string(), root});
+    known_.push_back(
+        {is_scene_bundle(root) ? id_of_bundle(root) : fs::canonical(root).filename().string(),
+         root});
+  };
+  const auto is_scene = [](const fs::path& path) {
+    return is_run_folder(path) || is_scene_bundle(path);
   };
   for (const fs::path& path : runs) {
-    if (is_run_folder(path)) {
+    if (is_scene(path)) {
       add(path);
       continue;
     }
     const std::size_t before = known_.size();
     std::error_code error;
     for (const fs::directory_entry& entry : fs::directory_iterator(path, error))
-      if (is_run_folder(entry.path())) add(entry.path());
+      if (is_scene(entry.path())) add(entry.path());
     if (known_.size() == before)
-      throw UsageError("RUN", path.string(), "must be a run, or a folder that has runs");
+      throw UsageError("RUN", path.string(),
+                       "must be a run, a scene bundle, or a folder that has some");
   }
   std::ranges::sort(known_, {}, &Known::id);
   const auto twice = std::ranges::adjacent_find(known_, {}, &Known::id);
   if (twice != known_.end())
     throw UsageError("RUN", twice->root.string(),
-                     "has the name of " + std::next(twice)->root.string() +
-                         ": names of folders are the ids of scenes");
+                     "has the id " + twice->id + " of " + std::next(twice)->root.string() +
+                         ": names of folders, and sequence_id in bundles, are ids of scenes");
 }
 
 std::vector<std::string> SceneStore::ids() const {

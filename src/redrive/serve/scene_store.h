@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Runs by their ids, opened when they are asked for.
+// Runs and scene bundles by their ids, opened when they are asked for.
 #pragma once
 
 #include <cstdint>
@@ -28,8 +28,9 @@ struct OpenScene {
 /// Usable from several threads at once.
 class SceneStore {
  public:
-  /// `runs`: runs, or folders of runs. A scene's id is the name of its folder. UsageError where
-  /// there is no run, or where two have the same name.
+  /// `runs`: runs, scene bundles (export/scene_bundle.h), or folders of them. A scene's id is the
+  /// name of its folder, in a bundle its sequence_id. UsageError where there is none, or where two
+  /// have the same id; InputError for a damaged bundle.
   SceneStore(const std::vector<std::filesystem::path>& runs, kernels::BackendChoice backend,
              std::uint64_t memory);
 

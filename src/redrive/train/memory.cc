@@ -5,6 +5,7 @@
 #include <cstdio>
 
 #include "redrive/base/error.h"
+#include "redrive/base/files/file_container.h"
 #include "redrive/base/memory_limit.h"
 #include "redrive/perception/masks.h"
 #include "redrive/perception/seen_through.h"
@@ -193,10 +194,8 @@ void check_device_memory(std::uint64_t need, std::uint64_t allowed, const TrainO
 void check_rendering_memory(const Run& run, const Camera* camera) {
   // An estimate of a pixel: its ray, its colour, depth and opacity twice, its bytes and the file.
   constexpr std::uint64_t kPixel = 100;
-  std::error_code error;
-  const std::uint64_t file = std::filesystem::file_size(run.paths.checkpoint(), error),
-                      need = kProgram + (error ? 0 : 2 * file) +
-                             (camera ? kPixel * pixels(*camera) : 0),
+  const std::uint64_t file = file_bytes(run.paths.checkpoint()).value_or(0),
+                      need = kProgram + 2 * file + (camera ? kPixel * pixels(*camera) : 0),
                       allowed = allowed_memory(run.options, memory_bytes());
   if (need > allowed)
     throw UsageError(

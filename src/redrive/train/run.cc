@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "redrive/base/error.h"
+#include "redrive/base/files/file_container.h"
 #include "redrive/base/files/files.h"
 #include "redrive/base/files/unfinished.h"
 #include "redrive/base/progress.h"
@@ -15,6 +16,7 @@
 #include "redrive/recording/core/wording.h"
 #include "redrive/recording/folder_kind.h"
 #include "redrive/recording/formats/pose_files.h"
+#include "redrive/recording/formats/recording_json.h"
 #include "redrive/train/memory.h"
 
 namespace redrive {
@@ -96,8 +98,8 @@ void check_belongs(const Run& run) {
 }  // namespace
 
 void require_run(const std::filesystem::path& root) {
+  if (file_bytes(RunPaths{root}.config())) return;
   std::error_code error;
-  if (std::filesystem::exists(RunPaths{root}.config(), error)) return;
   const std::string is = describe_folder(root), hint = is.empty() ? did_you_mean(root) : "";
   const bool is_folder = std::filesystem::is_directory(root, error);
   throw InputError(root, "", "",
@@ -181,10 +183,14 @@ Run open_run(const std::filesystem::path& root, bool to_resume, std::optional<do
   const nlohmann::json config = read_json(run.paths.config());
   run.options = options_from_json(config, run.paths.config());
   if (max_damaged) run.options.max_damaged = *max_damaged;
-  run.recording = open_recording(run.options);
-  if (has_external_poses(run.options))
-    use_external_poses(read_pose_files(run.recording, run.paths.poses()), run.paths.poses(),
-                       run.options, &run.recording);
+  if (file_bytes(run.paths.recording())) {
+    run.recording = read_recording_json(run.paths.recording());
+  } else {
+    run.recording = open_recording(run.options);
+    if (has_external_poses(run.options))
+      use_external_poses(read_pose_files(run.recording, run.paths.poses()), run.paths.poses(),
+                         run.options, &run.recording);
+  }
   run.scene = make_scene(run.recording, scene_options(run.options));
   const auto there = std::filesystem::status(run.paths.checkpoint(), error).type();
   if (to_resume && there == std::filesystem::file_type::not_found) {

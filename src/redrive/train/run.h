@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // A run folder: config.json (resolved options), masks/, poses/ (from --poses and --align),
-// metrics.jsonl, checkpoint.safetensors, figures/, report.html. Nothing is written outside it.
+// metrics.jsonl, checkpoint.safetensors, figures/, report.html; in scene bundles recording.json.
+// Nothing is written outside it.
 #pragma once
 
 #include <filesystem>
@@ -27,6 +28,9 @@ struct RunPaths {
   std::filesystem::path poses() const {
     return root / "poses";
   }  ///< recording/formats/pose_files.h, where has_external_poses
+  std::filesystem::path recording() const {
+    return root / "recording.json";
+  }  ///< recording/formats/recording_json.h, where the run moved without its recording
   std::filesystem::path metrics() const { return root / "metrics.jsonl"; }
   std::filesystem::path checkpoint() const { return root / "checkpoint.safetensors"; }
   std::filesystem::path figures() const { return root / "figures"; }

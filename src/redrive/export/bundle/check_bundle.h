@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: Apache-2.0
+// What AlpaSim and CARLA would miss in a scene bundle of any origin, by the members and fields that
+// their loaders read (AlpaSim's alpasim_utils/artifact.py and scenario.py, CARLA's
+// examples/nvidia/nurec/scenario.py and nurec_integration.py, 2026-11).
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+namespace redrive {
+
+struct BundleGap {
+  std::string member, field;  ///< field: empty for the whole member
+  std::string what;
+};
+
+struct BundleReport {
+  struct Member {
+    std::string name;
+    std::uint64_t bytes = 0;
+  };
+  std::string scene_id;                   ///< as metadata.yaml or data_info.json says; empty: none
+  std::vector<Member> members;            ///< sorted by name
+  std::vector<BundleGap> alpasim, carla;  ///< what keeps them from opening it
+  std::vector<BundleGap> remarks;         ///< what they do without
+  bool has_run = false;                   ///< redrive's run is inside
+};
+
+/// InputError if it is no zip, or damaged.
+BundleReport check_bundle(const std::filesystem::path& file);
+
+}  // namespace redrive

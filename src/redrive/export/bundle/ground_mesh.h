@@ -1,0 +1,21 @@
+// SPDX-License-Identifier: Apache-2.0
+// The ground's part of a mesh, for the wheels of a simulated car.
+#pragma once
+
+#include <span>
+
+#include "redrive/export/triangle_mesh.h"
+#include "redrive/math/rigid3.h"
+
+namespace redrive {
+
+/// The ground is searched within this distance of the driven line.
+constexpr double kGroundReach_m = 15;
+
+/// Returns the triangles within kGroundReach_m of a pose of the body that face its z axis within 37
+/// degrees and lie at most 0.3 m plus a twentieth of the distance above or below its x-y plane:
+/// road, kerbs and pavements, but no cars. `driven`: poses of the body, whose origin is on the
+/// ground.
+TriangleMesh ground_of_mesh(const TriangleMesh& mesh, std::span<const Rigid3d> driven);
+
+}  // namespace redrive

@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+// The driven way as an OpenDRIVE 1.7 map (ASAM): a road for each stretch that was driven forward,
+// with the lane that was driven.
+#pragma once
+
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "redrive/math/rigid3.h"
+#include "redrive/math/wgs84.h"
+
+namespace redrive {
+
+/// Width of the driven lane where no markings show it.
+constexpr double kAssumedLane_m = 3.5;
+/// Shorter stretches are left out.
+constexpr double kShortestRoad_m = 5;
+
+/// A LiDAR return in the map.
+struct MapReturn {
+  Eigen::Vector3d position;
+  double intensity = 0;
+};
+
+struct RoadMapInput {
+  std::string name;
+  std::vector<Rigid3d> driven;          ///< poses of the body in the map, in driving order
+  std::vector<Eigen::Vector3d> ground;  ///< points of the ground in the map; may be empty
+  std::vector<MapReturn> returns;       ///< LiDAR returns in the map; may be empty
+  std::optional<Geodetic> origin;       ///< place of the map, with x to the east; height 0
+};
+
+struct RoadMap {
+  std::string xml;              ///< empty: no stretch is long enough
+  int roads = 0, measured = 0;  ///< measured: roads whose lane lies between markings
+  double length_m = 0;
+  double deviation_m = 0;  ///< greatest distance of a pose from its road
+  double reversed_m = 0;   ///< driven backwards, which is left out
+};
+
+/// Roads follow the poses by fit_way. A stretch ends where the body goes back by half a metre;
+/// standstill and jitter add nothing. Elevation and superelevation come from the ground beside the
+/// way, or from the poses where it has too few points. The lane lies between the nearest markings
+/// (export/bundle/lane_edges.h), or around the way where they are not seen.
+RoadMap make_road_map(const RoadMapInput& input);
+
+}  // namespace redrive

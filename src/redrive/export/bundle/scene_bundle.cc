@@ -1,0 +1,312 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/export/bundle/scene_bundle.h"
+
+#include <algorithm>
+#include <cctype>
+#include <chrono>
+#include <cstdio>
+
+#include "redrive/base/error.h"
+#include "redrive/base/files/file_container.h"
+#include "redrive/base/files/files.h"
+#include "redrive/base/rng.h"
+#include "redrive/export/bundle/ground_mesh.h"
+#include "redrive/export/field_mesh.h"
+#include "redrive/math/local_level.h"
+#include "redrive/recording/core/actor_kind.h"
+#include "redrive/recording/formats/recording_json.h"
+#include "redrive/recording/parse/rigid_json.h"
+#include "redrive/render/open_to_render.h"
+#include "redrive/render/run_camera.h"
+#include "redrive/scene/lidar/lidar_returns.h"
+
+namespace redrive {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+constexpr std::int64_t kNsPerUs = 1000;
+
+std::int64_t us(std::int64_t t_ns) { return t_ns / kNsPerUs; }
+
+/// What the members share.
+struct BundleScene {
+  const Run& run;
+  const BundleOptions& options;
+  std::int64_t first_ns = 0, last_ns = 0;  ///< times of the scene's first and last frame
+
+  std::string camera_id(const std::string& name) const { return name + "@" + options.scene_id; }
+  bool covers(std::int64_t t_ns) const { return t_ns >= first_ns && t_ns <= last_ns; }
+};
+
+/// Returns 64 bits of all bytes (FNV-1a).
+std::uint64_t hash_of(std::string_view bytes) {
+  std::uint64_t hash = 0xcbf29ce484222325ull;
+  for (const char byte : bytes) hash = (hash ^ static_cast<unsigned char>(byte)) * 0x100000001b3ull;
+  return hash;
+}
+
+std::string hex(std::uint64_t bits) {
+  char text[17];
+  std::snprintf(text, sizeof text, "%016llx", static_cast<unsigned long long>(bits));
+  return text;
+}
+
+/// Returns a UUID of version 8 (RFC 9562: made from the content).
+std::string uuid_of(std::uint64_t hash) {
+  std::string text = hex(hash) + hex(mix64(hash));
+  text[12] = '8';
+  text[16] = 'a';
+  for (const int at : {20, 16, 12, 8}) text.insert(static_cast<std::size_t>(at), "-");
+  return text;
+}
+
+/// JSON is YAML, too.
+Json metadata(const BundleScene& scene, std::uint64_t recording_hash, std::uint64_t model_hash) {
+  Json cameras = Json::array(), lidars = Json::array();
+  for (const RigCamera& rig : scene.run.scene.rig) cameras.push_back(scene.camera_id(rig.name));
+  for (const RecordedLidar& lidar : scene.run.recording.lidars)
+    lidars.push_back(scene.camera_id(lidar.name));
+  const auto made = std::chrono::floor<std::chrono::days>(std::chrono::system_clock::now());
+  const std::chrono::year_month_day day(made);
+  char date[32];
+  std::snprintf(date, sizeof date, "%04d-%02u-%02u", int(day.year()), unsigned(day.month()),
+                unsigned(day.day()));
+  return {{"scene_id", scene.options.scene_id},
+          {"version_string", "redrive " + scene.options.version},
+          {"training_date", date},
+          {"dataset_hash", hex(recording_hash)},
+          {"uuid", uuid_of(model_hash)},
+          {"is_resumable", false},
+          {"sensors", {{"camera_ids", cameras}, {"lidar_ids", lidars}}},
+          {"logger", Json::object()},
+          {"time_range",
+           {{"start", 1e-9 * static_cast<double>(scene.first_ns)},
+            {"end", 1e-9 * static_cast<double>(scene.last_ns)}}}};
+}
+
+Json data_info(const BundleScene& scene) {
+  return {{"sequence_id", scene.options.scene_id},
+          {"pose-range",
+           {{"start-timestamp_us", us(scene.first_ns)}, {"end-timestamp_us", us(scene.last_ns)}}}};
+}
+
+const char* shutter_name(std::int64_t readout_ns) {
+  return readout_ns == 0  ? "GLOBAL"
+         : readout_ns > 0 ? "ROLLING_TOP_TO_BOTTOM"
+                          : "ROLLING_BOTTOM_TO_TOP";
+}
+
+/// NCore's parameters. CARLA reads f-theta's of every camera, which are null here.
+Json camera_model(const CameraCalibration& camera, const Camera& lens) {
+  const std::vector<double>& p = camera.parameters;
+  Json parameters = {{"resolution", {camera.width, camera.height}},
+                     {"shutter_type", shutter_name(camera.readout_ns)},
+                     {"external_distortion_parameters", nullptr},
+                     {"principal_point", {camera.cx() + 0.5, camera.cy() + 0.5}},
+                     {"focal_length", {camera.fx(), camera.fy()}}};
+  std::string type = camera.model;
+  if (type == "opencv_pinhole" || type == "opencv_rational") {
+    type = "opencv-pinhole";
+    Json radial = Json::array();
+    for (const std::size_t k : {4, 5, 8, 9, 10, 11}) radial.push_back(k < p.size() ? p[k] : 0.0);
+    parameters["radial_coeffs"] = radial;
+    parameters["tangential_coeffs"] = {p.at(6), p.at(7)};
+    parameters["thin_prism_coeffs"] = {0.0, 0.0, 0.0, 0.0};
+  } else if (type == "opencv_fisheye") {
+    type = "opencv-fisheye";
+    parameters["radial_coeffs"] = std::vector<double>(p.begin() + 4, p.begin() + 8);
+  } else {  // the service's alone
+    parameters["parameters"] = std::vector<double>(p.begin() + 4, p.end());
+  }
+  for (const char* const key : {"reference_poly", "pixeldist_to_angle_poly",
+                                "angle_to_pixeldist_poly", "max_angle", "linear_cde"})
+    parameters[key] = nullptr;
+  if (const auto* fisheye = std::get_if<OpenCvFisheye>(&lens.model))
+    parameters["max_angle"] = fisheye->max_angle_rad;
+  return {{"type", type}, {"parameters", parameters}};
+}
+
+/// Start and end of each image's exposure, where the rig has poses.
+Json exposures(const BundleScene& bundle, int camera) {
+  const Scene& scene = bundle.run.scene;
+  Json frames = Json::array();
+  for (const View& view : scene.views) {
+    if (view.camera != camera) continue;
+    const std::int64_t middle_ns = scene.exposed_ns(view),
+                       readout_ns = std::abs(scene.rig[camera].readout_ns),
+                       start_ns = middle_ns - readout_ns / 2,
+                       end_ns = std::max(start_ns + readout_ns, start_ns + kNsPerUs);
+    if (bundle.covers(start_ns) && bundle.covers(end_ns))
+      frames.push_back({us(start_ns), us(end_ns)});
+  }
+  return frames;
+}
+
+Json rig_trajectories(const BundleScene& bundle) {
+  const Scene& scene = bundle.run.scene;
+  Json cameras = Json::object(), frames = Json::object(), poses = Json::array(),
+       times = Json::array();
+  for (std::size_t c = 0; c < scene.rig.size(); ++c) {
+    const RigCamera& rig = scene.rig[c];
+    const std::string id = bundle.camera_id(rig.name);
+    cameras[id] = {{"sequence_id", bundle.options.scene_id},
+                   {"logical_sensor_name", rig.name},
+                   {"unique_sensor_idx", c},
+                   {"T_sensor_rig", rigid_to_json(rig.body_from_sensor)},
+                   {"camera_model", camera_model(calibration_of(bundle.run, rig), rig.camera)}};
+    frames[id] = exposures(bundle, static_cast<int>(c));
+  }
+  for (const FramePose& pose : scene.trajectory)
+    if (bundle.covers(pose.t_ns) && (times.empty() || us(pose.t_ns) > times.back())) {
+      poses.push_back(Json(rigid_to_json(scene.world_from_body(pose.t_ns))));
+      times.push_back(us(pose.t_ns));
+    }
+  const bool on_earth = bundle.run.recording.global_frame == GlobalFrame::kEcef;
+  return {{"world_to_nre", {{"matrix", rigid_to_json(Rigid3d::Identity())}}},
+          {"T_world_base", rigid_to_json(on_earth ? scene.global_from_world : Rigid3d::Identity())},
+          {"camera_calibrations", cameras},
+          {"rig_trajectories",
+           {{{"sequence_id", bundle.options.scene_id},
+             {"T_rig_worlds", poses},
+             {"T_rig_world_timestamps_us", times},
+             {"cameras_frame_timestamps_us", frames},
+             {"rig_bbox", nullptr}}}}};
+}
+
+/// Returns NuRec's word for a type of object.
+std::string label_of(const std::string& type) {
+  std::string word;
+  for (const unsigned char c : type) word += static_cast<char>(std::tolower(c));
+  const auto has = [&](const char* part) { return word.find(part) != word.npos; };
+  if (std::string_view(kind_of(type).name) == "person")
+    return has("cycl") || has("rider")   ? "rider"
+           : has("animal") || has("dog") ? "animal"
+                                         : "person";
+  return has("bus")       ? "bus"
+         : has("trailer") ? "trailer"
+         : has("truck")   ? "heavy_truck"
+                          : "automobile";
+}
+
+/// Objects with poses at two times of the scene or more.
+Json sequence_tracks(const BundleScene& bundle) {
+  Json ids = Json::array(), labels = Json::array(), flags = Json::array(), times = Json::array(),
+       poses = Json::array(), sizes = Json::array();
+  for (const MovingObject& actor : bundle.run.scene.actors) {
+    Json own_times = Json::array(), own_poses = Json::array();
+    for (const MovingObject::Key& key : actor.keys) {
+      const auto box = actor.world_from_box(key.t_ns);
+      if (!box || !bundle.covers(key.t_ns)) continue;
+      if (!own_times.empty() && us(key.t_ns) <= own_times.back()) continue;
+      const Eigen::Vector3d at = box->translation();
+      const Eigen::Quaterniond turn(box->linear());
+      own_poses.push_back({at.x(), at.y(), at.z(), turn.x(), turn.y(), turn.z(), turn.w()});
+      own_times.push_back(us(key.t_ns));
+    }
+    if (own_times.size() < 2) continue;
+    ids.push_back(std::to_string(actor.id));
+    labels.push_back(label_of(actor.type));
+    flags.push_back({"DYNAMIC", "CONTROLLABLE"});
+    times.push_back(own_times);
+    poses.push_back(own_poses);
+    sizes.push_back({actor.size_m.x(), actor.size_m.y(), actor.size_m.z()});
+  }
+  return {{kTracksKey,
+           {{"tracks_data",
+             {{"tracks_id", ids},
+              {"tracks_label_class", labels},
+              {"tracks_flags", flags},
+              {"tracks_timestamps_us", times},
+              {"tracks_poses", poses}}},
+            {"cuboidtracks_data", {{"cuboids_dims", sizes}}}}}};
+}
+
+/// Adds the LiDAR returns of the static world where the recording has intensities.
+void add_returns(const Run& run, const Rigid3d& map_from_world, ThreadPool& pool,
+                 RoadMapInput* input) {
+  if (run.recording.lidars.empty() || run.recording.lidar_files.empty()) return;
+  const LidarReturns returns = load_lidar_returns(run.recording, run.scene, run.moving, pool);
+  LidarPoses poses(run.scene, returns);
+  const std::vector<float> full = returns.full_intensities();
+  for (std::size_t i = 0; i < returns.n; ++i)
+    input->returns.push_back(
+        {map_from_world * poses.in_world(i),
+         static_cast<double>(returns.intensity[i] / full[returns.sensor_of(i)])});
+}
+
+/// The map lies in the world, or, where that has a place on the Earth, in the plane that touches
+/// the ellipsoid below the world's origin, x to the east.
+RoadMap map_of(const BundleScene& bundle, const TriangleMesh& ground, ThreadPool& pool) {
+  const Scene& scene = bundle.run.scene;
+  RoadMapInput input{
+      .name = bundle.options.scene_id, .driven = {}, .ground = {}, .returns = {}, .origin = {}};
+  Rigid3d map_from_world = Rigid3d::Identity();
+  if (bundle.run.recording.global_frame == GlobalFrame::kEcef) {
+    const Eigen::Vector3d at = scene.global_from_world.translation();
+    input.origin = geodetic_from_ecef(at.x(), at.y(), at.z());
+    input.origin->height_m = 0;
+    map_from_world =
+        ecef_from_enu(*input.origin).inverse(Eigen::Isometry) * scene.global_from_world;
+  }
+  for (const FramePose& pose : scene.trajectory)
+    if (bundle.covers(pose.t_ns))
+      input.driven.push_back(map_from_world * scene.world_from_body(pose.t_ns));
+  for (const PlyPoint& vertex : ground.vertices)
+    input.ground.emplace_back(map_from_world * vertex.position.cast<double>());
+  add_returns(bundle.run, map_from_world, pool, &input);
+  return make_road_map(input);
+}
+
+std::string ply_of(const TriangleMesh& mesh) {
+  return make_ply(mesh.vertices, /*normals=*/true, mesh.triangles);
+}
+
+}  // namespace
+
+SceneBundle make_scene_bundle(const Run& run, kernels::Backend& backend,
+                              const BundleOptions& options) {
+  const std::string& root = run.paths.root.string();
+  if (!run.blocks.empty())
+    throw UsageError("RUN", root, "is a drive in blocks; a scene bundle has one of its blocks");
+  if (!run.scene.metric)
+    throw InputError(root, "", "", "photographs have neither metres nor times, which a scene has");
+  const FieldMesh field = field_mesh(run, backend, {options.voxel_m, options.most_bytes});
+  if (field.mesh.triangles.empty())
+    throw InputError(root, "", "", "the field has no opaque surface in its images");
+  std::vector<Rigid3d> driven;
+  for (const PosedFrame& frame : run.scene.posed_frames()) driven.push_back(frame.world_from_body);
+  const TriangleMesh ground = ground_of_mesh(field.mesh, driven);
+
+  const BundleScene scene{run, options, run.scene.frames.front().t_ns,
+                          run.scene.frames.back().t_ns};
+  std::string recording = recording_to_json(run.recording),
+              checkpoint = read_file(run.paths.checkpoint(), kMaxDataBytes);
+  const Json rig = rig_trajectories(scene), tracks = sequence_tracks(scene);
+  SceneBundle bundle;
+  bundle.poses = rig["rig_trajectories"][0]["T_rig_worlds"].size();
+  bundle.cameras = run.scene.rig.size();
+  bundle.tracks = tracks[kTracksKey]["tracks_data"]["tracks_id"].size();
+  bundle.triangles = field.mesh.triangles.size();
+  bundle.ground_triangles = ground.triangles.size();
+  const auto add = [&](const std::filesystem::path& name, std::string bytes) {
+    bundle.members.emplace_back(name.string(), std::move(bytes));
+  };
+  add(kMetadata, metadata(scene, hash_of(recording), hash_of(checkpoint)).dump(1) + "\n");
+  add(kDataInfo, data_info(scene).dump(1) + "\n");
+  add(kRigTrajectories, rig.dump() + "\n");
+  add(kSequenceTracks, tracks.dump() + "\n");
+  add(kMesh, ply_of(field.mesh));
+  add(kGroundMesh, ply_of(ground));
+  bundle.map = map_of(scene, ground, backend.pool());
+  if (bundle.map.roads > 0) add(kMap, std::move(bundle.map.xml));
+  const RunPaths inside{kRunOfBundle};
+  add(inside.config(), read_file(run.paths.config()));
+  add(inside.recording(), std::move(recording));
+  if (const auto moving = run.paths.masks() / "moving.json"; file_bytes(moving))
+    add(inside.masks() / "moving.json", read_file(moving));
+  add(inside.checkpoint(), std::move(checkpoint));
+  return bundle;
+}
+
+}  // namespace redrive
