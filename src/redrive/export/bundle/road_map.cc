@@ -22,6 +22,8 @@ using Eigen::Vector2d, Eigen::Vector3d;
 // A pose belongs to the way if it is this far ahead of the one before; a way ends that far back.
 constexpr double kAhead_m = 0.2, kBack_m = 0.5;
 constexpr double kStation_m = 4;  // between heights along a road
+// Ground that is further from what the poses say is a fault of its surface.
+constexpr double kMostHeight_m = 0.1, kMostRoll_rad = 0.04;
 
 /// Poses of a stretch that was driven forward.
 using Stretch = std::vector<Rigid3d>;
@@ -167,15 +169,16 @@ std::vector<Station> stations_of(const Road& road, const Stretch& stretch, const
   std::vector<Station> stations;
   for (int i = 0; i <= parts; ++i) {
     Station station{road.length_m * i / parts};
-    if (const auto plane = ground.at(road.at(station.along_m))) {
+    station.height_m = mean_near(road, stretch, station.along_m,
+                                 [](const Rigid3d& pose) { return pose.translation().z(); });
+    station.roll_rad = mean_near(road, stretch, station.along_m, [](const Rigid3d& pose) {
+      return std::asin(std::clamp(pose.linear()(2, 1), -1.0, 1.0));
+    });
+    const auto plane = ground.at(road.at(station.along_m));
+    if (plane && std::abs(plane->height_m - station.height_m) <= kMostHeight_m &&
+        std::abs(std::atan(plane->across) - station.roll_rad) <= kMostRoll_rad) {
       station.height_m = plane->height_m;
       station.roll_rad = std::atan(plane->across);
-    } else {
-      station.height_m = mean_near(road, stretch, station.along_m,
-                                   [](const Rigid3d& pose) { return pose.translation().z(); });
-      station.roll_rad = mean_near(road, stretch, station.along_m, [](const Rigid3d& pose) {
-        return std::asin(std::clamp(pose.linear()(2, 1), -1.0, 1.0));
-      });
     }
     stations.push_back(station);
   }

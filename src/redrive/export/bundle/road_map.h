@@ -42,8 +42,9 @@ struct RoadMap {
 
 /// Roads follow the poses by fit_way. A stretch ends where the body goes back by half a metre;
 /// standstill and jitter add nothing. Elevation and superelevation come from the ground beside the
-/// way, or from the poses where it has too few points. The lane lies between the nearest markings
-/// (export/bundle/lane_edges.h), or around the way where they are not seen.
+/// way, or from the poses where it has too few points or lies more than 10 cm or 2.3 degrees off.
+/// The lane lies between the nearest markings (export/bundle/lane_edges.h), or around the way where
+/// they are not seen.
 RoadMap make_road_map(const RoadMapInput& input);
 
 }  // namespace redrive

@@ -92,24 +92,38 @@ TEST(RoadMap, IsTheDrivenWay) {
   EXPECT_STREQ(lane.child("userData").attribute("value").as_string(), "assumed");
 }
 
-TEST(RoadMap, TakesHeightsFromTheGround) {
-  RoadMapInput input = bend(0, 60, 1);
+/// A bend on the level with ground `below_m` below the poses, which rises to the left; a kerb.
+RoadMapInput bend_on_ground(double below_m, double rise) {
+  RoadMapInput input;
+  for (double s = 0; s <= 60; s += 1) {
+    input.driven.push_back(pose_on_bend(s, 60));
+    input.driven.back().translation().z() = 100;
+  }
   for (double s = 0; s <= 60; s += 0.25)
-    for (double t = -3; t <= 3; t += 0.25) {  // 20 cm below the poses, rolled by 0.1; a kerb
+    for (double t = -3; t <= 3; t += 0.25) {
       const double turn = s / 60;
       input.ground.emplace_back((60 - t) * std::sin(turn), 60 - (60 - t) * std::cos(turn),
-                                99.8 + 0.1 * t + (t > 1.7 ? 0.3 : 0));
+                                100 - below_m + rise * t + (t > 1.7 ? 0.3 : 0));
     }
-  const Map map(make_road_map(input));
-  for (const double s : {10.0, 33.0, 50.0}) {
-    EXPECT_NEAR(map.profile("elevationProfile", "elevation", s), 99.8, 0.01);
-    EXPECT_NEAR(map.profile("lateralProfile", "superelevation", s), std::atan(0.1), 0.01);
+  return input;
+}
+
+TEST(RoadMap, TakesHeightsFromTheGroundWhereItAgrees) {
+  // below the poses, rise, and what the map has
+  for (const auto& [below_m, rise, height_m, roll] :
+       {std::array{0.05, 0.06, 99.95, 0.06}, std::array{0.3, 0.06, 100.0, kRoll_rad},
+        std::array{0.05, 0.2, 100.0, kRoll_rad}}) {
+    const Map map(make_road_map(bend_on_ground(below_m, rise)));
+    for (const double s : {10.0, 33.0, 50.0}) {
+      EXPECT_NEAR(map.profile("elevationProfile", "elevation", s), height_m, 0.01);
+      EXPECT_NEAR(map.profile("lateralProfile", "superelevation", s), roll, 0.01);
+    }
   }
 }
 
 TEST(RoadMap, LaneLiesBetweenMarkings) {
   RoadMapInput input = bend(0, 60, 1);
-  for (double s = 0; s <= 60; s += 0.2)
+  for (double s = 0; s <= 60; s += 0.4)
     for (double t = -4; t <= 4; t += 0.05) {
       const double turn = s / 60, edge = std::min(std::abs(t - 1.5), std::abs(t + 1.7));
       const Eigen::Vector3d at((60 - t) * std::sin(turn), 60 - (60 - t) * std::cos(turn),
