@@ -444,7 +444,7 @@ TEST_P(GaussianStagesTest, AWindowIsAPartOfTheImage) {
 struct LossCase {
   RasterSize size = raster_size(37, 29);
   std::vector<float> rgb = random_floats(3 * size.plane(), 36, 0, 1);
-  std::vector<float> gains = random_floats(3 * size.plane(), 38, 0.8f, 1.2f);
+  std::vector<float> log_shading = random_floats(3 * 7 * 5, 38, -0.2f, 0.2f);
   std::vector<std::uint8_t> target, alpha, used;
 
   LossCase() {
@@ -455,8 +455,26 @@ struct LossCase {
       for (int x = 0; x < 50; ++x) used.push_back((x - 30) * (x - 30) + (y - 15) * (y - 15) > 30);
   }
   ImageLossInput input(float l1_weight, float ssim_weight) const {
-    return {size,  rgb,       {50, 10, 8, target, alpha, used, {0.2f, -0.1f, 0.3f}},
-            gains, l1_weight, ssim_weight};
+    return {size,
+            rgb,
+            {50, 10, 8, target, alpha, used, {0.2f, -0.1f, 0.3f}},
+            {{1.1f, 0.9f, 1}, 7, 5, log_shading},
+            l1_weight,
+            ssim_weight};
+  }
+  /// The gain of channel k of a pixel by its definition (field/shading.h).
+  double gain(int x, int y, int k) const {
+    const auto place = [](int pixel, int pixels, int cells) {
+      return std::clamp((pixel + 0.5) / pixels * cells - 0.5, 0.0, cells - 1.0);
+    };
+    const double u = place(x + 10, 50, 7), v = place(y + 8, 40, 5);
+    double shading = 0;
+    for (int row = 0; row < 5; ++row)
+      for (int column = 0; column < 7; ++column)
+        shading += std::max(0.0, 1 - std::fabs(u - column)) *
+                   std::max(0.0, 1 - std::fabs(v - row)) *
+                   std::exp(double(log_shading[(k * 5 + row) * 7 + column]));
+    return shading * double(input(1, 0).gains.colour[k]);
   }
 };
 
@@ -496,13 +514,13 @@ TEST_P(GaussianStagesTest, LossOfARasterAgreesWithTheOracle) {
   const auto backend = make(), ref = make_ref_backend();
   const GaussianCase c(kMei, true, true);
   const std::vector<float> random = random_floats(4 * 70 * 43, 46, 0, 255),
-                           gains = random_floats(3 * c.size.plane(), 47, 0.8f, 1.2f);
+                           log_shading = random_floats(3 * 24 * 16, 47, -0.2f, 0.2f);
   const std::vector<std::uint8_t> target(random.begin(), random.begin() + 3 * 70 * 43);
   std::vector<std::uint8_t> used(70 * 43, 1);
   std::fill(used.begin() + 500, used.begin() + 900, std::uint8_t{0});
   ImageLossInput input;
   input.target = {.width = 70, .rgb = target, .used = used};
-  input.gains = gains;
+  input.gains = {{1.1f, 0.9f, 1}, 24, 16, log_shading};
   const auto run_loss = [&](Backend& by, Result* out) {
     Raster raster = by.gaussians().rasterise(c.view(), c.gaussians(), c.options());
     const ImageLossOutput loss = raster.loss(input, {.transmittance = 0.3f, .range = 1e-3f});
@@ -593,7 +611,7 @@ TEST_P(GaussianStagesTest, BrightnessOfPatchesIsOfWhatIsNeitherMaskedNorSaturate
             expected[y / kPatchSide * (c.size.stride / kPatchSide) + x / kPatchSide];
         patch.pixels[k] += 1;
         patch.target[k] += target;
-        patch.rendered[k] += c.rgb[at] * c.gains[at];
+        patch.rendered[k] += c.rgb[at] * static_cast<float>(c.gain(x, y, k));
       }
   EXPECT_GT(saturated, 10);
   const ImageLossOutput out = backend->gaussians().image_loss(input, d_rgb, error);

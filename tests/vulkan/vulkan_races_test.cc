@@ -40,6 +40,7 @@ struct Job {
 const std::vector<Job>& jobs() {
   static const std::vector<Job> all = {{"tile_forward", "tile_forward.comp"},
                                        {"tile_backward", "tile_backward.comp"},
+                                       {"tile_parts", "tile_parts.comp"},
                                        {"sum_pairs", "sum_pairs.comp"},
                                        {"pose_sums", "pose_sums.comp"},
                                        {"scan0", "scan.comp", {"PASS=0"}},
@@ -209,17 +210,17 @@ int races_of_a_step(const std::map<std::string, Words>& instead) {
     }
     const std::size_t plane = raster_size(camera.width, camera.height).plane();
     const std::array<PlainPose, 1> pose{};
-    const std::vector<float> gains(3 * plane, 1), ranges(plane, 1.3f);
+    const std::array<GaussianPart, 2> parts{{{16, pose}, {24, pose}}};
+    const std::vector<float> ranges(plane, 1.3f);
     const std::vector<std::uint8_t> target(3 * 112 * 96, 99);
     Raster raster = backend->gaussians().rasterise(
-        {.camera = camera, .world_from_camera = pose, .image_rows = 96}, {kCount, numbers},
-        {.log_range = ranges});
+        {.camera = camera, .world_from_camera = pose, .image_rows = 96, .parts = parts},
+        {kCount, numbers}, {.parts = true, .log_range = ranges});
     ImageLossInput input;
     input.target = {.width = camera.width, .rgb = target};
-    input.gains = gains;
     raster.loss(input, {.transmittance = 0.02f, .range = 0.01f});
     std::vector<float> gradients(numbers.size()), errors(numbers.size() / kGaussianRows);
-    std::array<GaussianPoseGradient<NumberMath<double>>, 1> d_pose;
+    std::array<GaussianPoseGradient<NumberMath<double>>, 3> d_pose;
     raster.backward({.gradients = gradients, .errors = errors}, d_pose);
     EXPECT_GT(raster.counts().pairs, 6u * 256);
     EXPECT_LE(raster.counts().visible, 1024u) << "sum_pairs has a group for 16";

@@ -1,15 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // Training on Vulkan devices in software, each in a process of its own, since drivers read their
 // settings from the environment.
-#include <array>
 #include <bit>
-#include <cmath>
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>
 #include <filesystem>
 #include <map>
-#include <random>
 #include <sstream>
 #include <string>
 #include <vector>
@@ -19,8 +16,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/kernels/backend.h"
-#include "redrive/kernels/gaussian/gaussian_stages.h"
-#include "redrive/math/plain_pose.h"
+#include "redrive/kernels/self_test_scene.h"
 #include "tests/support/program.h"
 
 namespace redrive::kernels {
@@ -37,48 +33,23 @@ constexpr const char* kValidation =
     "/usr/share/vulkan/explicit_layer.d/VkLayer_khronos_validation.json";
 constexpr int kSteps = 15;
 
-/// 203 Gaussians in front of a camera of 70 x 43 pixels, which learn an image of stripes.
-struct Training {
-  static constexpr std::size_t kCount = 203;
+/// The self-test's Gaussians learn an image of stripes.
+struct Training : SelfTestScene {
   static constexpr std::uint64_t kVersion = 1;
-  std::vector<float> numbers, errors, gains;
-  std::vector<std::uint32_t> moments;
+  std::vector<float> errors = std::vector<float>(numbers.size() / kGaussianRows);
+  std::vector<std::uint32_t> moments = std::vector<std::uint32_t>(numbers.size());
   std::vector<std::uint8_t> target;
-  PlainCamera camera;
-  std::array<PlainPose, 1> pose{};
 
   Training() {
-    std::mt19937 random(5);
-    const auto next = [&] { return std::ldexp(static_cast<float>(random() >> 8), -23) - 1; };
-    camera.fx = camera.fy = 60;
-    camera.cx = 34.5f;
-    camera.cy = 21;
-    camera.width = 70;
-    camera.height = 43;
-    numbers.resize(gaussian_blocks(kCount) * kBlockSize);
-    for (std::size_t i = 0; i < kCount; ++i) {
-      const auto number = [&](int row) -> float& { return numbers[gaussian_slot(i, row)]; };
-      for (int row = 0; row < kGaussianRows; ++row) number(row) = next();
-      number(kPositionRow) *= 2;
-      number(kPositionRow + 2) += 4;
-      for (int k = 0; k < 3; ++k) number(kLogScaleRow + k) -= 1.5f;
-      number(kDistanceRow) = 4;
-    }
-    moments.assign(numbers.size(), 0);
-    errors.assign(numbers.size() / kGaussianRows, 0);
-    gains.assign(3 * raster_size(camera.width, camera.height).plane(), 1);
     for (int i = 0; i < camera.width * camera.height; ++i)
       for (int c = 0; c < 3; ++c)
         target.push_back(static_cast<std::uint8_t>(i % camera.width / 7 % 2 ? 40 * c + 90 : 200));
   }
 
   double step(Backend& backend, int number) {
-    Raster raster = backend.gaussians().rasterise(
-        {.camera = camera, .world_from_camera = pose, .image_rows = float(camera.height)},
-        {kCount, numbers, kVersion}, {});
+    Raster raster = backend.gaussians().rasterise(view(), {kCount, numbers, kVersion}, {});
     ImageLossInput input;
     input.target = {.width = camera.width, .rgb = target};
-    input.gains = gains;
     const ImageLossOutput loss = raster.loss(input, {.transmittance = 0.02f});
     GaussianUpdate update;
     update.step = adam_step(0, number + 1);

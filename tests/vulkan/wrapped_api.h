@@ -42,6 +42,7 @@ class WrappedApi {
   int checked_guards = 0;
   /// Bytes that the host does not see, now and at most.
   std::uint64_t device_bytes = 0, most_device_bytes = 0;
+  std::uint64_t uploaded = 0;  ///< bytes copied from memory that the host sees
 
  private:
   static constexpr std::size_t kGuard = 4096;
@@ -113,6 +114,7 @@ class WrappedApi {
     api->BindBufferMemory = bind;
     api->MapMemory = map;
     api->FreeMemory = free;
+    api->CmdCopyBuffer = copy;
   }
 
   static std::size_t guard() { return current_ && current_->guards ? kGuard : 0; }
@@ -133,6 +135,7 @@ class WrappedApi {
   }
   static VkResult bind(VkDevice device, VkBuffer buffer, VkDeviceMemory handle, VkDeviceSize) {
     WrappedApi& w = *current_;
+    w.bound_[buffer] = handle;
     Memory& memory = w.memory_[handle];
     void* at = nullptr;
     // Memory that the host cannot see has no guards.
@@ -152,6 +155,13 @@ class WrappedApi {
     if (!memory.mapped) return w.inner_.MapMemory(device, handle, guard(), size, flags, at);
     *at = memory.mapped + kGuard;
     return VK_SUCCESS;
+  }
+  static void copy(VkCommandBuffer commands, VkBuffer from, VkBuffer to, std::uint32_t n,
+                   const VkBufferCopy* regions) {
+    WrappedApi& w = *current_;
+    for (std::uint32_t i = 0; i < n && w.memory_[w.bound_[from]].for_host; ++i)
+      w.uploaded += regions[i].size;
+    w.inner_.CmdCopyBuffer(commands, from, to, n, regions);
   }
   static void free(VkDevice device, VkDeviceMemory handle, const VkAllocationCallbacks* callbacks) {
     WrappedApi& w = *current_;
@@ -175,6 +185,7 @@ class WrappedApi {
   static inline WrappedApi* current_ = nullptr;
   Api inner_;
   std::map<VkDeviceMemory, Memory> memory_;
+  std::map<VkBuffer, VkDeviceMemory> bound_;
 };
 
 }  // namespace redrive::kernels::vulkan::testing

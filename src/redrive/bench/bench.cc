@@ -15,6 +15,7 @@
 #include "redrive/bench/peak.h"
 #include "redrive/bench/workload.h"
 #include "redrive/field/gaussian.h"
+#include "redrive/kernels/gaussian/gaussian_stages.h"
 #include "redrive/model/method.h"
 #include "redrive/recording/core/lidar_sensor.h"
 #include "redrive/render/renderer.h"
@@ -229,6 +230,7 @@ void time_gaussians(Runner& runner, kernels::Backend& backend, const SyntheticDr
     const LidarReturns no_lidar;
     const TrainingSet data{of.scene, of.images, no_lidar, sampler};
     StepBuffers buffers;
+    backend.gaussians().keep_targets(std::uint64_t{1} << 28);  // as training does
     runner.time(name, gaussians, {0, kRead}, [&] {
       StepRequest request = next_step(state);
       request.progress = 0.9;  // full size

@@ -35,6 +35,11 @@ inline CellWeights cells_at(int cells, float place) {
   return {first, std::min(first + 1, cells - 1), at - static_cast<float>(first)};
 }
 
+/// The position of a window in an image: its first pixel and the size of the whole image.
+struct ImagePart {
+  int x = 0, y = 0, image_width = 1, image_height = 1;
+};
+
 /// Where a row of pixels lies in its camera's whole image, whose sides are 0..1: the centres of its
 /// first pixel and of the following ones.
 struct ImageRow {

@@ -2,7 +2,6 @@
 #include "redrive/kernels/self_test.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstdio>
 #include <memory>
@@ -12,6 +11,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/kernels/backend.h"
+#include "redrive/kernels/self_test_scene.h"
 #include "redrive/optim/packed_moments.h"
 
 namespace redrive::kernels {
@@ -19,48 +19,26 @@ namespace {
 
 using Check = std::string;  // empty: right
 
-constexpr std::size_t kCount = 203;  // no multiple of a block
+constexpr float kGain = 0.9f;
 
-/// Gaussians in front of a camera, and the state of a step.
-struct Step {
-  std::vector<float> numbers, errors, gains;
+/// The state of a step.
+struct Step : SelfTestScene {
+  std::vector<float> errors = std::vector<float>(numbers.size() / kGaussianRows);
   std::vector<std::uint32_t> moments;
   std::vector<std::uint8_t> target;
-  PlainCamera camera;
-  std::array<PlainPose, 1> pose{};
   // Results:
   RasterCounts counts;
   std::vector<float> rgb, transmittance, gradients;
   double loss = 0;
 
   Step() {
-    std::mt19937 random(5);
-    const auto next = [&] { return std::ldexp(static_cast<float>(random() >> 8), -23) - 1; };
-    camera.fx = camera.fy = 60;
-    camera.cx = 34.5f;
-    camera.cy = 21;
-    camera.width = 70;
-    camera.height = 43;
-    numbers.resize(gaussian_blocks(kCount) * kBlockSize);
-    for (std::size_t i = 0; i < kCount; ++i) {
-      const auto number = [&](int row) -> float& { return numbers[gaussian_slot(i, row)]; };
-      for (int row = 0; row < kGaussianRows; ++row) number(row) = next();
-      number(kPositionRow) *= 2;
-      number(kPositionRow + 2) += 4;
-      for (int k = 0; k < 3; ++k) number(kLogScaleRow + k) -= 1.5f;
-      number(kDistanceRow) = 4;
-    }
+    std::mt19937 random(6);
     for (std::size_t i = 0; i < numbers.size(); ++i)
-      moments.push_back(pack_moments(next(), 0.75f + 0.25f * next()));
-    errors.assign(numbers.size() / kGaussianRows, 0);
-    gains.assign(3 * size().plane(), 0.9f);
+      moments.push_back(pack_moments(next(&random), 0.75f + 0.25f * next(&random)));
   }
 
-  RasterSize size() const { return raster_size(camera.width, camera.height); }
   Raster rasterise(GaussianStages& stages) {
-    return stages.rasterise(
-        {.camera = camera, .world_from_camera = pose, .image_rows = float(camera.height)},
-        {kCount, numbers}, {});
+    return stages.rasterise(view(), {kCount, numbers}, {});
   }
   /// Returns the planes without their padding.
   std::vector<float> pixels_of(const Buffer<float>& planes, std::size_t n) const {
@@ -80,7 +58,7 @@ struct Step {
         for (std::size_t c = 0; c < 3; ++c) {
           const std::size_t i =
               c * size().plane() + static_cast<std::size_t>(y * size().stride + x);
-          const float value = gains[i] * image.rgb[i];
+          const float value = kGain * image.rgb[i];
           target.push_back(static_cast<std::uint8_t>(value > 0.5f ? std::min(70 * value, 99.0f)
                                                                   : 190 + 60 * value));
         }
@@ -111,7 +89,7 @@ Check check_gradients(const Step& found, const Step& expected) {
   double worst = 0;
   for (int row = 0; row < kDistanceRow; ++row) {
     double most = 0, off = 0;
-    for (std::size_t i = 0; i < kCount; ++i) {
+    for (std::size_t i = 0; i < Step::kCount; ++i) {
       const auto a = static_cast<double>(found.gradients[gaussian_slot(i, row)]),
                  b = static_cast<double>(expected.gradients[gaussian_slot(i, row)]);
       most = std::max(most, std::fabs(b));
@@ -137,7 +115,7 @@ void run(GaussianStages& stages, Step* step, const Done& done) {
   if (step->target.empty()) step->make_target(image);
   ImageLossInput input;
   input.target = {.width = step->camera.width, .rgb = step->target};
-  input.gains = step->gains;
+  input.gains = {.colour = {kGain, kGain, kGain}};
   const ImageLossOutput loss = raster.loss(input, {.transmittance = 0.02f});
   step->loss = loss.l1 + loss.dssim + loss.transmittance;
   if (!done()) return;

@@ -165,6 +165,61 @@ TEST_F(LiveViewTest, SplatsGrowOnThreadsWhileThePageLooksAround) {
   EXPECT_GT(model.gaussians, model.first_gaussians);
 }
 
+/// The host's numbers are the device's when images are made.
+TEST_F(LiveViewTest, FetchesWhatADeviceTrains) {
+#if defined(__SANITIZE_THREAD__) || defined(__SANITIZE_ADDRESS__)
+  GTEST_SKIP() << "drivers are not built with sanitizers";
+#endif
+  std::unique_ptr<kernels::Backend> device;
+  try {
+    device = kernels::make_backend({.name = "vulkan", .threads = 1, .device = "0"});
+  } catch (const UsageError& error) {
+    GTEST_SKIP() << error.what();
+  }
+  struct Watch final : StepObserver {
+    LiveView* live = nullptr;
+    kernels::Backend* device = nullptr;
+    int looks = 0, steps = 0;
+    std::vector<float> last;
+    void between_steps(redrive::Run& run) override {
+      const auto numbers = [&] {
+        const auto span = run.state.model->parameters.span();
+        return std::vector<float>(span.begin(), span.end());
+      };
+      live->between_steps(run);
+      ++steps;
+      const std::vector<float> shown = numbers();
+      if (shown == last) return;  // nothing was fetched
+      ++looks;
+      run.state.model->fetch(*device);
+      last = numbers();
+      EXPECT_EQ(shown, last) << "step " << run.state.step;
+    }
+  };
+  TrainOptions options;
+  options.recording = "in memory";
+  options.method = "splat";
+  options.max_seconds = 0;
+  options.max_steps = 12;
+  options.set("initial.sky", 200);
+  redrive::Run alone = tiny_run(folder_.path / "alone", folder_.path, options),
+               watched = tiny_run(folder_.path / "watched", folder_.path, options);
+  std::atomic<bool> stop{false};
+  train(&alone, *device, stop);
+  LivePage page(&watched, *device, stop);
+  Watch watch;
+  watch.live = &page.live;
+  watch.device = device.get();
+  EXPECT_EQ(train(&watched, *device, stop, &watch), TrainEnd::kFinished);
+  EXPECT_GE(watch.looks, 2) << "of " << watch.steps;
+  const auto bytes = [](redrive::Run& run) {
+    run.state.seconds = run.state.window.seconds = 0;
+    return checkpoint_bytes(run.state);
+  };
+  EXPECT_EQ(bytes(watched), bytes(alone));
+  stop = true;
+}
+
 TEST_F(LiveViewTest, ServesTheLastPoses) {
   const auto lines_of = [&](const char* name, float shift_m) {
     redrive::Run run = fresh_run(name, 60);

@@ -9,6 +9,7 @@
 #include "redrive/camera/ray_share.h"
 #include "redrive/cli/backend_options.h"
 #include "redrive/cli/help.h"
+#include "redrive/kernels/gaussian/gaussian_stages.h"
 #include "redrive/perception/find_moving.h"
 #include "redrive/train/memory.h"
 #include "redrive/train/poses/pose_changes.h"
@@ -48,7 +49,13 @@ std::optional<std::uint64_t> check_run_memory(const Run& run, kernels::Backend& 
   check_memory(need, allowed, run.options);
   check_device_memory(of_device, allowed_of_device, run.options);
   std::printf("%s\n", describe_memory(need, allowed).c_str());
-  if (of_device > 0) std::printf("gpu: %s\n", memory_text(of_device, allowed_of_device).c_str());
+  if (of_device > 0) {
+    // The images, as far as there is room, with gaps between them.
+    const std::uint64_t of_images =
+        std::min(allowed_of_device - of_device, need.images + need.images / 16);
+    backend.gaussians().keep_targets(of_images);
+    std::printf("gpu: %s\n", memory_text(of_device + of_images, allowed_of_device).c_str());
+  }
   std::fflush(stdout);
   std::printf("preparing %zu images; seconds of training count from the first step\n",
               run.scene.views.size());

@@ -28,6 +28,7 @@ inline void check_rasterise(const GaussianCamera& camera, const Gaussians& gauss
   REDRIVE_CHECK(options.tiles.empty() ||
                 options.tiles.size() == size.plane() / (kTileSide * kTileSide));
   REDRIVE_CHECK(options.log_range.empty() || options.log_range.size() == size.plane());
+  REDRIVE_CHECK(options.ranged.size() <= options.log_range.size());
 }
 
 /// `camera`, `gaussians` and `options`: the forward pass's.
@@ -53,7 +54,10 @@ inline void check_rasterise_backward(const GaussianCamera& camera, const Gaussia
 inline void check_image_loss(const ImageLossInput& input, std::size_t d_rgb, std::size_t error) {
   const std::size_t plane = input.size.plane();
   REDRIVE_CHECK_OP(input.rgb.size(), ==, 3 * plane);
-  REDRIVE_CHECK_OP(input.gains.size(), ==, 3 * plane);
+  const PixelGains& gains = input.gains;
+  REDRIVE_CHECK(gains.log_shading.empty() || (gains.columns > 0 && gains.rows > 0));
+  REDRIVE_CHECK_OP(gains.log_shading.size(), ==,
+                   3 * static_cast<std::size_t>(gains.columns) * gains.rows);
   const TargetWindow& target = input.target;
   const std::size_t pixels = target.rgb.size() / 3;
   REDRIVE_CHECK(target.x >= 0 && target.y >= 0 && target.x + input.size.width <= target.width);

@@ -111,13 +111,15 @@ struct RasterImage {
 struct RasterOptions {
   float background[3] = {0, 0, 0};
   bool depth = false;
-  bool parts = false;  ///< at most 65535 of them; a GPU leaves such an image to the processor
+  bool parts = false;  ///< at most 65535 of them
   /// Tiles of 16 x 16 pixels, row by row, that are wanted; empty: all. The others have the pixels
   /// of earlier images.
   std::span<const std::uint8_t> tiles;
   /// Plane of logarithms of measured ranges (log metres); kNoRange where there is none. Empty: no
   /// ranges.
   std::span<const float> log_range;
+  /// Indices of the pixels that have a range, once each; empty: any may have one.
+  std::span<const std::uint32_t> ranged;
 };
 constexpr float kNoRange = -1e3f;
 
@@ -142,6 +144,18 @@ struct TargetWindow {
   /// Colour over which transparent pixels are rendered, minus the colour with which they have been
   /// blended.
   float background_change[3] = {0, 0, 0};
+  /// Not 0: a set of images, of which this is image `index`. No other images are in it, so that a
+  /// device may keep its copy of them until it meets another set (GaussianStages::keep_targets).
+  std::uint64_t set = 0;
+  int index = 0;
+};
+
+/// Factors of an image's colours by pixel: exposure times shading (field/shading.h).
+struct PixelGains {
+  float colour[3] = {1, 1, 1};
+  /// Shading's parameters [3, rows, columns] in cells of the target's whole image; empty: 1.
+  int columns = 0, rows = 0;
+  std::span<const float> log_shading;
 };
 
 /// A rendered image and its ground truth.
@@ -149,7 +163,7 @@ struct ImageLossInput {
   RasterSize size;
   std::span<const float> rgb;  ///< 3 planes
   TargetWindow target;
-  std::span<const float> gains;  ///< 3 planes, factors of rgb: exposure and shading
+  PixelGains gains;  ///< factors of rgb
   float l1_weight = 0.8f, ssim_weight = 0.2f;
 };
 /// Sums over a patch's pixels that are neither masked nor, in the channel, saturated in the target.
@@ -306,6 +320,9 @@ class GaussianStages {
   virtual std::uint64_t training_bytes(std::size_t /*n*/, std::size_t /*pixels*/) const {
     return 0;
   }
+  /// Allows so many bytes of a device's memory, 0 at first, for images of a TargetWindow::set.
+  /// Those that do not fit are copied to the device whenever they are a target.
+  virtual void keep_targets(std::uint64_t /*bytes*/) {}
   /// Frees the memory of rasters that have ended; the next rasterise() allocates it again.
   virtual void release() = 0;
 };

@@ -4,7 +4,7 @@
 
 #include <algorithm>
 
-#include "redrive/kernels/gaussian/gaussian_stages.h"
+#include "redrive/kernels/gaussian/pixel_gains.h"
 
 namespace redrive::kernels {
 
@@ -27,10 +27,10 @@ struct TargetSums {
   }
 };
 
-/// Writes row y of the target's three planes and of its mask, 0 in the padding. Adds to the row's
-/// patches.
+/// Writes row y of the target's three planes and of its mask, 0 in the padding, and of the planes
+/// of gains. Adds to the row's patches.
 inline TargetSums convert_target_row(const ImageLossInput& input, int y, float* target, float* mask,
-                                     PatchBrightness* patches) {
+                                     float* gains, PatchBrightness* patches) {
   const TargetWindow& from = input.target;
   const std::size_t plane = input.size.plane(),
                     row = static_cast<std::size_t>(y) * input.size.stride,
@@ -50,6 +50,8 @@ inline TargetSums convert_target_row(const ImageLossInput& input, int y, float* 
   }
   for (int c = 0; c < 3; ++c) {
     const std::size_t at = c * plane + row;
+    write_gains(input.gains, part_of(from), y, c,
+                {gains + at, static_cast<std::size_t>(input.size.stride)});
     float sum = 0, squares = 0;
     for (int first_x = 0; first_x < input.size.stride; first_x += kPatchSide) {
       float pixels = 0, bright = 0, rendered = 0;
@@ -59,7 +61,7 @@ inline TargetSums convert_target_row(const ImageLossInput& input, int y, float* 
         squares += t * t;
         pixels += counts;
         bright += counts * t;
-        rendered += counts * input.gains[at + x] * input.rgb[at + x];
+        rendered += counts * gains[at + x] * input.rgb[at + x];
       }
       PatchBrightness& patch = patches[first_x / kPatchSide];
       patch.pixels[c] += pixels;

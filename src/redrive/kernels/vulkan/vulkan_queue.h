@@ -31,6 +31,8 @@ class Queue {
   /// Makes `buffer` hold at least `bytes`. Where it grows, what is recorded runs first, and its
   /// contents are lost.
   void grow(DeviceBuffer* buffer, std::size_t bytes);
+  /// Makes a buffer that never grows.
+  DeviceBuffer allocate(std::size_t bytes) { return device_.allocate(bytes); }
 
   // ---- Recording. Commands run in their order; each sees what those before it have written.
   void dispatch(const Shader& shader, std::span<const std::uint32_t> constants,

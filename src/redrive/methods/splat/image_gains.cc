@@ -58,33 +58,18 @@ ExposureGaps ExposureTimes::gaps(const Exposure& at) const {
           later == times.end() ? kEver : *later - at.t_s};
 }
 
-void ImageGains::write_row(std::span<const float> parameters, const Exposure& exposure,
-                           const ImagePart& part, int y, int c, std::span<float> row) const {
-  const float step = 1.0f / static_cast<float>(part.image_width);
-  std::ranges::fill(row, colour_gains(appearance, parameters.data(), exposure)[c]);
-  apply_shading(shading, parameters.subspan(appearance.size()), exposure.camera, c,
-                {(static_cast<float>(part.y + y) + 0.5f) / static_cast<float>(part.image_height),
-                 (static_cast<float>(part.x) + 0.5f) * step, step},
-                row);
-}
-
-void ImageGains::write_planes(std::span<const float> parameters, const Exposure& exposure,
-                              const kernels::RasterSize& size, const ImagePart& part,
-                              std::span<float> planes, ThreadPool* pool) const {
+kernels::PixelGains ImageGains::of(std::span<const float> parameters,
+                                   const Exposure& exposure) const {
   REDRIVE_CHECK_OP(parameters.size(), ==, this->size());
-  REDRIVE_CHECK_OP(planes.size(), ==, 3 * size.plane());
-  constexpr std::size_t kRowsPerRange = 32;
-  const auto stride = static_cast<std::size_t>(size.stride),
-             rows = static_cast<std::size_t>(size.rows);
-  const auto write_rows = [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i)  // planes follow each other without a gap
-      write_row(parameters, exposure, part, static_cast<int>(i % rows), static_cast<int>(i / rows),
-                planes.subspan(i * stride, stride));
-  };
-  if (pool)
-    pool->run_ranges(3 * rows, kRowsPerRange, write_rows);
-  else
-    write_rows(0, 3 * rows);
+  kernels::PixelGains gains;
+  std::ranges::copy(colour_gains(appearance, parameters.data(), exposure), gains.colour);
+  if (exposure.camera < 0 || shading.size() == 0) return gains;
+  const std::size_t of_camera = 3 * shading.cells();
+  gains.columns = shading.columns;
+  gains.rows = shading.rows;
+  gains.log_shading =
+      parameters.subspan(appearance.size() + of_camera * exposure.camera, of_camera);
+  return gains;
 }
 
 void ImageGains::add_changes(std::span<const float> parameters, const Exposure& exposure,

@@ -8,18 +8,12 @@
 #include <span>
 #include <vector>
 
-#include "redrive/base/parallel.h"
 #include "redrive/field/appearance.h"
 #include "redrive/field/shading.h"
 #include "redrive/kernels/gaussian/gaussian_stages.h"
 #include "redrive/scene/scene.h"
 
 namespace redrive {
-
-/// The position of a window in an image: its first pixel and the size of the whole image.
-struct ImagePart {
-  int x = 0, y = 0, image_width = 1, image_height = 1;
-};
 
 /// Time between an image and the nearest other training images of its camera, before and after,
 /// seconds; infinite where there are none. Exposures between two training images are interpolated.
@@ -48,15 +42,8 @@ struct ImageGains {
 
   std::size_t size() const { return appearance.size() + shading.size(); }
 
-  /// Writes the gains of channel c along row y of the part, from its first pixel on. Pixels beyond
-  /// the image have finite values.
-  void write_row(std::span<const float> parameters, const Exposure& exposure, const ImagePart& part,
-                 int y, int c, std::span<float> row) const;
-  /// Writes the gains of each pixel, 3 planes of `size`. The padding has finite values. pool: null:
-  /// one thread.
-  void write_planes(std::span<const float> parameters, const Exposure& exposure,
-                    const kernels::RasterSize& size, const ImagePart& part, std::span<float> planes,
-                    ThreadPool* pool = nullptr) const;
+  /// Returns the gains of an image, which refer to `parameters`.
+  kernels::PixelGains of(std::span<const float> parameters, const Exposure& exposure) const;
 
   /// Adds an image's changes, laid out as the parameters. patches: patches of the window's loss
   /// with the gains of `parameters`; decay: 0..1, factor of the shading's rates, so that it

@@ -9,6 +9,7 @@
 #include "redrive/base/progress.h"
 #include "redrive/base/rng.h"
 #include "redrive/camera/plain_camera.h"
+#include "redrive/kernels/gaussian/pixel_gains.h"
 #include "redrive/methods/splat/actors/actor_gaussians.h"
 #include "redrive/methods/splat/gaussian_points.h"
 #include "redrive/methods/splat/image_windows.h"
@@ -42,7 +43,11 @@ struct SplatBuffers final : MethodBuffers {
     int rank = 0, world_size = 0;
     std::int64_t first = 0, end = 0;
   } plan;
-  std::vector<float> gains, log_range;
+  /// Not 0: the images of targets_level (TargetWindow::set).
+  std::uint64_t targets = 0;
+  int targets_level = -1;
+  std::vector<float> log_range;       ///< kNoRange but at `ranged`
+  std::vector<std::uint32_t> ranged;  ///< pixels
   std::vector<std::uint8_t> tiles;
   ScanBuffers scan;
 };
@@ -264,6 +269,10 @@ StepOutput SplatModel::step(kernels::Backend& backend, const TrainingSet& data,
   const std::size_t first = all ? 0 : drawn_window(request.seed, drawn, n),
                     end = all ? n : first + 1;
   if (!all) plan_images(data, request, at_level, &own);
+  if (!all && own.targets_level != at_level) {
+    own.targets_level = at_level;
+    own.targets = new_version();
+  }
   if (range_weight > 0 && data.lidar.n > 0) {
     constexpr int kAhead = 16;  // steps
     std::vector<const ImageWindow*> coming;
@@ -303,8 +312,9 @@ int SplatModel::set_ranges(const TrainingSet& data, const WindowStep& step, Thre
   if (range_weight == 0 || data.lidar.n == 0) return 0;
   SplatBuffers& own = static_cast<SplatBuffers&>(*buffers);
   const kernels::RasterSize size = kernels::raster_size(step.window.width, step.window.height);
-  own.log_range.assign(size.plane(), kernels::kNoRange);
-  int n = 0;
+  for (const std::uint32_t i : own.ranged) own.log_range[i] = kernels::kNoRange;
+  own.ranged.clear();
+  own.log_range.resize(size.plane(), kernels::kNoRange);
   const View& view = data.scene.views[step.window.view];
   for (const RangePixel& p : range_pixels(data.scene, view, *own.shown[step.window.view], pool)) {
     const int x = p.x / step.factor - step.window.x, y = p.y / step.factor - step.window.y;
@@ -317,9 +327,9 @@ int SplatModel::set_ranges(const TrainingSet& data, const WindowStep& step, Thre
     const std::size_t i = static_cast<std::size_t>(y) * size.stride + static_cast<std::size_t>(x);
     if (own.log_range[i] != kernels::kNoRange) continue;  // a pixel takes one return
     own.log_range[i] = p.log_range;
-    ++n;
+    own.ranged.push_back(static_cast<std::uint32_t>(i));
   }
-  return n;
+  return static_cast<int>(own.ranged.size());
 }
 
 void SplatModel::step_window(kernels::Backend& backend, const TrainingSet& data,
@@ -339,7 +349,10 @@ void SplatModel::step_window(kernels::Backend& backend, const TrainingSet& data,
   options.tiles = own.tiles;
   std::ranges::copy(step.colour, options.background);
   const int returns = set_ranges(data, step, backend.pool(), &own);
-  if (returns > 0) options.log_range = own.log_range;
+  if (returns > 0) {
+    options.log_range = own.log_range;
+    options.ranged = own.ranged;
+  }
   kernels::Raster raster = stages.rasterise(camera, all(), options);
 
   const kernels::RasterSize size = kernels::raster_size(window.width, window.height);
@@ -349,7 +362,9 @@ void SplatModel::step_window(kernels::Backend& backend, const TrainingSet& data,
                   .y = window.y,
                   .rgb = image.rgb,
                   .alpha = image.alpha,
-                  .used = image.used};
+                  .used = image.used,
+                  .set = request.pixels > 0 ? 0 : own.targets,
+                  .index = window.view};
   const std::array<float, 3> of_scene = background_colour(data.scene.background);
   for (int c = 0; !image.alpha.empty() && c < 3; ++c)
     input.target.background_change[c] = step.colour[c] - of_scene[c];
@@ -357,9 +372,7 @@ void SplatModel::step_window(kernels::Backend& backend, const TrainingSet& data,
   input.ssim_weight = ssim_weight;
   const Exposure exposure = data.scene.exposure(view);
   const ImagePart part{window.x, window.y, step.whole.width, step.whole.height};
-  own.gains.resize(3 * size.plane());
-  gains.write_planes(gain_parameters(), exposure, size, part, own.gains, &backend.pool());
-  input.gains = own.gains;
+  input.gains = gains.of(gain_parameters(), exposure);
   kernels::PixelWeights weights;
   if (data.scene.background == Background::kNone) weights.transmittance = opacity_weight;
   if (returns > 0) weights.range = range_weight / static_cast<float>(returns);
@@ -440,11 +453,11 @@ void SplatModel::render_to(kernels::Backend& backend, const RayTable& rays,
   constexpr std::size_t kRowsPerRange = 16;
   backend.pool().run_ranges(rays.height, kRowsPerRange, [&](std::size_t begin, std::size_t end) {
     std::vector<float> row_gains(3 * static_cast<std::size_t>(rays.width));
+    const kernels::PixelGains of_image = gains.of(gain_parameters(), exposure);
     for (std::size_t y = begin; y < end; ++y) {
       for (int c = 0; c < 3; ++c)
-        gains.write_row(gain_parameters(), exposure, {0, 0, rays.width, rays.height},
-                        static_cast<int>(y), c,
-                        std::span(row_gains).subspan(c * std::size_t(rays.width), rays.width));
+        kernels::write_gains(of_image, {0, 0, rays.width, rays.height}, static_cast<int>(y), c,
+                             std::span(row_gains).subspan(c * std::size_t(rays.width), rays.width));
       write_image_row(from, row_gains, rays, y, image);
       for (int x = 0; image->labelled && x < rays.width; ++x) {
         const std::uint16_t part = from.parts[y * from.size.stride + x];

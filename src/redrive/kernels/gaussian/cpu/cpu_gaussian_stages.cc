@@ -39,12 +39,13 @@ class CpuGaussianStages final : public GaussianStages {
                       across = input.size.stride / kPatchSide;
     float* const target = grown(&target_, 3 * plane);
     float* const mask = grown(&mask_, plane);
+    float* const gains = grown(&gains_, 3 * plane);
     std::vector<TargetSums> targets(rows);
     ImageLossOutput out;
     out.patches.resize(plane / (kPatchSide * kPatchSide));
     pool_.run_ranges(rows, kPatchSide, [&](std::size_t begin, std::size_t end) {
       for (std::size_t y = begin; y < end; ++y)
-        targets[y] = convert_target_row(input, static_cast<int>(y), target, mask,
+        targets[y] = convert_target_row(input, static_cast<int>(y), target, mask, gains,
                                         &out.patches[begin / kPatchSide * across]);
     });
     TargetSums all;
@@ -58,7 +59,7 @@ class CpuGaussianStages final : public GaussianStages {
     job.rgb = input.rgb.data();
     job.target = target;
     job.mask = mask;
-    job.gains = input.gains.data();
+    job.gains = gains;
     job.l1_scale = static_cast<float>(input.l1_weight / std::max(count, 1.0));
     job.ssim_scale = static_cast<float>(input.ssim_weight / std::max(count, 1.0));
     job.taps = taps_.data();
@@ -107,7 +108,7 @@ class CpuGaussianStages final : public GaussianStages {
   ThreadPool& pool_;
   RasterArena arena_;
   std::array<float, kSsimTaps> taps_;
-  Buffer<float> target_, mask_, masked_, moments_, slopes_;
+  Buffer<float> target_, mask_, gains_, masked_, moments_, slopes_;
 };
 
 }  // namespace

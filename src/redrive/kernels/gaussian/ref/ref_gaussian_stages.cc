@@ -281,12 +281,12 @@ class RefGaussianStages final : public GaussianStages {
     const auto at = [&](int x, int y) {
       return static_cast<std::size_t>(y) * stride + static_cast<std::size_t>(x);
     };
-    std::vector<float> targets(3 * plane), masks(plane);
+    std::vector<float> targets(3 * plane), gains(3 * plane), masks(plane);
     ImageLossOutput out;
     out.patches.resize(plane / (kPatchSide * kPatchSide));
     TargetSums all;
     for (int y = 0; y < height; ++y)
-      all.add(convert_target_row(input, y, targets.data(), masks.data(),
+      all.add(convert_target_row(input, y, targets.data(), masks.data(), gains.data(),
                                  &out.patches[y / kPatchSide * (stride / kPatchSide)]));
     const double count = std::max(3 * all.pixels, 1.0);
     std::vector<double> d(3 * plane), image(3 * plane), target(3 * plane);
@@ -298,7 +298,7 @@ class RefGaussianStages final : public GaussianStages {
         double of_pixel = 0;
         for (int c = 0; c < 3; ++c) {
           const std::size_t k = c * plane + i;
-          image[k] = mask * static_cast<double>(input.gains[k]) * static_cast<double>(input.rgb[k]);
+          image[k] = mask * static_cast<double>(gains[k]) * static_cast<double>(input.rgb[k]);
           target[k] = mask * static_cast<double>(targets[k]);
           const double off = image[k] - target[k];
           d[k] = static_cast<double>(input.l1_weight) / count * mask * ((off > 0) - (off < 0));
@@ -333,7 +333,7 @@ class RefGaussianStages final : public GaussianStages {
     for (int c = 0; c < 3; ++c)
       for (std::size_t i = 0; i < plane; ++i) {
         const std::size_t k = c * plane + i;
-        d_rgb[k] = static_cast<float>(d[k] * static_cast<double>(input.gains[k]));
+        d_rgb[k] = static_cast<float>(d[k] * static_cast<double>(gains[k]));
       }
     all.finish(&out);
     return out;

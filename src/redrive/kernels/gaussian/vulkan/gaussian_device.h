@@ -10,6 +10,7 @@
 
 #include "redrive/base/parallel.h"
 #include "redrive/kernels/gaussian/gaussian_stages.h"
+#include "redrive/kernels/gaussian/vulkan/kept_targets.h"
 #include "redrive/kernels/vulkan/vulkan_queue.h"
 
 namespace redrive::kernels::vulkan {
@@ -55,7 +56,7 @@ struct Dispatches {
 
 class GaussianDevice {
  public:
-  GaussianDevice(Queue* queue, ThreadPool* pool) : queue_(*queue), pool_(*pool) {}
+  GaussianDevice(Queue* queue, ThreadPool* pool) : targets(queue), queue_(*queue), pool_(*pool) {}
 
   Queue& queue() { return queue_; }
   ThreadPool& pool() { return pool_; }
@@ -86,6 +87,7 @@ class GaussianDevice {
   void apply(const GaussianUpdate& update, std::size_t n, const DeviceBuffer* drawn,
              const DeviceBuffer* control);
 
+  KeptTargets targets;
   /// Working memory, of any contents.
   DeviceBuffer keys[2], ids[2], first, counts, block_sums, tile_keys[2], slots, pair_sums, sums,
       gradients, errors, pose_sums;

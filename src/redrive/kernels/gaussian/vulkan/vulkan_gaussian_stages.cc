@@ -1,10 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/kernels/gaussian/vulkan/vulkan_gaussian_stages.h"
 
-#include "redrive/base/cpu_features.h"
-#include "redrive/base/error.h"
 #include "redrive/kernels/gaussian/check_gaussian_sizes.h"
-#include "redrive/kernels/gaussian/cpu/cpu_gaussian_stages.h"
 #include "redrive/kernels/gaussian/vulkan/gaussian_device.h"
 #include "redrive/kernels/gaussian/vulkan/vulkan_loss.h"
 #include "redrive/kernels/gaussian/vulkan/vulkan_raster.h"
@@ -20,7 +17,6 @@ class VulkanGaussianStages final : public GaussianStages {
 
   Raster rasterise(const GaussianCamera& camera, const Gaussians& gaussians,
                    const RasterOptions& options) override {
-    if (options.parts) return on_processor(camera, gaussians, options);
     auto raster = arena_.take<vulkan::VulkanRaster>(
         [this] { return std::make_unique<vulkan::VulkanRaster>(&shared_); });
     raster->forward(camera, gaussians, options);
@@ -57,27 +53,16 @@ class VulkanGaussianStages final : public GaussianStages {
   std::uint64_t training_bytes(std::size_t n, std::size_t pixels) const override {
     return vulkan::VulkanRaster::training_bytes(n, pixels);
   }
+  void keep_targets(std::uint64_t bytes) override { shared_.targets.allow(bytes); }
   /// Passes have none of the host's memory but their images, and are used again at once.
   void release() override {}
 
  private:
-  Raster on_processor(const GaussianCamera& camera, const Gaussians& gaussians,
-                      const RasterOptions& options) {
-    const auto isa = best_isa();
-    if (!isa)
-      throw UsageError("--backend", "vulkan",
-                       "leaves the ids of objects to the processor, which needs AVX2 for them");
-    if (!host_) host_ = make_cpu_gaussian_stages(*isa, &shared_.pool());
-    fetch();
-    return host_->rasterise(camera, gaussians, options);
-  }
-
   vulkan::Queue& queue_;
   vulkan::GaussianDevice shared_;
   vulkan::VulkanLoss loss_;
   vulkan::DeviceBuffer rgb_, d_rgb_, error_;
   RasterArena arena_;
-  std::unique_ptr<GaussianStages> host_;  ///< null until an image's parts are asked for
 };
 
 }  // namespace

@@ -24,6 +24,10 @@ class VulkanLoss {
   ImageLossOutput result();
 
  private:
+  struct Parameters;
+  /// Sends target and gains, and sets what the parameters say of them.
+  void send(const ImageLossInput& input, Parameters* parameters);
+
   GaussianDevice& shared_;
   DeviceBuffer parameters_, gains_, target_, alpha_, used_, slopes_, sums_, patches_;
   std::vector<float> tile_sums_;

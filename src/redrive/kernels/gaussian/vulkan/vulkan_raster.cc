@@ -96,11 +96,29 @@ void VulkanRaster::forward(const GaussianCamera& camera, const Gaussians& gaussi
   allocate();
   if (numbers_ == &own_numbers_)
     queue.upload(own_numbers_, 0, gaussians.numbers.data(), gaussians.numbers.size_bytes());
-  if (has_ranges())
-    queue.upload(log_range_, 0, options_.log_range.data(), options_.log_range.size_bytes());
+  if (has_ranges()) upload_ranges();
   write_inputs();
   record_forward();
   complete_ = on_host_ = false;
+}
+
+void VulkanRaster::upload_ranges() {
+  Queue& queue = shared_.queue();
+  const std::span<const float> all = options_.log_range;
+  if (options_.ranged.empty()) {
+    queue.upload(log_range_, 0, all.data(), all.size_bytes());
+    return;
+  }
+  std::vector<std::uint32_t> words;
+  for (const std::uint32_t pixel : options_.ranged) {
+    words.push_back(pixel);
+    words.push_back(std::bit_cast<std::uint32_t>(all[pixel]));
+  }
+  grow_for<std::uint32_t>(queue, &ranged_, words.size());
+  queue.upload(ranged_, 0, words.data(), words.size() * kWord);
+  queue.fill(log_range_, all.size_bytes(), std::bit_cast<std::uint32_t>(kNoRange));
+  const auto n = static_cast<std::uint32_t>(options_.ranged.size());
+  shared_.run("ranged", Push(log_range_, ranged_, n), (n + 255) / 256);
 }
 
 void VulkanRaster::allocate() {
@@ -129,6 +147,10 @@ void VulkanRaster::allocate() {
   plane_of(&transmittance_, 1);
   plane_of(&depth_, 1);
   plane_of(&last_, 1);
+  if (options_.parts) {
+    plane_of(&shown_, 1);
+    queue.grow(&extents_, camera_.parts.size() * sizeof(PartExtent));
+  }
   if (!has_ranges()) return;
   plane_of(&range_error_, 1);
   plane_of(&log_range_, 1);
@@ -139,8 +161,9 @@ std::uint64_t VulkanRaster::training_bytes(std::size_t n, std::size_t pixels) {
   constexpr std::uint64_t kPerGaussian = kRecordBytes + kSumFloats * kWord +
                                          (3 * kGaussianRows + 2 + 7) * kWord,
                           kPerPair = kSumFloats * kWord + 6 * kWord + kWord / 4;
-  // Images with ranges, and of VulkanLoss a target's window with the pixels beside it.
-  constexpr std::uint64_t kPerPixel = (8 + 6 + 12) * kWord + 2 * (3 + 1 + 1);
+  // Images with ranges, which most pixels may have, and of VulkanLoss slopes and a target's window
+  // with the pixels beside it.
+  constexpr std::uint64_t kPerPixel = (8 + 6 + 2 + 9) * kWord + 2 * (3 + 1 + 1);
   // 1.5 pairs a Gaussian were counted in windows of drives; a first image may have more.
   const std::uint64_t pairs = std::max<std::uint64_t>(2 * n, kFewestPairs),
                       bytes = kPerGaussian * n + kPerPair * pairs + kPerPixel * pixels;
@@ -273,6 +296,29 @@ void VulkanRaster::record_forward() {
   record_pairs();
   shared_.run("tile_forward", Push(inputs_, slots_), tiles, {has_centres(), has_ranges()});
   queue.stamp("forward");
+  if (options_.parts) record_parts();
+}
+
+void VulkanRaster::record_parts() {
+  Queue& queue = shared_.queue();
+  const std::vector<PartExtent> none(camera_.parts.size());
+  queue.upload(extents_, 0, none.data(), none.size() * sizeof(PartExtent));
+  shared_.run("tile_parts", Push(inputs_, slots_, shown_, extents_),
+              size_.plane() / (kTileSide * kTileSide), {has_centres()});
+  queue.stamp("parts");
+}
+
+void VulkanRaster::fetch_parts() {
+  Queue& queue = shared_.queue();
+  const std::size_t plane = size_.plane();
+  std::vector<std::uint32_t> shown(plane);
+  image_.extents.resize(camera_.parts.size());
+  queue.download(shown_, 0, shown.data(), plane * kWord);
+  queue.download(extents_, 0, image_.extents.data(), image_.extents.size() * sizeof(PartExtent));
+  queue.finish();
+  if (image_.parts.size() < plane) image_.parts = Buffer<std::uint16_t>(plane);
+  std::ranges::transform(shown, image_.parts.data(),
+                         [](std::uint32_t part) { return static_cast<std::uint16_t>(part); });
 }
 
 bool VulkanRaster::overflowed() {
@@ -312,6 +358,7 @@ const RasterImage& VulkanRaster::image() {
   fetch(transmittance_, 1, &image_.transmittance);
   if (options_.depth) fetch(depth_, 1, &image_.depth);
   if (has_ranges()) fetch(range_error_, 1, &image_.range_error);
+  if (options_.parts) fetch_parts();
   shared_.queue().finish();
   on_host_ = true;
   return image_;

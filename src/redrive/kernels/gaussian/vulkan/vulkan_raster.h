@@ -33,9 +33,12 @@ class VulkanRaster final : public RasterPass {
   /// Sets the blocks of inputs_ that the parameters point into.
   void write_inputs();
   void allocate();
+  void upload_ranges();
   void record_forward();
   void record_depth_order();
   void record_pairs();
+  void record_parts();
+  void fetch_parts();
   /// Runs what is recorded, and the forward pass again as long as there were too many pairs.
   void complete();
   /// Whether the forward pass has to run again.
@@ -57,8 +60,8 @@ class VulkanRaster final : public RasterPass {
   std::size_t max_pairs_ = 0, parts_ = 0;
   const DeviceBuffer* numbers_ = nullptr;
   DeviceBuffer own_numbers_, inputs_, control_, records_, depth_key_, drawn_, pair_gaussian_,
-      pair_blocks_, slots_, ranges_, rgb_, transmittance_, depth_, range_error_, log_range_, last_,
-      d_rgb_, d_transmittance_, error_, d_range_;
+      pair_blocks_, slots_, ranges_, rgb_, transmittance_, depth_, range_error_, log_range_,
+      ranged_, last_, d_rgb_, d_transmittance_, error_, d_range_, shown_, extents_;
   std::uint32_t control_words_[4] = {};
   bool complete_ = false, on_host_ = false;
 };

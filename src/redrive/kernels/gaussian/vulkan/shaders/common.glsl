@@ -54,6 +54,14 @@ uint slot_of(uint gaussian) {
   return gaussian / 16u * uint(kBlockSize) + gaussian % 16u;
 }
 
+// Returns the last part that begins before the Gaussian's block.
+uint part_of(Params p, uint gaussian) {
+  uint part = 0u;
+  for (uint step = 1u << 15; step > 0u; step >>= 1)
+    if (part + step < p.n_parts && p.parts.v[2u * (part + step)] <= gaussian / 16u) part += step;
+  return part;
+}
+
 // A tile's 256 pixels are 8 blocks of 8 x 4; lane t has pixel t % 32 of block t / 32.
 uvec2 pixel_in_tile(uint t) {
   return uvec2((t & 7u) | ((t >> 5) & 1u) << 3, ((t >> 3) & 3u) | (t >> 6) << 2);

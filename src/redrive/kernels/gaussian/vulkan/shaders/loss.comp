@@ -7,15 +7,18 @@
 #include "common.glsl"
 #include "ssim.glsl"
 layout(local_size_x = 256) in;
-// LossParameters of vulkan_loss.cc has the same layout.
+// VulkanLoss::Parameters has the same layout.
 layout(buffer_reference, std430, buffer_reference_align = 16) buffer Loss {
-  Floats rgb, gains, transmittance, range_error, log_range;
-  Words target, alpha, used;  // bytes of the window's rows, of the whole width
+  Floats rgb, gains;  // gains: [3, gain_rows, gain_columns] in cells of the whole image
+  Floats transmittance, range_error, log_range;
+  Words target, alpha, used;  // bytes of rows of the whole width, from first_row on
   Floats slopes;              // 9 planes
   Floats d_rgb, d_transmittance, error, d_range;
   Floats sums, patches;  // [tiles, 16] by SumOfTile; [patches, 9]: pixels, target, rendered
-  uint width, height, stride, rows, tiles_x, target_width, target_x;
+  uint width, height, stride, rows, tiles_x, target_width, target_x, target_y, first_row;
   uint has_alpha, has_used, has_pixels, has_ranges;  // has_pixels: transmittance counts
+  uint gain_columns, gain_rows;
+  float cells_by_x, cells_by_y;
   float l1_scale, ssim_scale, transmittance_each, range_each;
   float background_change[3];
 };
@@ -36,13 +39,27 @@ shared float s_z[kSide * kSide];
 shared float s_m[kMoments * kColumns];
 
 uint byte_of(Words w, uint i) { return w.v[i >> 2] >> (8u * (i & 3u)) & 255u; }
-uint target_pixel(uint x, uint y) { return y * p.target_width + p.target_x + x; }
+uint target_pixel(uint x, uint y) {
+  return (p.target_y - p.first_row + y) * p.target_width + p.target_x + x;
+}
 float mask_at(uint x, uint y) {
   return p.has_used != 0u ? float(min(byte_of(p.used, target_pixel(x, y)), 1u)) : 1.0;
 }
+// field/shading.h: bilinear between the centres of cells, constant beyond the outermost.
+float gain_at(uint c, uint x, uint y) {
+  const uvec2 cells = uvec2(p.gain_columns, p.gain_rows);
+  const vec2 pixel = vec2(p.target_x + x, p.target_y + y) + 0.5;
+  const vec2 at =
+      clamp(pixel * vec2(p.cells_by_x, p.cells_by_y) - 0.5, vec2(0), vec2(cells - 1u));
+  const uvec2 a = uvec2(at), b = min(a + 1u, cells - 1u);
+  const vec2 w = at - vec2(a);
+  const uint above = (c * cells.y + a.y) * cells.x, below = (c * cells.y + b.y) * cells.x;
+  return mix(mix(p.gains.v[above + a.x], p.gains.v[above + b.x], w.x),
+             mix(p.gains.v[below + a.x], p.gains.v[below + b.x], w.x), w.y);
+}
 float image_at(uint c, uint x, uint y) {
   const uint at = (c * p.rows + y) * p.stride + x;
-  return p.rgb.v[at] * p.gains.v[at] * mask_at(x, y);
+  return p.rgb.v[at] * gain_at(c, x, y) * mask_at(x, y);
 }
 float target_at(uint c, uint x, uint y) {
   const uint at = target_pixel(x, y);
@@ -162,7 +179,7 @@ void main() {
       const float u = image_at(c, x, y), v = target_at(c, x, y), off = u - v;
       d = (float(off > 0.0) - float(off < 0.0)) * p.l1_scale * mask +
           (m[0] + 2.0 * u * m[1] + v * m[2]) * mask;
-      d *= p.gains.v[c * plane + at];
+      d *= gain_at(c, x, y);
       absolute += abs(off);
     }
     p.d_rgb.v[c * plane + at] = d;

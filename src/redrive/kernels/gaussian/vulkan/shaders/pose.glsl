@@ -32,9 +32,7 @@ Pose pose_at(Params p, uint part, float line) {
 // Returns whether the Gaussian is seen. A Gaussian's row depends on the pose, which depends on the
 // row: three projections. rows: its position.
 bool pose_of(Params p, PlainCamera c, uint gaussian, float rows[kGaussianRows], out Pose pose) {
-  uint part = 0u;  // the last one that begins before the Gaussian's block
-  for (uint step = 1u << 15; step > 0u; step >>= 1)
-    if (part + step < p.n_parts && p.parts.v[2u * (part + step)] <= gaussian / 16u) part += step;
+  const uint part = part_of(p, gaussian);
   if (p.parts.v[2u * part + 1u] == 0u) return false;
   float mean[2], line = p.first_line;
   bool visible = true, seen = true;
