@@ -9,7 +9,7 @@
 #include "redrive/base/error.h"
 #include "redrive/base/files/files.h"
 #include "redrive/methods/splat/splat_model.h"
-#include "redrive/train/train_testing.h"
+#include "redrive/train/distributed/data_parallel_testing.h"
 #include "tests/vulkan/wrapped_api.h"
 
 namespace redrive {
@@ -131,6 +131,47 @@ TEST_F(VulkanRuns, GoOnAndRenderOnTheOtherBackend) {
       ASSERT_NEAR(on_gpu.rgb[k], on_cpu.rgb[k], 2e-3) << "rendered on the other backend";
       ASSERT_NEAR(on_cpu.rgb[k], expected.rgb[k], 0.05) << "trained on the other backend";
     }
+  }
+}
+
+/// Two processes, which are threads here, each with a device or a processor.
+TEST_F(VulkanRuns, RanksTrainTogether) {
+  const auto trained = [&](const std::string& name, bool first_on_gpu, bool second_on_gpu) {
+    std::vector<redrive::Run> runs;
+    for (const char* rank : {"0", "1"}) runs.push_back(splat_run(name + rank, 12));
+    run_processes(2, [&](int rank, ProcessGroup& processes) {
+      redrive::Run& run = runs[static_cast<std::size_t>(rank)];
+      ThreadPool pool(1);
+      const auto backend =
+          (rank == 0 ? first_on_gpu : second_on_gpu) ? gpu() : processor_backend(1);
+      const TrainingData data = load_training_data(run, pool);
+      const std::atomic<bool> never{false};
+      train(&run, data, *backend, never, nullptr, &processes);
+    });
+    return runs;
+  };
+  const std::vector<redrive::Run> gpus = trained("gpus", true, true),
+                                  processors = trained("processors", false, false);
+  const auto numbers = [](const redrive::Run& run) {
+    const auto span = run.state.model->parameters.span();
+    return std::vector<float>(span.begin(), span.end());
+  };
+  EXPECT_EQ(numbers(gpus[0]), numbers(gpus[1]));
+  EXPECT_NE(numbers(gpus[0]), numbers(processors[0]));
+  const RayTable rays = make_ray_table(gpus[0].scene.rig[0].camera);
+  const auto image = [&](const redrive::Run& run) {
+    run.state.model->freeze();
+    return run.state.model->render(*backend_, rays, run.scene.shutter_poses(run.scene.views[0]),
+                                   run.scene.exposure(run.scene.views[0]));
+  };
+  const RenderedImage on_gpus = image(gpus[0]), on_processors = image(processors[0]);
+  for (std::size_t k = 0; k < on_gpus.rgb.size(); ++k)
+    ASSERT_NEAR(on_gpus.rgb[k], on_processors.rgb[k], 0.05);
+  try {
+    trained("mixed", true, false);
+    ADD_FAILURE() << "ranks on a GPU and on a processor drift apart";
+  } catch (const UsageError& error) {
+    EXPECT_THAT(error.what(), ::testing::HasSubstr("GPUs of one model and driver"));
   }
 }
 

@@ -78,13 +78,12 @@ int lead_resuming(const ResumeArguments& arguments, ProcessGroup& processes) {
     return kExitOk;
   }
   const bool together = arguments.data_parallel && processes.size() > 1;
-  TrainOptions here = run.options;
-  if (together) here.threads = block_resources(processes, run.options).threads;
-  const auto backend = make_backend(here);
+  const auto backend = make_backend(together ? options_here(processes, run.options) : run.options);
   const std::atomic<bool>& stop = stop_on_signal();
   if (together) check_together(processes, run);
+  const ProcessGroup alone;
   const std::optional<std::uint64_t> cache =
-      check_run_memory(run, *backend, together ? processes.on_machine() : 1, together);
+      check_run_memory(run, *backend, together ? processes : alone, together);
   std::unique_ptr<LivePage> page = start_live_page(arguments.live);
   const TrainingData training = load_training_data(run, backend->pool(), cache);
   if (!arguments.given.empty()) write_config(run.paths, run.options, run.state.model.get());

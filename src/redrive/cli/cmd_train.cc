@@ -100,9 +100,7 @@ int lead_training(const TrainArguments& arguments, ProcessGroup& processes) {
     throw UsageError("--view", "", "shows a run that one process trains, without --data-parallel");
   if (!arguments.blocks.empty() && arguments.live.view)
     throw UsageError("--view", "", "shows one run; --blocks makes several, see redrive view RUN");
-  TrainOptions here = run.options;
-  here.threads = block_resources(processes, run.options).threads;
-  const auto backend = make_backend(here);
+  const auto backend = make_backend(options_here(processes, run.options));
   run.recording = open_recording(run.options);
   if (!arguments.blocks.empty()) check_divisible(arguments.blocks, run.options, run.recording);
   const std::optional<ExternalPoses> poses = load_external_poses(&run, backend->pool());
@@ -116,8 +114,9 @@ int lead_training(const TrainArguments& arguments, ProcessGroup& processes) {
   const std::atomic<bool>& stop = stop_on_signal();
   const bool together = arguments.data_parallel && processes.size() > 1;
   if (together) check_together(processes, run);
+  const ProcessGroup alone;
   const std::optional<std::uint64_t> cache =
-      check_run_memory(run, *backend, together ? processes.on_machine() : 1, together);
+      check_run_memory(run, *backend, together ? processes : alone, together);
   std::unique_ptr<LivePage> page = start_live_page(arguments.live);
   const TrainingData training = prepare_training_data(&run, backend->pool(), cache);
   // Nothing is written before the input has been checked.

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cctype>
+#include <sstream>
 
 #include "redrive/base/error.h"
 
@@ -45,6 +46,27 @@ std::size_t choose_device(const std::vector<DeviceInfo>& devices, const std::str
     return i;
   }
   throw UsageError("--device", which, "must be one of " + names);
+}
+
+std::vector<std::string> devices_of_processes(const std::vector<DeviceInfo>& devices,
+                                              const std::string& which, int n) {
+  std::vector<std::string> all;
+  if (which.empty()) {
+    for (std::size_t i = 0; i < devices.size(); ++i)
+      if (!devices[i].is_cpu && devices[i].missing.empty()) all.push_back(std::to_string(i));
+  } else {
+    std::istringstream text(which);
+    for (std::string one; std::getline(text, one, ',');) all.push_back(one);
+  }
+  const std::size_t given = all.size(), wanted = static_cast<std::size_t>(n);
+  if (!which.empty() && given > 1 && given < wanted)
+    throw UsageError("--device", which,
+                     "names " + std::to_string(given) + " devices for " + std::to_string(n) +
+                         " processes of a machine; a device may be named twice");
+  if (wanted == 1 || given < 2) return std::vector<std::string>(wanted, which);
+  std::vector<std::string> out;
+  for (std::size_t i = 0; i < wanted; ++i) out.push_back(all[i % given]);
+  return out;
 }
 
 std::string hidden_nvidia(bool has_nvidia, const char* capabilities,

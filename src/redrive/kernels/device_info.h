@@ -31,6 +31,12 @@ std::vector<DeviceInfo> list_vulkan_devices(std::string* reason);
 /// device, or something is missing.
 std::size_t choose_device(const std::vector<DeviceInfo>& devices, const std::string& which);
 
+/// Returns what choose_device() takes for each of n processes of a machine. which: "": each process
+/// has the next GPU, in turn; one device: all share it; "a,b": one for each process. UsageError:
+/// more processes than that.
+std::vector<std::string> devices_of_processes(const std::vector<DeviceInfo>& devices,
+                                              const std::string& which, int n);
+
 /// "a, b"
 std::string joined(const std::vector<std::string>& parts);
 

@@ -4,6 +4,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "redrive/base/error.h"
+
 namespace redrive::kernels {
 namespace {
 
@@ -19,6 +21,28 @@ TEST(DeviceInfo, SaysWhatHidesAnNvidiaGpu) {
   EXPECT_THAT(hidden_nvidia(true, "", {}), HasSubstr("=all or graphics"));
   for (const char* capabilities : {"all", "graphics,utility", static_cast<const char*>(nullptr)})
     EXPECT_THAT(hidden_nvidia(true, capabilities, {}), HasSubstr("nvidia-vulkan-icd"));
+}
+
+TEST(DeviceInfo, ProcessesHaveADeviceEach) {
+  using ::testing::ElementsAre;
+  const std::vector<DeviceInfo> devices = {{.name = "A"},
+                                           {.name = "software", .is_cpu = true},
+                                           {.name = "old", .missing = {"atomics"}},
+                                           {.name = "B"}};
+  EXPECT_THAT(devices_of_processes(devices, "", 3), ElementsAre("0", "3", "0"));
+  EXPECT_THAT(devices_of_processes(devices, "", 1), ElementsAre(""));
+  EXPECT_THAT(devices_of_processes({devices[0]}, "", 2), ElementsAre("", ""));
+  EXPECT_THAT(devices_of_processes(devices, "B", 2), ElementsAre("B", "B"));
+  EXPECT_THAT(devices_of_processes(devices, "B,0,B", 2), ElementsAre("B", "0"));
+  EXPECT_THAT(devices_of_processes(devices, "1,1", 2), ElementsAre("1", "1"));
+  EXPECT_THAT(devices_of_processes(devices, "a, b", 1), ElementsAre("a, b")) << "one name";
+  try {
+    devices_of_processes(devices, "0,3", 3);
+    ADD_FAILURE();
+  } catch (const UsageError& error) {
+    EXPECT_THAT(error.what(), HasSubstr("--device"));
+    EXPECT_THAT(error.what(), HasSubstr("names 2 devices for 3 processes"));
+  }
 }
 
 TEST(DeviceInfo, ListsDevicesOrSaysWhyThereAreNone) {

@@ -165,7 +165,7 @@ class Trainer {
     if (!processes_) return;
     nlohmann::json options = options_to_json(options_);
     for (const char* own : {"threads", "memory", "gpu-memory"}) options.erase(own);
-    std::uint64_t hash = std::hash<std::string>()(options.dump());
+    std::uint64_t hash = std::hash<std::string>()(options.dump() + kernels::identity(backend_));
     for (const std::uint64_t number : {state_.seed, static_cast<std::uint64_t>(state_.step),
                                        static_cast<std::uint64_t>(sampler_.pixels())})
       hash = mix64(hash ^ number);
@@ -179,7 +179,8 @@ class Trainer {
       throw UsageError(
           "mpirun", std::to_string(hashes.size()) + " processes",
           "begin with different options, parameters, moments or pixels: they need the same files, "
-          "processors with the same instruction sets or one --isa, and the same program");
+          "processors with the same instruction sets or one --isa, GPUs of one model and driver, "
+          "and the same program");
     state_.seconds = of_processes(state_.seconds).front();
   }
 

@@ -27,6 +27,7 @@ class MpiProcessGroup final : public ProcessGroup {
     MPI_Comm machine = MPI_COMM_NULL;
     MPI_Comm_split_type(MPI_COMM_WORLD, MPI_COMM_TYPE_SHARED, 0, MPI_INFO_NULL, &machine);
     MPI_Comm_size(machine, &on_machine_);
+    MPI_Comm_rank(machine, &rank_on_machine_);
     cpu_set_t own;
     CPU_ZERO(&own);
     sched_getaffinity(0, sizeof own, &own);
@@ -42,6 +43,7 @@ class MpiProcessGroup final : public ProcessGroup {
   int size() const override { return size_; }
   int on_machine() const override { return on_machine_; }
   int on_processors() const override { return on_processors_; }
+  int rank_on_machine() const override { return rank_on_machine_; }
 
   void send(int to, const std::string& text) override {
     MPI_Send(text.data(), static_cast<int>(text.size()), MPI_BYTE, to, kTag, MPI_COMM_WORLD);
@@ -103,7 +105,7 @@ class MpiProcessGroup final : public ProcessGroup {
   }
 
   std::vector<float> received_;
-  int rank_ = 0, size_ = 1, on_machine_ = 1, on_processors_ = 1;
+  int rank_ = 0, size_ = 1, on_machine_ = 1, on_processors_ = 1, rank_on_machine_ = 0;
 };
 
 }  // namespace

@@ -27,6 +27,7 @@ class ProcessGroup {
   /// including this one.
   virtual int on_machine() const { return 1; }
   virtual int on_processors() const { return 1; }
+  virtual int rank_on_machine() const { return 0; }
   /// Sends a message of 4000 bytes at most. Messages of one process arrive in order.
   virtual void send(int /*to*/, const std::string& /*text*/) {}
   /// Returns a message that has arrived, if any.

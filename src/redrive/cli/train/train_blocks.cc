@@ -102,11 +102,17 @@ BlockResources block_resources(const ProcessGroup& group, const TrainOptions& op
           allowed_memory(options, memory_bytes()) / static_cast<std::uint64_t>(group.on_machine())};
 }
 
+TrainOptions options_here(const ProcessGroup& group, const TrainOptions& options) {
+  TrainOptions here = options;
+  here.threads = block_resources(group, options).threads;
+  here.device =
+      devices_of_processes(options, group)[static_cast<std::size_t>(group.rank_on_machine())];
+  return here;
+}
+
 TrainingSetup set_up_training(const ProcessGroup& group, Run& run, bool data_parallel) {
-  TrainOptions here = run.options;
-  here.threads = block_resources(group, run.options).threads;
-  std::unique_ptr<kernels::Backend> backend = make_backend(here);
-  const auto cache = check_run_memory(run, *backend, group.on_machine(), data_parallel);
+  std::unique_ptr<kernels::Backend> backend = make_backend(options_here(group, run.options));
+  const auto cache = check_run_memory(run, *backend, group, data_parallel);
   TrainingData data = load_training_data(run, backend->pool(), cache);
   return {std::move(backend), std::move(data)};
 }

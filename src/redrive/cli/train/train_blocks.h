@@ -17,6 +17,9 @@ namespace redrive {
 /// machine.
 BlockResources block_resources(const ProcessGroup& group, const TrainOptions& options);
 
+/// Returns the options with the threads and the device of this process.
+TrainOptions options_here(const ProcessGroup& group, const TrainOptions& options);
+
 /// Backend and data of a run that a process of the group trains with its part of the machine.
 struct TrainingSetup {
   std::unique_ptr<kernels::Backend> backend;

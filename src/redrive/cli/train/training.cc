@@ -9,6 +9,7 @@
 #include "redrive/camera/ray_share.h"
 #include "redrive/cli/backend_options.h"
 #include "redrive/cli/help.h"
+#include "redrive/kernels/device_info.h"
 #include "redrive/kernels/gaussian/gaussian_stages.h"
 #include "redrive/perception/find_moving.h"
 #include "redrive/train/memory.h"
@@ -35,11 +36,23 @@ void add_field(CLI::App& command, const TrainField& field, GivenFields* given) {
   if (!field.group.empty()) option->group(field.group);
 }
 
+std::vector<std::string> devices_of_processes(const TrainOptions& options,
+                                              const ProcessGroup& group) {
+  const bool lists = group.on_machine() > 1 && options.backend == "vulkan";
+  std::string reason;
+  return kernels::devices_of_processes(
+      lists ? kernels::list_devices(&reason) : std::vector<kernels::DeviceInfo>(), options.device,
+      group.on_machine());
+}
+
 std::optional<std::uint64_t> check_run_memory(const Run& run, kernels::Backend& backend,
-                                              int processes, bool data_parallel) {
+                                              const ProcessGroup& group, bool data_parallel) {
   const MemoryEstimate need = estimate_memory(run, backend.threads(), data_parallel);
-  const auto shares = static_cast<std::uint64_t>(processes);
-  const std::uint64_t allowed = allowed_memory(run.options, memory_bytes()) / shares,
+  const std::vector<std::string> devices = devices_of_processes(run.options, group);
+  const auto shares = static_cast<std::uint64_t>(
+      std::ranges::count(devices, devices[static_cast<std::size_t>(group.rank_on_machine())]));
+  const std::uint64_t allowed = allowed_memory(run.options, memory_bytes()) /
+                                static_cast<std::uint64_t>(group.on_machine()),
                       of_device = run.state.model->device_bytes(backend),
                       allowed_of_device =
                           of_device == 0

@@ -23,9 +23,14 @@ void add_field(CLI::App& command, const TrainField& field, GivenFields* given);
 /// Prints how much memory the run needs and --memory allows. Returns the bytes of a cache of images
 /// (train/training_data.h) where not all fit. Throws UsageError if the run needs more than is
 /// allowed even with the smallest cache, or of the backend's device more than --gpu-memory.
-/// `processes`: number of processes that train on this machine, each with its part of both.
+/// Each process of the group on this machine has its part of both. Lets the device keep images in
+/// what is left.
 std::optional<std::uint64_t> check_run_memory(const Run& run, kernels::Backend& backend,
-                                              int processes = 1, bool data_parallel = false);
+                                              const ProcessGroup& group = {},
+                                              bool data_parallel = false);
+/// kernels::devices_of_processes of the group's processes on this machine.
+std::vector<std::string> devices_of_processes(const TrainOptions& options,
+                                              const ProcessGroup& group);
 
 /// Prints backend, cameras with their masks, frames, pixels, training and held-out views.
 void print_summary(const Run& run, const TrainingData& training, const kernels::Backend& backend);

@@ -432,7 +432,8 @@ std::vector<TrainField> resource_fields() {
             "instruction set of the cpu backend"),
        text("device", "NAME", &O::device, {},
             "device of the vulkan backend: its number or a part of its name, as `redrive doctor` "
-            "lists them; otherwise the first GPU")});
+            "lists them; otherwise the first GPU; 0,1: of processes that train together, one for "
+            "each")});
 }
 
 }  // namespace
