@@ -3,17 +3,51 @@
 #include <memory>
 
 #include "redrive/bench/bench.h"
+#include "redrive/bench/roofline.h"
 #include "redrive/cli/backend_options.h"
 #include "redrive/cli/command.h"
 #include "redrive/cli/json_output.h"
 
 namespace redrive {
+namespace {
+
+void print_rooflines(kernels::Backend& backend) {
+  const std::vector<bench::StepCost> steps = bench::count_steps(backend);
+  for (const bench::StepCost& step : steps) {
+    std::printf("step of %.0f Gaussians, %d x %d: %.0f drawn, %.0f pairs\n", step.counts.gaussians,
+                step.width, step.height, step.counts.drawn, step.counts.pairs);
+    std::printf("%-16s %8s %8s", "stage", "MFLOP", "MB");
+    for (const bench::Gpu& gpu : bench::kGpus) std::printf(" %16s", gpu.name);
+    double least[std::size(bench::kGpus)] = {}, all[std::size(bench::kGpus)] = {};
+    for (std::size_t i = 0; i < step.stages.size(); ++i) {
+      const bench::StageCost& stage = step.stages[i];
+      std::printf("\n%-16s %8.0f %8.1f", stage.stage.c_str(), 1e-6 * stage.flops,
+                  1e-6 * stage.bytes);
+      for (std::size_t k = 0; k < std::size(bench::kGpus); ++k) {
+        const double ms = stage.estimated_ms(bench::kGpus[k], steps[0].stages[i]);
+        least[k] += stage.least_ms(bench::kGpus[k]);
+        all[k] += ms;
+        std::printf("  %6.3f - %6.2f", stage.least_ms(bench::kGpus[k]), ms);
+      }
+    }
+    std::printf("\n%-16s %8s %8s", "all", "", "");
+    for (std::size_t k = 0; k < std::size(bench::kGpus); ++k)
+      std::printf("  %6.3f - %6.2f", least[k], all[k]);
+    std::printf("\n\n");
+  }
+  std::printf(
+      "Estimated ms: what the published peaks allow for arithmetic and copies, and as much longer "
+      "as the\nH200 took than its own in the step of %d x %d, the only one measured.\n",
+      steps[0].width, steps[0].height);
+}
+
+}  // namespace
 
 Action configure_bench(CLI::App& command) {
   struct Settings {
     kernels::BackendChoice backend;
     bench::Options options;
-    bool json = false;
+    bool json = false, roofline = false;
   };
   auto s = std::make_shared<Settings>();
   add_backend_options(command, &s->backend);
@@ -24,11 +58,17 @@ Action configure_bench(CLI::App& command) {
       .add_option("--repetitions", s->options.repetitions,
                   "0..10000; 0: at least 5 and for 3 s, but one run where it takes over 20 s")
       ->capture_default_str();
+  command.add_flag("--roofline", s->roofline,
+                   "instead: estimates of a training step of Gaussians on GPUs");
   return [s] {
     if (s->options.repetitions < 0 || s->options.repetitions > 10'000)
       throw UsageError("--repetitions", std::to_string(s->options.repetitions),
                        "must be in 0..10000");
     const auto backend = kernels::make_backend(s->backend);
+    if (s->roofline) {
+      print_rooflines(*backend);
+      return kExitOk;
+    }
     // Progress goes to stderr where stdout is for a script.
     std::FILE* out = s->json ? stderr : stdout;
     std::fprintf(out, "%s, %s\n", describe(*backend).c_str(), cpu_model_name().c_str());
