@@ -408,8 +408,8 @@ TEST_F(EndToEnd, RefusesInvalidRuns) {
   refused("checkpoint of another width", "width");
   edit_json(run / "config.json", [](json& c) { c["width"] = "wide"; });
   refused("option of another type", "width");
-  edit_json(run / "config.json", [](json& c) { c.erase("seed"); });
-  refused("option missing", "seed");
+  edit_json(run / "config.json", [](json& c) { c.erase("recording"); });
+  refused("option missing", "recording: missing");
   edit_json(run / "config.json", [](json& c) { c["colour"] = 1; });
   refused("option unknown", "colour");
   overwrite(run / "config.json", "{");
