@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Opens a run, a divided run (train/files/blocks.h) or a scene bundle (export/bundle/scene_bundle.h) for
-// rendering, or a recording in its place.
+// Opens a run, a divided run (train/files/blocks.h) or a scene bundle
+// (export/bundle/scene_bundle.h) for rendering, or a recording in its place.
 #pragma once
 
 #include <filesystem>

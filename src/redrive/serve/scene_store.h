@@ -28,9 +28,9 @@ struct OpenScene {
 /// Usable from several threads at once.
 class SceneStore {
  public:
-  /// `runs`: runs, scene bundles (export/bundle/scene_bundle.h), or folders of them. A scene's id is the
-  /// name of its folder, in a bundle its sequence_id. UsageError where there is none, or where two
-  /// have the same id; InputError for a damaged bundle.
+  /// `runs`: runs, scene bundles (export/bundle/scene_bundle.h), or folders of them. A scene's id
+  /// is the name of its folder, in a bundle its sequence_id. UsageError where there is none, or
+  /// where two have the same id; InputError for a damaged bundle.
   SceneStore(const std::vector<std::filesystem::path>& runs, kernels::BackendChoice backend,
              std::uint64_t memory);
 
