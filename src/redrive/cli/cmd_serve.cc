@@ -76,9 +76,8 @@ Action configure_serve(CLI::App& command) {
       .add_option("--listen", options->rpc.listen,
                   "IP address to listen on; 0.0.0.0 lets other machines in")
       ->capture_default_str();
-  command.add_option("--certificate", options->certificate,
-                     "PEM file of the server's certificate, for TLS");
-  command.add_option("--key", options->key, "PEM file of its key");
+  command.add_option("--certificate", options->certificate, "the server's certificate, for TLS");
+  command.add_option("--key", options->key, "its key");
   add_train_option(command, "memory", &options->memory,
                    "memory that opened scenes may take together; those not used for longest are "
                    "closed: bytes, a number of GiB such as 6GiB, or a percentage");

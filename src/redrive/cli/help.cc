@@ -30,7 +30,7 @@ struct OptionWords {
 };
 
 constexpr const char *kView = "View", *kLidar = "LiDAR", *kTraffic = "Moving objects",
-                     *kOutput = "Output", *kServer = "Browser", *kRecording = "Recording",
+                     *kOutput = "Output", *kServer = "Server", *kRecording = "Recording",
                      *kResources = "Resources";
 
 constexpr OptionWords kOptionWords[] = {
@@ -41,6 +41,7 @@ constexpr OptionWords kOptionWords[] = {
     {"blocks", "METRES", ""},
     {"camera", "CAM", kView},
     {"cameras", "A,B", ""},
+    {"certificate", "FILE.pem", kServer},
     {"compare", "RUN", ""},
     {"cores", "N", ""},
     {"depth", "FILE", kOutput},
@@ -56,6 +57,7 @@ constexpr OptionWords kOptionWords[] = {
     {"help", "", kHelpGroup},
     {"ids", "FILE.png", kOutput},
     {"isa", "NAME", kResources},
+    {"key", "FILE.pem", kServer},
     {"device", "NAME", kResources},
     {"labels", "WHICH", kOutput},
     {"lens", "LENS", kView},
