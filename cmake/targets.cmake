@@ -73,16 +73,18 @@ endif()
 
 # Unit tests sit beside the source:
 #   redrive_test(camera SOURCES mei_test.cc DEPENDS redrive::camera
-#     [SANITIZE address|thread|none...] [THREAD_TESTS FILTER] [APART])
+#     [SANITIZE address|thread|none...] [THREAD_TESTS FILTER] [APART] [OPTIMISED])
 # makes the program test_camera. A build with a sanitizer has only the tests that name it. SANITIZE
 # is `address` if it is not given: it is for what parses or indexes, `thread` for what runs on
 # several threads, and `none` for formulas, and optimisations and trainings as a whole, whose parts
 # have tests of their own. THREAD_TESTS is a filter of GoogleTest: which run with ThreadSanitizer,
 # where others have one thread or the same threads again. APART: its files, whose names are alike,
-# are never compiled together. The paths of the shipped samples and of the optional private
-# recordings are compiled in; a test that needs the latter skips visibly where they are not.
+# are never compiled together. OPTIMISED: computes so much itself that it is optimised with
+# sanitizers, too, and has no precompiled header there. The paths of the shipped samples and of the
+# optional private recordings are compiled in; a test that needs the latter skips visibly where they
+# are not.
 function(redrive_test name)
-  cmake_parse_arguments(ARG "APART" "THREAD_TESTS" "SOURCES;DEPENDS;SANITIZE" ${ARGN})
+  cmake_parse_arguments(ARG "APART;OPTIMISED" "THREAD_TESTS" "SOURCES;DEPENDS;SANITIZE" ${ARGN})
   if(ARG_UNPARSED_ARGUMENTS)
     message(FATAL_ERROR "redrive_test(${name}): unknown arguments ${ARG_UNPARSED_ARGUMENTS}")
   endif()
@@ -100,7 +102,11 @@ function(redrive_test name)
   target_link_libraries(test_${name} PRIVATE ${ARG_DEPENDS} GTest::gtest GTest::gmock
     GTest::gtest_main)
   target_compile_options(test_${name} PRIVATE ${redrive_test_options})
-  target_precompile_headers(test_${name} REUSE_FROM redrive_test_pch)
+  if(REDRIVE_SANITIZE AND ARG_OPTIMISED)
+    target_compile_options(test_${name} PRIVATE -O1)
+  else()
+    target_precompile_headers(test_${name} REUSE_FROM redrive_test_pch)
+  endif()
   target_compile_definitions(test_${name} PRIVATE
     REDRIVE_SAMPLES="${CMAKE_SOURCE_DIR}/samples" REDRIVE_SHARED="${CMAKE_SOURCE_DIR}/../shared"
     REDRIVE_SOURCE="${CMAKE_SOURCE_DIR}" REDRIVE_BINARY="${CMAKE_BINARY_DIR}/redrive")
