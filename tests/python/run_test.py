@@ -58,9 +58,11 @@ class OfRun(unittest.TestCase):
         np.testing.assert_array_equal(mine.render(CAMERA, self.frame).rgb,
                                       others.render(CAMERA, self.frame).rgb)
         # Behind the header, which has the seconds of training: all parameters and moments.
-        tensors, others = (path.read_bytes() for path in (self.path / file, other / file))
-        begin, others_begin = (8 + int.from_bytes(b[:8], "little") for b in (tensors, others))
-        self.assertTrue(tensors[begin:] == others[others_begin:])
+        tensors = []
+        for path in (self.path, other):
+            data = (path / file).read_bytes()
+            tensors.append(data[8 + int.from_bytes(data[:8], "little"):])
+        self.assertTrue(tensors[0] == tensors[1])
 
     def test_progress_is_told(self):
         self.assertGreater(len(self.news), 1)

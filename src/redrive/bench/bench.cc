@@ -230,7 +230,7 @@ void time_gaussians(Runner& runner, kernels::Backend& backend, const SyntheticDr
     const LidarReturns no_lidar;
     const TrainingSet data{of.scene, of.images, no_lidar, sampler};
     StepBuffers buffers;
-    backend.gaussians().keep_targets(std::uint64_t{1} << 28);  // as training does
+    backend.gaussians().keep_targets(std::uint64_t{1} << 28);  // training keeps its images, too
     runner.time(name, gaussians, {0, kRead}, [&] {
       StepRequest request = next_step(state);
       request.progress = 0.9;  // full size

@@ -22,6 +22,8 @@ Run open_to_render(const std::filesystem::path& root, std::optional<double> max_
 
 /// Folder of redrive's run within a scene bundle.
 inline constexpr const char* kRunOfBundle = "redrive";
+/// Member of a scene bundle that has its sequence_id.
+inline constexpr const char* kDataInfo = "data_info.json";
 /// Whether the path is a file .usdz.
 bool is_scene_bundle(const std::filesystem::path& path);
 

@@ -31,10 +31,9 @@ std::uint64_t bytes_of_run(const fs::path& root) {
 
 /// Returns the scene's id in a bundle. InputError where it has none.
 std::string id_of_bundle(const fs::path& bundle) {
-  constexpr const char* kMember = "data_info.json";
   const nlohmann::json document =
-      parse_json(ZipFile(bundle).read(bundle / kMember, kMaxTextBytes), bundle / kMember);
-  return JsonField(document, bundle / kMember).at("sequence_id").string();
+      parse_json(ZipFile(bundle).read(bundle / kDataInfo, kMaxTextBytes), bundle / kDataInfo);
+  return JsonField(document, bundle / kDataInfo).at("sequence_id").string();
 }
 
 }  // namespace

@@ -44,7 +44,7 @@ std::string printable(std::string text) {
   return text;
 }
 
-/// Reads fields of one member for one reader, and notes those that are missing.
+/// Reads a member's fields for AlpaSim or CARLA, and notes which are missing.
 class FieldCheck {
  public:
   FieldCheck(std::string member, std::vector<BundleGap>* gaps)
@@ -54,8 +54,8 @@ class FieldCheck {
     constexpr std::size_t kMost = 50;
     if (gaps_.size() < kMost) gaps_.push_back({member_, printable(field), printable(what)});
   }
-  /// Returns the field `key` of an object that is there; null, with a note, where it is missing or
-  /// of another kind.
+  /// Returns the field `key` of an object; null, with a note, where it is missing or has another
+  /// kind; null where there is no object.
   const json* need(const json* object, const std::string& where, const char* key,
                    const char* kind) {
     if (!object) return nullptr;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What AlpaSim and CARLA would miss in a scene bundle of any origin, by the members and fields that
-// their loaders read (AlpaSim's alpasim_utils/artifact.py and scenario.py, CARLA's
+// Checks a scene bundle of any origin for the members and fields that the loaders of AlpaSim and
+// CARLA read (AlpaSim's alpasim_utils/artifact.py and scenario.py, CARLA's
 // examples/nvidia/nurec/scenario.py and nurec_integration.py, 2026-11).
 #pragma once
 
@@ -21,10 +21,10 @@ struct BundleReport {
     std::string name;
     std::uint64_t bytes = 0;
   };
-  std::string scene_id;                   ///< as metadata.yaml or data_info.json says; empty: none
+  std::string scene_id;                   ///< from metadata.yaml or data_info.json; empty: none
   std::vector<Member> members;            ///< sorted by name
-  std::vector<BundleGap> alpasim, carla;  ///< what keeps them from opening it
-  std::vector<BundleGap> remarks;         ///< what they do without
+  std::vector<BundleGap> alpasim, carla;  ///< gaps that keep them from opening it
+  std::vector<BundleGap> remarks;         ///< gaps that they accept
   bool has_run = false;                   ///< redrive's run is inside
 };
 

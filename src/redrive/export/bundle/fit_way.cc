@@ -125,8 +125,7 @@ class WayFit {
 
   PlanPiece line(const PlanPose& from, const Knot& to) const {
     const Vector2d chord = to.smooth.position() - from.position();
-    const Vector2d ahead(std::cos(from.heading_rad), std::sin(from.heading_rad));
-    return {from, std::max(0.0, chord.dot(ahead)), 0, 0};
+    return {from, std::max(0.0, chord.dot(from.ahead())), 0, 0};
   }
   /// The arc that ends at the knot.
   PlanPiece arc(const PlanPose& from, const Knot& to) const {
@@ -245,8 +244,7 @@ Foot foot_on(const PlanPiece& piece, const Vector2d& point) {
   for (int i = 0; i < 4; ++i) {
     along = std::clamp(along, 0.0, piece.length_m);
     at = piece.at(along);
-    along +=
-        (point - at.position()).dot(Vector2d(std::cos(at.heading_rad), std::sin(at.heading_rad)));
+    along += (point - at.position()).dot(at.ahead());
   }
   along = std::clamp(along, 0.0, piece.length_m);
   return {(point - piece.at(along).position()).norm(), along};

@@ -2,6 +2,7 @@
 // A driven way as lines, arcs and clothoids, the geometries of OpenDRIVE's planView.
 #pragma once
 
+#include <cmath>
 #include <span>
 #include <vector>
 
@@ -13,6 +14,7 @@ namespace redrive {
 struct PlanPose {
   double x = 0, y = 0, heading_rad = 0;
   Eigen::Vector2d position() const { return {x, y}; }
+  Eigen::Vector2d ahead() const { return {std::cos(heading_rad), std::sin(heading_rad)}; }
 };
 
 /// A piece whose curvature is linear in its length: a line (both 0), an arc (rate 0), a clothoid.

@@ -67,8 +67,7 @@ class Ground {
     constexpr int kRounds = 2;
     constexpr double kOutlier_m = 0.1;
     constexpr std::size_t kFewest = 20;
-    const Vector2d ahead(std::cos(place.heading_rad), std::sin(place.heading_rad)),
-        left(-ahead.y(), ahead.x());
+    const Vector2d ahead = place.ahead(), left(-ahead.y(), ahead.x());
     std::vector<Vector3d> near;  // along, across, height
     const Cell middle = cell_of(place.position());
     for (int x = -3; x <= 3; ++x)
@@ -213,8 +212,7 @@ std::vector<WayReturn> returns_beside(const Road& road, const std::vector<Statio
     const Sample& nearest = *std::ranges::min_element(cell->second, {}, [&](const Sample& sample) {
       return (sample.place.position() - at).squaredNorm();
     });
-    const Vector2d from = at - nearest.place.position(),
-                   ahead(std::cos(nearest.place.heading_rad), std::sin(nearest.place.heading_rad));
+    const Vector2d from = at - nearest.place.position(), ahead = nearest.place.ahead();
     const double along_m = nearest.along_m + from.dot(ahead),
                  across_m = from.dot(Vector2d(-ahead.y(), ahead.x()));
     const auto next = std::ranges::lower_bound(stations, along_m, {}, &Station::along_m);

@@ -23,8 +23,8 @@
 
 namespace redrive {
 
-/// Members of a bundle.
-inline constexpr const char *kMetadata = "metadata.yaml", *kDataInfo = "data_info.json",
+/// Members of a bundle, beside kDataInfo and kRunOfBundle (render/open_to_render.h).
+inline constexpr const char *kMetadata = "metadata.yaml",
                             *kRigTrajectories = "rig_trajectories.json",
                             *kSequenceTracks = "sequence_tracks.json", *kMesh = "mesh.ply",
                             *kGroundMesh = "mesh_ground.ply", *kMap = "map.xodr";

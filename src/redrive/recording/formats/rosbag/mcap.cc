@@ -2,19 +2,13 @@
 #include "redrive/recording/formats/rosbag/mcap.h"
 
 #include <algorithm>
-#include <cstring>
-#include <functional>
-#include <list>
 #include <map>
-#include <mutex>
 #include <optional>
 #include <set>
 
-#include <zlib.h>
-
 #include "redrive/base/error.h"
 #include "redrive/recording/core/wording.h"
-#include "redrive/recording/formats/rosbag/unpack.h"
+#include "redrive/recording/formats/rosbag/mcap_chunks.h"
 #include "redrive/recording/parse/little_endian.h"
 
 namespace redrive::rosbag {
@@ -26,7 +20,6 @@ constexpr std::string_view kMagic("\x89MCAP0\r\n", 8);
 constexpr std::size_t kRecordHead = 9;    // opcode, length
 constexpr std::size_t kMessageHead = 22;  // channel, sequence, two times
 constexpr std::size_t kFooter = 20;
-constexpr std::uint64_t kMaxChunkBytes = std::uint64_t{1} << 30;
 constexpr std::uint64_t kMaxSummaryBytes = std::uint64_t{1} << 30;
 constexpr std::uint32_t kNoChunk = 0xffffffff;  // the message stands in the file
 
@@ -70,13 +63,6 @@ class Fields {
   const char* record_;
 };
 
-struct Chunk {
-  std::uint64_t records = 0;  ///< offset of its records in the file
-  std::uint64_t packed_bytes = 0, bytes = 0;
-  std::uint32_t crc = 0;  ///< CRC of the records; 0: not known
-  Packing packing = Packing::kNone;
-};
-
 Packing packing_of(std::string_view name, const fs::path& file) {
   if (name.empty()) return Packing::kNone;
   if (name == "lz4") return Packing::kLz4;
@@ -84,16 +70,10 @@ Packing packing_of(std::string_view name, const fs::path& file) {
   throw InputError(file, "chunk.compression", name, "is lz4, zstd or empty");
 }
 
-/// Returns the CRC of bytes behind others, of which `before` is the CRC.
-std::uint32_t crc_of(std::string_view bytes, std::uint32_t before = 0) {
-  return static_cast<std::uint32_t>(
-      ::crc32_z(before, reinterpret_cast<const Bytef*>(bytes.data()), bytes.size()));
-}
-
 class McapFile : public BagFile {
  public:
   McapFile(std::unique_ptr<ByteSource> bytes, const fs::path& path)
-      : bytes_(std::move(bytes)), path_(path) {
+      : bytes_(std::move(bytes)), path_(path), chunks_(bytes_.get(), path) {
     const std::string head = bytes_->read(0, kMagic.size());
     if (head != kMagic)
       throw InputError(path_, "", "",
@@ -116,15 +96,15 @@ class McapFile : public BagFile {
         take(i, message_in_file(messages[i].offset, bytes_->size(), most));
       return;
     }
-    const Chunk& chunk = chunks_[index];
+    const McapChunk& chunk = chunks_.at(index);
     if (chunk.packing == Packing::kNone) {
-      if (most == kAllBytes) check_crc(index, [&] { return crc_in_file(chunk); });
+      if (most == kAllBytes) chunks_.check_crc(index);
       for (std::size_t i = 0; i < messages.size(); ++i)
         take(i, message_in_file(chunk.records + messages[i].offset, chunk.records + chunk.bytes,
                                 most));
       return;
     }
-    const std::shared_ptr<const std::string> records = whole(index);
+    const std::shared_ptr<const std::string> records = chunks_.records(index);
     for (std::size_t i = 0; i < messages.size(); ++i)
       take(i, message_in(*records, messages[i].offset, most));
   }
@@ -223,7 +203,7 @@ class McapFile : public BagFile {
   void read_summary(const std::string& summary) {
     struct Indexed {
       std::uint64_t start, length, index_bytes;
-      Chunk chunk;
+      McapChunk chunk;
     };
     std::vector<Indexed> indexed;
     std::uint64_t stated = 0;
@@ -251,15 +231,14 @@ class McapFile : public BagFile {
           chunk.start > bytes_->size() || chunk.length > bytes_->size() - chunk.start ||
           chunk.index_bytes > bytes_->size() - chunk.start - chunk.length)
         fail("chunk index", at(chunk.start), "its lengths do not fit the file");
-      check_size(chunk.chunk, chunk.start);
+      chunks_.check_size(chunk.chunk, chunk.start);
       chunk.chunk.records = chunk.start + kBefore + compression.size();
       indexed.push_back(chunk);
     });
     for (const std::string_view channel : channels) read_definition(kChannelOp, channel);
     if (indexed.empty() && stated != 0) return walk(/*has_summary=*/true);  // no chunks
     for (const Indexed& chunk : indexed) {
-      const auto index = static_cast<std::uint32_t>(chunks_.size());
-      chunks_.push_back(chunk.chunk);
+      const std::uint32_t index = chunks_.add(chunk.chunk);
       if (chunk.index_bytes == 0) {
         index_chunk(index, /*whole_file=*/true);
         continue;
@@ -279,19 +258,9 @@ class McapFile : public BagFile {
     report();
   }
 
-  void check_size(const Chunk& chunk, std::uint64_t start) const {
-    if (chunk.bytes > kMaxChunkBytes || chunk.packed_bytes > kMaxChunkBytes)
-      fail("chunk",
-           std::to_string(std::max(chunk.bytes, chunk.packed_bytes)) + " bytes at " + at(start),
-           "a chunk has at most 2^30");
-    if (chunk.packing == Packing::kNone && chunk.bytes != chunk.packed_bytes)
-      fail("chunk", std::to_string(chunk.bytes) + " bytes at " + at(start),
-           "without compression it has " + std::to_string(chunk.packed_bytes));
-  }
-
   /// Adds a chunk's messages from its records.
   void index_chunk(std::uint32_t index, bool whole_file) {
-    const std::shared_ptr<const std::string> records = whole(index);
+    const std::shared_ptr<const std::string> records = chunks_.records(index);
     each_record(*records, "chunk", [&](std::uint8_t opcode, std::string_view content, auto offset) {
       if (!whole_file) read_definition(opcode, content);
       if (opcode != kMessageOp) return;
@@ -352,7 +321,7 @@ class McapFile : public BagFile {
 
   void walk_chunk(std::string_view head, std::uint64_t start, std::uint64_t length) {
     Fields fields(head, path_, "chunk");
-    Chunk chunk;
+    McapChunk chunk;
     fields.take(16);
     chunk.bytes = fields.number<std::uint64_t>();
     chunk.crc = fields.number<std::uint32_t>();
@@ -362,9 +331,8 @@ class McapFile : public BagFile {
     chunk.records = start + 40 + compression.size();
     if (chunk.packed_bytes > length - 40 - compression.size())
       fail("chunk", at(start), "its records are longer than it");
-    check_size(chunk, start);
-    chunks_.push_back(chunk);
-    index_chunk(static_cast<std::uint32_t>(chunks_.size() - 1), /*whole_file=*/false);
+    chunks_.check_size(chunk, start);
+    index_chunk(chunks_.add(chunk), /*whole_file=*/false);
   }
 
   void report() {
@@ -376,80 +344,6 @@ class McapFile : public BagFile {
     if (without_channel_ > 0)
       findings_.push_back(
           {name, counted(without_channel_, "message") + " of channels that it does not list"});
-  }
-
-  /// Unpacks a chunk's records.
-  std::string unpack(const Chunk& chunk) const {
-    constexpr std::uint64_t kBlock = 1 << 18;  // stays in the cache
-    std::uint64_t done = 0;
-    std::optional<std::string> out =
-        unpack_start(chunk.packing, static_cast<std::size_t>(chunk.bytes), [&] {
-          const auto size = static_cast<std::size_t>(std::min(kBlock, chunk.packed_bytes - done));
-          std::string part = size == 0 ? "" : bytes_->read(chunk.records + done, size);
-          done += part.size();
-          return part;
-        });
-    if (!out || out->size() < chunk.bytes)
-      fail("chunk", at(chunk.records),
-           std::string("has damaged ") + (chunk.packing == Packing::kLz4    ? "LZ4"
-                                          : chunk.packing == Packing::kZstd ? "Zstandard"
-                                                                            : "records"));
-    return std::move(*out);
-  }
-
-  /// Returns a chunk's records. The last few stay in memory.
-  std::shared_ptr<const std::string> whole(std::uint32_t index) const {
-    constexpr std::size_t kKept = 4;
-    {
-      const std::lock_guard lock(mutex_);
-      for (const auto& [kept, records] : kept_)
-        if (kept == index) return records;
-    }
-    const Chunk& chunk = chunks_[index];
-    const auto records = std::make_shared<const std::string>(unpack(chunk));
-    check_crc(index, [&] { return crc_of(*records); });
-    const std::lock_guard lock(mutex_);
-    kept_.emplace_front(index, records);
-    if (kept_.size() > kKept) kept_.pop_back();
-    return records;
-  }
-
-  /// Checks the CRC of a chunk that has one. It is computed once.
-  void check_crc(std::uint32_t index, const std::function<std::uint32_t()>& computed) const {
-    const Chunk& chunk = chunks_[index];
-    std::optional<bool> right;
-    {
-      const std::lock_guard lock(mutex_);
-      if (const auto known = has_right_crc_.find(index); known != has_right_crc_.end())
-        right = known->second;
-    }
-    if (!right) {
-      const std::uint32_t stated = stated_crc(chunk);
-      right = stated == 0 || stated == computed();
-      const std::lock_guard lock(mutex_);
-      has_right_crc_[index] = *right;
-    }
-    if (!*right) fail("chunk", at(chunk.records), "the CRC of its records is wrong");
-  }
-  /// Returns the CRC of the records of a chunk without compression.
-  std::uint32_t crc_in_file(const Chunk& chunk) const {
-    constexpr std::uint64_t kBlock = 1 << 18;  // stays in the cache
-    std::uint32_t crc = 0;
-    for (std::uint64_t done = 0; done < chunk.bytes; done += kBlock)
-      crc = crc_of(bytes_->read(chunk.records + done,
-                                static_cast<std::size_t>(std::min(kBlock, chunk.bytes - done))),
-                   crc);
-    return crc;
-  }
-
-  /// The index of chunks has no CRC; the chunk has it before its compression.
-  std::uint32_t stated_crc(const Chunk& chunk) const {
-    if (chunk.crc != 0) return chunk.crc;
-    const std::size_t name = chunk.packing == Packing::kLz4    ? 3
-                             : chunk.packing == Packing::kZstd ? 4
-                                                               : 0;
-    const std::string bytes = bytes_->read(chunk.records - 16 - name, 4);
-    return bytes.size() == 4 ? little_endian<std::uint32_t>(bytes, 0) : 0;
   }
 
   /// Returns the start of a message's data. `end`: where the file or chunk that holds it ends.
@@ -489,12 +383,9 @@ class McapFile : public BagFile {
   fs::path path_;
   std::map<std::uint16_t, Schema> schemas_;
   std::map<std::uint16_t, Topic> channels_;
-  std::vector<Chunk> chunks_;
+  McapChunks chunks_;
   std::set<std::string> missing_schemas_;
   std::size_t without_channel_ = 0;
-  mutable std::mutex mutex_;
-  mutable std::list<std::pair<std::uint32_t, std::shared_ptr<const std::string>>> kept_;
-  mutable std::map<std::uint32_t, bool> has_right_crc_;  ///< for chunks that were read
 };
 
 }  // namespace
