@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # Parsing Eigen, JSON and GoogleTest takes most of a file's compile time: precompiled once for the
 # libraries and once for the tests. Kernels have ISA flags of their own and stay without.
+# libFuzzer's targets look at the coverage of what has the libraries' precompiled header.
 file(WRITE ${CMAKE_BINARY_DIR}/pch.cc.new "")
 file(COPY_FILE ${CMAKE_BINARY_DIR}/pch.cc.new ${CMAKE_BINARY_DIR}/pch.cc ONLY_IF_DIFFERENT)
 set(redrive_headers <algorithm> <array> <cmath> <cstdint> <filesystem> <fstream> <functional>
@@ -9,6 +10,8 @@ set(redrive_headers <algorithm> <array> <cmath> <cstdint> <filesystem> <fstream>
 add_library(redrive_pch OBJECT ${CMAKE_BINARY_DIR}/pch.cc)
 target_link_libraries(redrive_pch PRIVATE Eigen3::Eigen nlohmann_json::nlohmann_json)
 target_precompile_headers(redrive_pch PRIVATE ${redrive_headers})
+set(redrive_coverage "$<$<BOOL:${REDRIVE_FUZZ}>:-fsanitize=fuzzer-no-link>")
+target_compile_options(redrive_pch PRIVATE ${redrive_coverage})
 if(REDRIVE_TESTS)
   # Tests are compiled once for every run: no time for optimisation, least of all with sanitizers,
   # which need 1.6 times as long for -O1, and alignment is the libraries' to keep.
@@ -32,9 +35,8 @@ endif()
 
 # Done by redrive_library; a program with heavy headers asks for it.
 function(redrive_precompile target)
-  if(NOT REDRIVE_FUZZ)
-    target_precompile_headers(${target} REUSE_FROM redrive_pch)
-  endif()
+  target_precompile_headers(${target} REUSE_FROM redrive_pch)
+  target_compile_options(${target} PRIVATE ${redrive_coverage})
 endfunction()
 
 # One folder is one library: redrive_library(camera SOURCES pinhole.cc DEPENDS redrive::math)

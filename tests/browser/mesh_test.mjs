@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// `redrive export --to mesh`, checked by Khronos's validator of glTF:
+// `redrive export --to mesh` and `--to splat-gltf`, checked by Khronos's validator of glTF:
 // node mesh_test.mjs REDRIVE SAMPLES NODE_MODULES
 // Exit code 77: skipped, npm could not install the validator or the build makes no meshes.
 import assert from "node:assert/strict";
@@ -16,11 +16,26 @@ if (!fs.existsSync(path.join(modules, "gltf-validator")))
 const validator = createRequire(path.join(modules, "x.js"))("gltf-validator");
 const folder = fs.mkdtempSync(path.join(os.tmpdir(), "redrive-mesh-"));
 const run = path.join(folder, "run");
+/// Throws where the validator has errors or warnings; returns its report.
+async function validated(file, ignoredIssues) {
+  const report = await validator.validateBytes(new Uint8Array(fs.readFileSync(file)),
+    {uri: "file.glb", ignoredIssues});
+  assert.equal(report.issues.numErrors + report.issues.numWarnings, 0,
+    JSON.stringify(report.issues.messages.slice(0, 5)));
+  assert.equal(report.mimeType, "model/gltf-binary");
+  return report;
+}
 
 try {
   execFileSync(redrive, ["train", path.join(samples, "street"), "--out", run, "--truth-poses",
     "--method", "splat", "--cameras", "F_MIDLONGRANGECAM_CL", "--frames", "1016:1040",
     "--max-steps", "60", "--max-gaussians", "40000", "--threads", "2"], {stdio: "pipe"});
+  // The validator does not know the extension, whose names of attributes are none of glTF's own.
+  const splats = path.join(folder, "splats.glb");
+  execFileSync(redrive, ["export", run, "--to", "splat-gltf", splats], {stdio: "pipe"});
+  const points = (await validated(splats,
+    ["MESH_PRIMITIVE_INVALID_ATTRIBUTE", "UNSUPPORTED_EXTENSION"])).info.totalVertexCount;
+  assert.ok(points > 1000, `${points} Gaussians`);
   const files = ["glb", "ply", "obj"].map((kind) => path.join(folder, `mesh.${kind}`));
   for (const file of files) {
     const ended = spawnSync(redrive, ["export", run, "--to", "mesh", "--voxel", "0.2", file],
@@ -28,11 +43,8 @@ try {
     if (ended.stderr.includes("libopenvdb-dev")) skip("the build makes no meshes");
     assert.equal(ended.status, 0, ended.stderr);
   }
-  const [glb, ply, obj] = files.map((file) => fs.readFileSync(file));
-  const report = await validator.validateBytes(new Uint8Array(glb), {uri: "mesh.glb"});
-  assert.equal(report.issues.numErrors + report.issues.numWarnings, 0,
-    JSON.stringify(report.issues.messages.slice(0, 5)));
-  assert.equal(report.mimeType, "model/gltf-binary");
+  const report = await validated(files[0]);
+  const [ply, obj] = files.slice(1).map((file) => fs.readFileSync(file));
   const triangles = report.info.totalTriangleCount;
   assert.ok(triangles > 2000, `${triangles} triangles`);
   const header = ply.subarray(0, ply.indexOf("end_header")).toString();

@@ -20,7 +20,7 @@ namespace {
 
 constexpr double kUlp = 0x1p-23;
 
-#if defined(__SANITIZE_THREAD__)
+#ifdef REDRIVE_THREAD_SANITIZER
 constexpr int kWidest = 64;
 #else
 constexpr int kWidest = 256;

@@ -21,7 +21,7 @@ namespace redrive::kernels::conformance {
 
 // Sanitizers slow the oracle's loops down fifteenfold. A few sizes reach every line, and races show
 // at any width.
-#if defined(__SANITIZE_THREAD__) || defined(__SANITIZE_ADDRESS__)
+#ifdef REDRIVE_SANITIZED
 constexpr bool kSanitized = true;
 #else
 constexpr bool kSanitized = false;
@@ -76,7 +76,7 @@ class BackendConformance : public testing::TestWithParam<Candidate> {
       api_->guards = true;
 #endif
     }
-#if defined(__SANITIZE_THREAD__)
+#ifdef REDRIVE_THREAD_SANITIZER
     if (GetParam().is_oracle()) GTEST_SKIP() << GetParam().name << ": it has one thread";
 #endif
   }

@@ -222,6 +222,36 @@ TEST_F(ServeTest, EncodesAsAsked) {
   EXPECT_EQ(rendered(request).height, png.height);
 }
 
+// An f-theta lens of the first power is a fisheye without distortion; either polynomial says so.
+TEST_F(ServeTest, RendersFThetaLenses) {
+  constexpr double kFocal_px = 50;
+  sensorsim::ImageRequest request = image_request();
+  sensorsim::CameraSpec* const lens = request.mutable_camera_intrinsics();
+  const double cx = lens->resolution_w() / 2.0, cy = lens->resolution_h() / 2.0;
+  sensorsim::Fisheye* const fisheye = lens->mutable_opencv_fisheye_param();
+  fisheye->set_focal_length_x(kFocal_px);
+  fisheye->set_focal_length_y(kFocal_px);
+  fisheye->set_principal_point_x(cx);
+  fisheye->set_principal_point_y(cy);
+  const Image8 expected = rendered(request);
+  for (const std::uint32_t reference : {1u, 2u}) {
+    sensorsim::FTheta* const ftheta = lens->mutable_ftheta_param();
+    ftheta->set_principal_point_x(cx - 0.5);
+    ftheta->set_principal_point_y(cy - 0.5);
+    ftheta->set_reference_poly(reference);
+    ftheta->clear_pixeldist_to_angle_poly();
+    ftheta->clear_angle_to_pixeldist_poly();
+    for (const double k : {0.0, 1 / kFocal_px}) ftheta->add_pixeldist_to_angle_poly(k);
+    for (const double k : {0.0, kFocal_px}) ftheta->add_angle_to_pixeldist_poly(k);
+    const Image8 image = rendered(request);
+    ASSERT_EQ(image.rgb.size(), expected.rgb.size());
+    int most = 0;
+    for (std::size_t i = 0; i < image.rgb.size(); ++i)
+      most = std::max(most, std::abs(int{image.rgb[i]} - int{expected.rgb[i]}));
+    EXPECT_LE(most, 1) << reference;
+  }
+}
+
 TEST_F(ServeTest, RefusesByName) {
   using Change = std::function<void(sensorsim::ImageRequest&)>;
   const std::vector<std::tuple<Change, grpc::StatusCode, const char*>> cases = {
@@ -242,6 +272,10 @@ TEST_F(ServeTest, RefusesByName) {
        "ego mask"},
       {[](auto& r) { r.set_resolution_w(16384), r.set_resolution_h(16384); },
        grpc::StatusCode::RESOURCE_EXHAUSTED, "16384 x 16384"},
+      {[](auto& r) {
+         r.mutable_camera_intrinsics()->mutable_ftheta_param()->set_reference_poly(2);
+       },
+       grpc::StatusCode::INVALID_ARGUMENT, "ftheta_param.angle_to_pixeldist_poly"},
       {[](auto& r) {
          r.mutable_camera_intrinsics()->mutable_opencv_pinhole_param()->set_focal_length_x(NAN);
        },

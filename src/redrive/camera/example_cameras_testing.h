@@ -48,6 +48,11 @@ inline std::vector<ExampleCamera> example_cameras() {
       {0.03, 0.005, 0.0002, -0.0003, 0.0007, -0.0001, 0.0004, -0.0002}, 110, 112);
   add("thin prism fold in the image", "thin_prism_fisheye", {-0.1, 0, 0.001, 0, 0, 0, 0.002, 0}, 90,
       90);
+  add("f-theta", "ftheta", {0.02, -0.05, 0.01, -0.002, 0.001, -0.0008, 2.4}, 110, 112);
+  add("f-theta fold in the image", "ftheta", {0, -0.12, 0, 0, 0, 0, 3}, 80, 80);
+  add("inverse f-theta", "ftheta_inverse", {-0.02, 0.06, -0.01, 0.002, 0.001, -0.0008, 2.4}, 110,
+      112);
+  add("inverse f-theta fold in the image", "ftheta_inverse", {0, -0.12, 0, 0, 0, 0, 3}, 80, 80);
   for (const CameraModelInfo& model : camera_models())
     add("typical " + std::string(model.name), model.name,
         {model.typical.begin(), model.typical.end()}, 250, 240);

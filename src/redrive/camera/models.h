@@ -2,8 +2,8 @@
 // The registry of camera models.
 //
 // How to add a model:
-// 1. camera/<model>.h: a plain struct on normalised coordinates (pixel = f x + c), like
-// camera/mei.h:
+// 1. camera/lenses/<model>.h: a plain struct on normalised coordinates (pixel = f x + c), like
+// camera/lenses/mei.h:
 //    - kName: its name in calibration files.
 //    - kDistortion: coefficients in the order of "distortion_coeffs", may be none; kOther: further
 //      parameters, each a field of its own ("xi"). Ranges are inclusive.
@@ -13,7 +13,8 @@
 //    - kTypical: parameters of a common lens, used by every test of camera_test.cc.
 //    - a constructor from std::span<const double>: kDistortion, then kOther.
 //    - covered_radius(): Camera::covered_radius.
-//    - Plane, Radial and Numbers, of which camera/lens.h makes the projection and its derivatives,
+//    - Plane, Radial and Numbers, of which camera/lenses/lens.h makes the projection and its
+//    derivatives,
 //      for numbers and vectors; numbers(), and max_plane_radius(), which ends the region where the
 //      model is one-to-one. A further model often takes the Plane or the Radial of another.
 //    - `template <class T> std::optional<std::array<T, 2>> project(const std::array<T, 3>& point)
@@ -21,7 +22,7 @@
 //      `std::optional<Eigen::Vector3d> unproject(const Eigen::Vector2d&) const`. Both return
 //      nothing outside that region.
 // 2. Its type in CameraModel below.
-// 3. camera/<model>_test.cc: properties of this model alone.
+// 3. camera/lenses/<model>_test.cc: properties of this model alone.
 #pragma once
 
 #include <span>
@@ -32,17 +33,18 @@
 #include <vector>
 
 #include "redrive/camera/calibration.h"
-#include "redrive/camera/fov.h"
-#include "redrive/camera/mei.h"
-#include "redrive/camera/opencv_fisheye.h"
-#include "redrive/camera/opencv_pinhole.h"
-#include "redrive/camera/opencv_rational.h"
-#include "redrive/camera/thin_prism_fisheye.h"
+#include "redrive/camera/lenses/fov.h"
+#include "redrive/camera/lenses/ftheta.h"
+#include "redrive/camera/lenses/mei.h"
+#include "redrive/camera/lenses/opencv_fisheye.h"
+#include "redrive/camera/lenses/opencv_pinhole.h"
+#include "redrive/camera/lenses/opencv_rational.h"
+#include "redrive/camera/lenses/thin_prism_fisheye.h"
 
 namespace redrive {
 
-using CameraModel =
-    std::variant<OpenCvPinhole, Mei, OpenCvFisheye, OpenCvRational, Fov, ThinPrismFisheye>;
+using CameraModel = std::variant<OpenCvPinhole, Mei, OpenCvFisheye, OpenCvRational, Fov,
+                                 ThinPrismFisheye, FTheta, FThetaInverse>;
 
 /// A model's description, for readers and writers of calibrations.
 struct CameraModelInfo {

@@ -5,9 +5,9 @@
 
 #include <cstring>
 
-#include "redrive/camera/lens.h"
+#include "redrive/camera/lenses/lens.h"
+#include "redrive/camera/lenses/spherical.h"
 #include "redrive/camera/models.h"
-#include "redrive/camera/spherical.h"
 
 namespace redrive {
 
@@ -26,8 +26,8 @@ struct PlainCamera {
   int width = 0, height = 0;
 };
 
-/// The projection of camera/spherical.h: fx and fy are pixels per radian. It is a type of its own:
-/// kernels have its code beside the code of cameras, which therefore changes no bit.
+/// The projection of camera/lenses/spherical.h: fx and fy are pixels per radian. It is a type of
+/// its own: kernels have its code beside the code of cameras, which therefore changes no bit.
 struct SphericalCamera : PlainCamera {
   explicit REDRIVE_LANES SphericalCamera(const PlainCamera& camera) : PlainCamera(camera) {}
 };

@@ -52,14 +52,18 @@ Action configure_bench(CLI::App& command) {
   auto s = std::make_shared<Settings>();
   add_backend_options(command, &s->backend);
   add_json_option(command, &s->json);
-  command.add_option("--filter", s->options.filter,
-                     "runs only benchmarks whose name contains this (default: all)");
+  CLI::Option* const filter =
+      command.add_option("--filter", s->options.filter,
+                         "runs only benchmarks whose name contains this (default: all)");
+  CLI::Option* const repetitions =
+      command
+          .add_option("--repetitions", s->options.repetitions,
+                      "0..10000; 0: at least 5 and for 3 s, but one run where it takes over 20 s")
+          ->capture_default_str();
   command
-      .add_option("--repetitions", s->options.repetitions,
-                  "0..10000; 0: at least 5 and for 3 s, but one run where it takes over 20 s")
-      ->capture_default_str();
-  command.add_flag("--roofline", s->roofline,
-                   "instead: estimates of a training step of Gaussians on GPUs");
+      .add_flag("--roofline", s->roofline,
+                "instead: estimates of a training step of Gaussians on GPUs")
+      ->excludes(filter, repetitions, command.get_option("--json"));
   return [s] {
     if (s->options.repetitions < 0 || s->options.repetitions > 10'000)
       throw UsageError("--repetitions", std::to_string(s->options.repetitions),

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // redrive export: writes a run or a recording in a format of other programs.
+#include <array>
 #include <cstdio>
 #include <memory>
 #include <optional>
@@ -346,7 +347,10 @@ int export_model(const ExportCommandOptions& options) {
   ExportOptions encode = options.encode;
   if (options.actor) encode.actor = &find_actor(run.scene, "--actors", *options.actor);
   const std::string bytes = format.encode(encode);
-  write_file(options.out, bytes);
+  if (format.zip_member.empty())
+    write_file(options.out, bytes);
+  else
+    write_zip(options.out, std::array{ZipMember{format.zip_member, bytes}});
   if (const MovingObject* actor = encode.actor)
     std::printf(
         "%s of %.2f x %.2f x %.2f m (length, width, height); origin: the centre of its "
@@ -424,7 +428,7 @@ int run_export(const ExportCommandOptions& options) {
     if (options.format != format.name) continue;
     if (options.actor)
       throw UsageError("--actors", std::to_string(*options.actor),
-                       "is for splat-ply and splat-spz");
+                       "is for Gaussians, splat-ply among them");
     return format.run(options);
   }
   if (const std::vector<std::string> names = format_names();
@@ -450,9 +454,10 @@ Action configure_export(CLI::App& command) {
                   "splat-ply a Gaussian takes 68 bytes with 0, 104 with 1")
       ->check(within("--sh-degree", 0, 1))
       ->capture_default_str();
-  command.add_option("--actors", options->actor,
-                     "id of one moving object whose Gaussians splat-ply and splat-spz have instead "
-                     "of the world's, in the axes of its box; render --edit takes the PLY");
+  command.add_option(
+      "--actors", options->actor,
+      "id of one moving object whose Gaussians are written instead of the world's, in "
+      "the axes of its box; render --edit takes the PLY");
   command
       .add_option("--voxel", options->voxel_m,
                   "of meshes, the side of a voxel in metres, 0.001..100 (default: " +

@@ -7,9 +7,11 @@
 #include <limits>
 #include <numeric>
 
+#include <Eigen/Geometry>
 #include <nlohmann/json.hpp>
 
 #include "redrive/base/error.h"
+#include "redrive/base/files/glb.h"
 #include "redrive/optim/flip.h"
 
 namespace redrive {
@@ -163,22 +165,10 @@ std::string make_glb(const TriangleMesh& mesh) {
   const std::size_t n = mesh.vertices.size();
   const GlbBytes sizes{n * 3 * sizeof(float), n * 4 * sizeof(std::uint16_t),
                        mesh.triangles.size() * sizeof(Triangle)};
-  if (sizes.all() > std::numeric_limits<std::uint32_t>::max() - 4096)
+  if (sizes.all() > kMostGlbBytes)
     throw UsageError("--voxel", "", "must be larger: a GLB holds 4 GiB");
-  std::string json = describe_glb(mesh, sizes).dump();
-  json.resize((json.size() + 3) / 4 * 4, ' ');
-
-  const std::uint32_t bin_bytes = static_cast<std::uint32_t>(sizes.all()),
-                      json_bytes = static_cast<std::uint32_t>(json.size());
-  std::string bytes;
-  bytes.reserve(28 + json.size() + bin_bytes);
-  bytes += "glTF";
-  append(std::uint32_t{2}, &bytes);
-  append(28 + json_bytes + bin_bytes, &bytes);
-  append(json_bytes, &bytes);
-  bytes += "JSON" + json;
-  append(bin_bytes, &bytes);
-  bytes.append("BIN\0", 4);
+  std::string bytes = glb_head(describe_glb(mesh, sizes), sizes.all());
+  bytes.reserve(bytes.size() + sizes.all());
   for (const PlyPoint& vertex : mesh.vertices)
     for (const float x : turned(vertex.position)) append(x, &bytes);
   for (const PlyPoint& vertex : mesh.vertices) {

@@ -29,6 +29,7 @@ struct ExportFormat {
   std::string name;                                         ///< value of --to
   std::string help;                                         ///< one line
   std::function<std::string(const ExportOptions&)> encode;  ///< returns the bytes of the file
+  std::string zip_member;  ///< where the file is a zip (USDZ), the member with these bytes
 };
 
 /// Threads with a backend each may share a const field, unless its class says otherwise.

@@ -3,36 +3,16 @@
 #include "redrive/model/gaussian_spz.h"
 
 #include <cmath>
-#include <random>
 #include <vector>
 
 #include <gtest/gtest.h>
 
 #include "redrive/base/files/gzip.h"
-#include "redrive/edit/actor_body.h"
 #include "redrive/field/splat_numbers.h"
+#include "redrive/model/gaussians_testing.h"
 
 namespace redrive {
 namespace {
-
-std::vector<float> gaussians_of_test(std::size_t n, float extent_m) {
-  std::mt19937 random(7);
-  std::normal_distribution<float> normal;
-  std::vector<float> numbers(gaussian_blocks(n) * kBlockSize);
-  for (std::size_t i = 0; i < n; ++i) {
-    const auto set = [&](int row, int count, float middle, float spread) {
-      for (int k = 0; k < count; ++k)
-        numbers[gaussian_slot(i, row + k)] = middle + spread * normal(random);
-    };
-    set(kPositionRow, 3, 0, extent_m);
-    set(kLogScaleRow, 3, -3, 1);
-    set(kQuaternionRow, 4, 0, 1);
-    set(kOpacityRow, 1, 0, 2);
-    set(kColourRow, 3, 0.5f, 0.2f);
-    set(kHarmonicsRow, 9, 0, 0.1f);
-  }
-  return numbers;
-}
 
 class Spz : public testing::TestWithParam<float> {};
 

@@ -84,8 +84,9 @@ void bind_camera(py::module_& module) {
       .def(py::init(&make_named), py::arg("name"), py::arg("model"), py::arg("width"),
            py::arg("height"), py::arg("intrinsics"), py::arg("rig_from_camera") = py::none(),
            py::arg("time_offset_ns") = 0, py::arg("readout_ns") = 0,
-           "model: opencv_pinhole, mei, opencv_fisheye, opencv_rational, fov or "
-           "thin_prism_fisheye. intrinsics: fx, fy, cx, cy in pixels and the model's "
+           "model: opencv_pinhole, mei, opencv_fisheye, opencv_rational, fov, "
+           "thin_prism_fisheye, ftheta or ftheta_inverse. intrinsics: fx, fy, cx, cy in pixels and "
+           "the model's "
            "coefficients by name, 0 where left out. rig_from_camera: [4, 4], default: identity.")
       .def_property_readonly(
           "name", [](const NamedCamera& c) { return c.rig.name; }, "str")

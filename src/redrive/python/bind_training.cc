@@ -11,7 +11,6 @@
 
 #include "redrive/base/did_you_mean.h"
 #include "redrive/base/error.h"
-#include "redrive/base/memory_limit.h"
 #include "redrive/python/bindings.h"
 #include "redrive/python/calls.h"
 #include "redrive/recording/formats/pose_files.h"
@@ -137,13 +136,8 @@ void prepare(const GivenFields& given, const fs::path& out, Prepared* made) {
   make_run_scene(&run, given_names(given));
   run.state = make_initial_state(run.options, run.scene);
   record_hyperparameters(*run.state.model, &run.options);
-  const MemoryEstimate need = estimate_memory(run, made->backend->threads());
-  const std::uint64_t allowed = allowed_memory(run.options, memory_bytes());
-  check_memory(need, allowed, run.options);
-  if (const std::uint64_t of_device = run.state.model->device_bytes(*made->backend))
-    check_device_memory(
-        of_device, allowed_device_memory(run.options, made->backend->device_memory()), run.options);
-  made->data = prepare_training_data(&run, made->backend->pool(), image_cache_bytes(need, allowed));
+  const RunMemory memory = reserve_memory(run, *made->backend);
+  made->data = prepare_training_data(&run, made->backend->pool(), memory.cache_bytes);
   run.paths = create_run(
       out, run.options,
       [&](const RunPaths& paths) {

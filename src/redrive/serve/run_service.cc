@@ -97,6 +97,15 @@ std::vector<MovingObject> placed_objects(const SensorQuery& query, const Scene& 
 
 /// Returns the camera of a lens at its own size.
 Camera camera_of_lens(const Lens& lens, const Scene& scene) {
+  if (lens.ftheta) {
+    CameraCalibration camera = lens.camera;
+    try {
+      set_ftheta(*lens.ftheta, "", "ftheta_param.", &camera);
+    } catch (const InputError& error) {
+      refuse(StatusCode::kInvalidArgument, error.field + " = " + error.value + ": " + error.rule);
+    }
+    return make_camera(camera);
+  }
   if (lens.camera.model.empty()) {
     const int index = scene.camera_index(lens.camera.name);
     if (index >= 0) return scene.rig[index].camera;
@@ -239,6 +248,7 @@ std::vector<SceneCamera> RunService::cameras(const std::string& scene) {
                                               : Shutter::kBottomToTop;
       if (const auto* fisheye = std::get_if<OpenCvFisheye>(&rig.camera.model))
         one.lens.max_angle_rad = fisheye->max_angle_rad;
+      one.lens.ftheta = ftheta_intrinsics(one.lens.camera);
       one.rig_from_camera = rig.body_from_sensor;
       cameras.push_back(std::move(one));
     }

@@ -9,12 +9,14 @@
 
 #include <cstdint>
 #include <functional>
+#include <optional>
 #include <span>
 #include <stdexcept>
 #include <string>
 #include <vector>
 
 #include "redrive/camera/calibration.h"
+#include "redrive/camera/lenses/ftheta.h"
 #include "redrive/math/rigid3.h"
 
 namespace redrive::serve {
@@ -75,6 +77,8 @@ struct Lens {
   CameraCalibration camera;
   Shutter shutter = Shutter::kUnknown;
   double max_angle_rad = 0;  ///< edge of the valid region, where the service names a fisheye
+  /// Instead of the camera's model and parameters; of a scene's f-theta camera, besides.
+  std::optional<FThetaIntrinsics> ftheta;
 };
 
 /// What images and scans have in common. The named objects alone are drawn; where none is named,

@@ -7,6 +7,7 @@
 #include "redrive/base/error.h"
 #include "redrive/base/files/file_container.h"
 #include "redrive/base/memory_limit.h"
+#include "redrive/kernels/gaussian/gaussian_stages.h"
 #include "redrive/perception/masks.h"
 #include "redrive/perception/seen_through.h"
 #include "redrive/perception/track_points.h"
@@ -189,6 +190,24 @@ void check_device_memory(std::uint64_t need, std::uint64_t allowed, const TrainO
     throw UsageError("--gpu-memory", options.gpu_memory,
                      "training " + memory_text(need, allowed) +
                          "; lower --max-gaussians, or --backend cpu needs none");
+}
+
+RunMemory reserve_memory(const Run& run, kernels::Backend& backend, bool data_parallel,
+                         std::uint64_t machine_shares, std::uint64_t device_shares) {
+  RunMemory memory;
+  memory.need = estimate_memory(run, backend.threads(), data_parallel);
+  memory.allowed = allowed_memory(run.options, memory_bytes()) / machine_shares;
+  check_memory(memory.need, memory.allowed, run.options);
+  memory.cache_bytes = image_cache_bytes(memory.need, memory.allowed);
+  memory.of_device = run.state.model->device_bytes(backend);
+  if (memory.of_device == 0) return memory;
+  memory.allowed_of_device =
+      allowed_device_memory(run.options, backend.device_memory()) / device_shares;
+  check_device_memory(memory.of_device, memory.allowed_of_device, run.options);
+  const std::uint64_t images = memory.need.images + memory.need.images / 16;  // gaps between them
+  memory.images_of_device = std::min(memory.allowed_of_device - memory.of_device, images);
+  backend.gaussians().keep_targets(memory.images_of_device);
+  return memory;
 }
 
 void check_rendering_memory(const Run& run, const Camera* camera) {

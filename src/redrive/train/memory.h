@@ -63,6 +63,20 @@ void check_memory(const MemoryEstimate& need, std::uint64_t allowed, const Train
 /// Throws UsageError naming --gpu-memory if more of a device's memory is needed than allowed.
 void check_device_memory(std::uint64_t need, std::uint64_t allowed, const TrainOptions& options);
 
+/// What a training takes of the machine and of its device, all within their limits.
+struct RunMemory {
+  MemoryEstimate need;
+  std::uint64_t allowed = 0;
+  /// Bytes of the backend's device for the model, and for the images that it keeps; 0 without one.
+  std::uint64_t of_device = 0, images_of_device = 0, allowed_of_device = 0;
+  std::optional<std::uint64_t> cache_bytes;  ///< image_cache_bytes
+};
+/// Estimates a training's memory, checks it, and lets the device keep images as far as there is
+/// room. machine_shares and device_shares: numbers of processes that share the machine and the
+/// device. Throws as check_memory and check_device_memory.
+RunMemory reserve_memory(const Run& run, kernels::Backend& backend, bool data_parallel = false,
+                         std::uint64_t machine_shares = 1, std::uint64_t device_shares = 1);
+
 /// Throws UsageError if the run's --memory allows less than its model takes plus, unless `camera`
 /// is null, an image of the camera.
 void check_rendering_memory(const Run& run, const Camera* camera = nullptr);

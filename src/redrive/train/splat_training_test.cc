@@ -205,6 +205,14 @@ TEST_F(SplatTrainingTest, ADriveThatDoesNotFitGetsASmallerCache) {
   EXPECT_GT(*image_cache_bytes(need, some), need.least_images - need.decoders);
   EXPECT_LT(*image_cache_bytes(need, some), need.images);
   EXPECT_THROW(check_memory(need, least - 1, run.options), UsageError);
+
+  const RunMemory alone = reserve_memory(run, *backend_);
+  EXPECT_FALSE(alone.cache_bytes);
+  EXPECT_EQ(alone.of_device, 0u);
+  const RunMemory shared = reserve_memory(run, *backend_, false, alone.allowed / some);
+  EXPECT_EQ(shared.allowed, alone.allowed / (alone.allowed / some));
+  EXPECT_TRUE(shared.cache_bytes) << "processes that share the machine have a part each";
+  EXPECT_THROW(reserve_memory(run, *backend_, false, alone.allowed / least + 1), UsageError);
 }
 
 // The objects of samples/street_traffic come from the recording again; their Gaussians, bounds and

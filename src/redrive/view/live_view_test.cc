@@ -167,7 +167,7 @@ TEST_F(LiveViewTest, SplatsGrowOnThreadsWhileThePageLooksAround) {
 
 /// The host's numbers are the device's when images are made.
 TEST_F(LiveViewTest, FetchesWhatADeviceTrains) {
-#if defined(__SANITIZE_THREAD__) || defined(__SANITIZE_ADDRESS__)
+#ifdef REDRIVE_SANITIZED
   GTEST_SKIP() << "drivers are not built with sanitizers";
 #endif
   std::unique_ptr<kernels::Backend> device;

@@ -19,6 +19,14 @@ namespace {
 constexpr std::size_t kMostMembers = 100'000, kMostName = 4096;
 constexpr std::size_t kBlock = std::size_t{1} << 20;
 
+/// Returns the extra field that lets a member's bytes begin at a multiple of 64. `offset`: where
+/// they begin without it. 0x1986 is the field that USDZ's writers pad with.
+std::string padding(std::uint64_t offset) {
+  constexpr std::size_t kAlignment = 64, kField = 4;
+  const std::size_t past = (offset + kField) % kAlignment, zeros = past > 0 ? kAlignment - past : 0;
+  return std::string{'\x86', '\x19', static_cast<char>(zeros), '\0'} + std::string(zeros, '\0');
+}
+
 }  // namespace
 
 void write_zip(const std::filesystem::path& path, std::span<const ZipMember> members) {
@@ -29,12 +37,18 @@ void write_zip(const std::filesystem::path& path, std::span<const ZipMember> mem
   zip_fileinfo info{};
   info.tmz_date.tm_year = 1980;  // the format's first day
   info.tmz_date.tm_mday = 1;
+  std::uint64_t offset = 0;
   for (const ZipMember& member : members) {
     if (!good) break;
     const bool large = member.bytes.size() >= 0xffffffff;
     constexpr int kStored = 0;
-    good = zipOpenNewFileInZip64(zip, member.name.c_str(), &info, nullptr, 0, nullptr, 0, nullptr,
-                                 kStored, 0, large) == ZIP_OK;
+    constexpr std::size_t kHeader = 30, kLargeSizes = 20;
+    offset += kHeader + member.name.size() + (large ? kLargeSizes : 0);
+    const std::string extra = padding(offset);
+    good = zipOpenNewFileInZip64(zip, member.name.c_str(), &info, extra.data(),
+                                 static_cast<unsigned>(extra.size()), nullptr, 0, nullptr, kStored,
+                                 0, large) == ZIP_OK;
+    offset += extra.size() + member.bytes.size();
     for (std::string_view rest = member.bytes; good && !rest.empty();) {
       const auto n = static_cast<unsigned>(std::min(rest.size(), kBlock));
       good = zipWriteInFileInZip(zip, rest.data(), n) == ZIP_OK;

@@ -20,7 +20,8 @@ struct ZipMember {
 };
 
 /// Writes a zip whose members are stored, in this order and without times, so that equal members
-/// give equal files. Whole or not at all: IoError as write_file.
+/// give equal files. Their bytes begin at multiples of 64, as USDZ asks. Whole or not at all:
+/// IoError as write_file.
 void write_zip(const std::filesystem::path& path, std::span<const ZipMember> members);
 
 /// The members of a zip, below the path of its file. Nothing is unpacked into a folder, so a name

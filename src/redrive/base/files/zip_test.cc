@@ -41,6 +41,8 @@ TEST_F(Zip, GivesBackWhatWasWritten) {
   EXPECT_EQ(read_file(file_), bytes) << "equal members give other files";
   EXPECT_THAT(bytes, HasSubstr("words"));
   EXPECT_LT(bytes.size(), large_.size() + 1000) << "members are stored";
+  for (const std::string begin : {"words", "xxx"})
+    EXPECT_EQ(bytes.find(begin) % 64, 0u) << "as USDZ asks";
   mount(file_, std::make_shared<ZipFile>(file_));
   EXPECT_EQ(read_file(file_ / "b/text"), "words");
   EXPECT_EQ(read_file(file_ / "a"), large_);

@@ -5,12 +5,10 @@
 #include <cstdio>
 
 #include "redrive/base/error.h"
-#include "redrive/base/memory_limit.h"
 #include "redrive/camera/ray_share.h"
 #include "redrive/cli/backend_options.h"
 #include "redrive/cli/help.h"
 #include "redrive/kernels/device_info.h"
-#include "redrive/kernels/gaussian/gaussian_stages.h"
 #include "redrive/perception/find_moving.h"
 #include "redrive/train/memory.h"
 #include "redrive/train/poses/pose_changes.h"
@@ -47,33 +45,21 @@ std::vector<std::string> devices_of_processes(const TrainOptions& options,
 
 std::optional<std::uint64_t> check_run_memory(const Run& run, kernels::Backend& backend,
                                               const ProcessGroup& group, bool data_parallel) {
-  const MemoryEstimate need = estimate_memory(run, backend.threads(), data_parallel);
   const std::vector<std::string> devices = devices_of_processes(run.options, group);
-  const auto shares = static_cast<std::uint64_t>(
-      std::ranges::count(devices, devices[static_cast<std::size_t>(group.rank_on_machine())]));
-  const std::uint64_t allowed = allowed_memory(run.options, memory_bytes()) /
-                                static_cast<std::uint64_t>(group.on_machine()),
-                      of_device = run.state.model->device_bytes(backend),
-                      allowed_of_device =
-                          of_device == 0
-                              ? 0
-                              : allowed_device_memory(run.options, backend.device_memory()) /
-                                    shares;
-  check_memory(need, allowed, run.options);
-  check_device_memory(of_device, allowed_of_device, run.options);
-  std::printf("%s\n", describe_memory(need, allowed).c_str());
-  if (of_device > 0) {
-    // The images, as far as there is room, with gaps between them.
-    const std::uint64_t of_images =
-        std::min(allowed_of_device - of_device, need.images + need.images / 16);
-    backend.gaussians().keep_targets(of_images);
-    std::printf("gpu: %s\n", memory_text(of_device + of_images, allowed_of_device).c_str());
-  }
-  std::fflush(stdout);
+  const auto device_shares =
+      std::ranges::count(devices, devices[static_cast<std::size_t>(group.rank_on_machine())]);
+  const RunMemory memory =
+      reserve_memory(run, backend, data_parallel, static_cast<std::uint64_t>(group.on_machine()),
+                     static_cast<std::uint64_t>(device_shares));
+  std::printf("%s\n", describe_memory(memory.need, memory.allowed).c_str());
+  if (memory.of_device > 0)
+    std::printf(
+        "gpu: %s\n",
+        memory_text(memory.of_device + memory.images_of_device, memory.allowed_of_device).c_str());
   std::printf("preparing %zu images; seconds of training count from the first step\n",
               run.scene.views.size());
   std::fflush(stdout);
-  return image_cache_bytes(need, allowed);
+  return memory.cache_bytes;
 }
 
 void print_summary(const Run& run, const TrainingData& training, const kernels::Backend& backend) {

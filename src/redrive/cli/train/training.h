@@ -20,11 +20,9 @@ namespace redrive {
 
 /// Adds an option of train_fields() to a command. `given`: must outlive the command.
 void add_field(CLI::App& command, const TrainField& field, GivenFields* given);
-/// Prints how much memory the run needs and --memory allows. Returns the bytes of a cache of images
-/// (train/training_data.h) where not all fit. Throws UsageError if the run needs more than is
-/// allowed even with the smallest cache, or of the backend's device more than --gpu-memory.
-/// Each process of the group on this machine has its part of both. The device may keep images in
-/// the rest of its memory.
+/// reserve_memory for a process of the group, which has its part of the machine's memory and of its
+/// device's. Prints what is needed and allowed. Returns the bytes of a cache of images where not
+/// all fit (train/training_data.h).
 std::optional<std::uint64_t> check_run_memory(const Run& run, kernels::Backend& backend,
                                               const ProcessGroup& group = {},
                                               bool data_parallel = false);

@@ -2,6 +2,7 @@
 // The ground's part of a mesh, for the wheels of a simulated car.
 #pragma once
 
+#include <cstddef>
 #include <span>
 
 #include "redrive/export/triangle_mesh.h"
@@ -17,5 +18,13 @@ constexpr double kGroundReach_m = 15;
 /// road, kerbs and pavements, but no cars. `driven`: poses of the body, whose origin is on the
 /// ground.
 TriangleMesh ground_of_mesh(const TriangleMesh& mesh, std::span<const Rigid3d> driven);
+
+/// Half the width of the strip that wheels touched, and how far it goes on at its ends.
+constexpr double kUnderBody_m = 1.5, kBeyondEnds_m = 2;
+
+/// Adds squares where the ground has no triangle under the driven line: behind the first pose,
+/// which no camera saw, and in holes. They lie on the x-y planes of the poses, on which the wheels
+/// stood, shifted as the ground beside them is. Grey. Returns the number of triangles added.
+std::size_t fill_under_body(std::span<const Rigid3d> driven, TriangleMesh* ground);
 
 }  // namespace redrive

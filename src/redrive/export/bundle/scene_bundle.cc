@@ -97,7 +97,7 @@ const char* shutter_name(std::int64_t readout_ns) {
                           : "ROLLING_BOTTOM_TO_TOP";
 }
 
-/// NCore's parameters. CARLA reads f-theta's of every camera, which are null here.
+/// NCore's parameters. CARLA reads f-theta's of every camera, which are null for other lenses.
 Json camera_model(const CameraCalibration& camera, const Camera& lens) {
   const std::vector<double>& p = camera.parameters;
   Json parameters = {{"resolution", {camera.width, camera.height}},
@@ -105,6 +105,7 @@ Json camera_model(const CameraCalibration& camera, const Camera& lens) {
                      {"external_distortion_parameters", nullptr},
                      {"principal_point", {camera.cx() + 0.5, camera.cy() + 0.5}},
                      {"focal_length", {camera.fx(), camera.fy()}}};
+  const std::optional<FThetaIntrinsics> ftheta = ftheta_intrinsics(camera);
   std::string type = camera.model;
   if (type == "opencv_pinhole" || type == "opencv_rational") {
     type = "opencv-pinhole";
@@ -116,6 +117,10 @@ Json camera_model(const CameraCalibration& camera, const Camera& lens) {
   } else if (type == "opencv_fisheye") {
     type = "opencv-fisheye";
     parameters["radial_coeffs"] = std::vector<double>(p.begin() + 4, p.begin() + 8);
+  } else if (ftheta) {
+    type = "ftheta";  // its principal point counts from the centre of the first pixel
+    parameters["principal_point"] = {camera.cx(), camera.cy()};
+    parameters.erase("focal_length");
   } else {  // the service's alone
     parameters["parameters"] = std::vector<double>(p.begin() + 4, p.end());
   }
@@ -124,6 +129,14 @@ Json camera_model(const CameraCalibration& camera, const Camera& lens) {
     parameters[key] = nullptr;
   if (const auto* fisheye = std::get_if<OpenCvFisheye>(&lens.model))
     parameters["max_angle"] = fisheye->max_angle_rad;
+  if (ftheta) {
+    parameters["reference_poly"] =
+        ftheta->angle_is_reference ? "PIXELDIST_TO_ANGLE" : "ANGLE_TO_PIXELDIST";
+    parameters["pixeldist_to_angle_poly"] = ftheta->pixeldist_to_angle;
+    parameters["angle_to_pixeldist_poly"] = ftheta->angle_to_pixeldist;
+    parameters["max_angle"] = ftheta->max_angle_rad;
+    parameters["linear_cde"] = {ftheta->c, ftheta->d, ftheta->e};
+  }
   return {{"type", type}, {"parameters", parameters}};
 }
 
@@ -276,7 +289,8 @@ SceneBundle make_scene_bundle(const Run& run, kernels::Backend& backend,
     throw InputError(root, "", "", "the field has no opaque surface in its images");
   std::vector<Rigid3d> driven;
   for (const PosedFrame& frame : run.scene.posed_frames()) driven.push_back(frame.world_from_body);
-  const TriangleMesh ground = ground_of_mesh(field.mesh, driven);
+  TriangleMesh ground = ground_of_mesh(field.mesh, driven);
+  fill_under_body(driven, &ground);
 
   const BundleScene scene{run, options, run.scene.frames.front().t_ns,
                           run.scene.frames.back().t_ns};

@@ -188,12 +188,32 @@ TEST_F(RpcTest, ReadsRequests) {
   EXPECT_EQ(points.point_intensities_buffer().size(), 8u);
 }
 
+TEST_F(RpcTest, ReadsFThetaLenses) {
+  sensorsim::ImageRequest request = image_request();
+  sensorsim::FTheta* const lens = request.mutable_camera_intrinsics()->mutable_ftheta_param();
+  lens->set_principal_point_x(9.5);
+  lens->set_reference_poly(2);
+  for (const double k : {0.0, 8.0, 4.0}) lens->add_angle_to_pixeldist_poly(k);
+  lens->mutable_linear_cde()->set_linear_c(2);
+  lens->mutable_linear_cde()->set_linear_d(0.5);
+  lens->set_max_angle(1.5);
+  sensorsim::ImageReply reply;
+  ASSERT_TRUE(RpcClient(server_->port()).call("render_rgb", request, &reply).ok());
+  const std::optional<FThetaIntrinsics>& read = service_.image.lens.ftheta;
+  ASSERT_TRUE(read);
+  EXPECT_FALSE(read->angle_is_reference);
+  EXPECT_THAT(read->angle_to_pixeldist, ElementsAre(0, 8, 4));
+  EXPECT_EQ(read->cx, 9.5);
+  EXPECT_EQ(read->d, 0.5);
+  EXPECT_EQ(read->max_angle_rad, 1.5);
+}
+
 TEST_F(RpcTest, RefusesByName) {
   const RpcClient client(server_->port());
   using Change = std::function<void(sensorsim::ImageRequest&)>;
   const std::vector<std::tuple<Change, grpc::StatusCode, const char*>> cases = {
       {[](auto& r) { r.mutable_camera_intrinsics()->mutable_ftheta_param(); },
-       grpc::StatusCode::UNIMPLEMENTED, "f-theta"},
+       grpc::StatusCode::INVALID_ARGUMENT, "ftheta_param.reference_poly"},
       {[](auto& r) { r.mutable_camera_intrinsics()->mutable_bivariate_windshield_model_param(); },
        grpc::StatusCode::UNIMPLEMENTED, "windshield"},
       {[](auto& r) {
@@ -237,7 +257,7 @@ TEST_F(RpcTest, AnItemOfABatchFailsAlone) {
   EXPECT_EQ(reply.items(0).result().image_bytes(), "front");
   EXPECT_FALSE(reply.items(1).success());
   EXPECT_EQ(reply.items(1).error_message(), "bad");
-  EXPECT_THAT(reply.items(2).error_message(), HasSubstr("f-theta"));
+  EXPECT_THAT(reply.items(2).error_message(), HasSubstr("ftheta_param"));
 
   sensorsim::AggregatedRequest bundle;
   *bundle.add_rgb_requests() = image_request();

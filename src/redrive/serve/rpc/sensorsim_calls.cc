@@ -110,6 +110,39 @@ void read_fisheye(const sensorsim::Fisheye& p, CameraCalibration* camera) {
     camera->parameters.push_back(k);
 }
 
+enum ReferencePolynomial { kPixeldistToAngle = 1, kAngleToPixeldist = 2 };
+
+FThetaIntrinsics read_ftheta(const sensorsim::FTheta& p) {
+  if (p.reference_poly() != kPixeldistToAngle && p.reference_poly() != kAngleToPixeldist)
+    refuse("ftheta_param.reference_poly", std::to_string(p.reference_poly()), "must be 1 or 2");
+  FThetaIntrinsics lens{.cx = p.principal_point_x(),
+                        .cy = p.principal_point_y(),
+                        .angle_is_reference = p.reference_poly() == kPixeldistToAngle,
+                        .max_angle_rad = p.max_angle()};
+  lens.pixeldist_to_angle.assign(p.pixeldist_to_angle_poly().begin(),
+                                 p.pixeldist_to_angle_poly().end());
+  lens.angle_to_pixeldist.assign(p.angle_to_pixeldist_poly().begin(),
+                                 p.angle_to_pixeldist_poly().end());
+  if (p.has_linear_cde()) {
+    lens.c = p.linear_cde().linear_c();
+    lens.d = p.linear_cde().linear_d();
+    lens.e = p.linear_cde().linear_e();
+  }
+  return lens;
+}
+
+void write_ftheta(const FThetaIntrinsics& lens, sensorsim::FTheta* p) {
+  p->set_principal_point_x(lens.cx);
+  p->set_principal_point_y(lens.cy);
+  p->set_reference_poly(lens.angle_is_reference ? kPixeldistToAngle : kAngleToPixeldist);
+  for (const double k : lens.pixeldist_to_angle) p->add_pixeldist_to_angle_poly(k);
+  for (const double k : lens.angle_to_pixeldist) p->add_angle_to_pixeldist_poly(k);
+  p->set_max_angle(lens.max_angle_rad);
+  p->mutable_linear_cde()->set_linear_c(lens.c);
+  p->mutable_linear_cde()->set_linear_d(lens.d);
+  p->mutable_linear_cde()->set_linear_e(lens.e);
+}
+
 Lens lens_of(const sensorsim::CameraSpec& spec) {
   if (spec.has_bivariate_windshield_model_param())
     throw RequestError(StatusCode::kUnimplemented,
@@ -117,10 +150,7 @@ Lens lens_of(const sensorsim::CameraSpec& spec) {
   Lens lens;
   lens.camera.name = spec.logical_id();
   switch (spec.camera_param_case()) {
-    case sensorsim::CameraSpec::kFthetaParam:
-      throw RequestError(StatusCode::kUnimplemented,
-                         "ftheta_param: f-theta cameras are not modelled; opencv_pinhole_param and "
-                         "opencv_fisheye_param are");
+    case sensorsim::CameraSpec::kFthetaParam: lens.ftheta = read_ftheta(spec.ftheta_param()); break;
     case sensorsim::CameraSpec::kOpencvPinholeParam:
       read_pinhole(spec.opencv_pinhole_param(), &lens.camera);
       break;
@@ -157,6 +187,8 @@ void write_lens(const Lens& lens, sensorsim::CameraSpec* spec) {
     write_focal_and_centre(camera, out);
     for (std::size_t k = 4; k < 8; ++k) out->add_radial_coeffs(p.at(k));
     out->set_max_angle(lens.max_angle_rad);
+  } else if (lens.ftheta) {
+    write_ftheta(*lens.ftheta, spec->mutable_ftheta_param());
   }
 }
 

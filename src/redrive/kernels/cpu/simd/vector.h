@@ -9,6 +9,7 @@
 
 #include <cstdint>
 #include <cstring>
+#include <utility>
 
 #define REDRIVE_INLINE static inline __attribute__((always_inline))
 
@@ -47,6 +48,17 @@ REDRIVE_INLINE float sum(Vf v) {
   float s = 0;
   for (int i = 0; i < kLanes; ++i) s += v[i];
   return s;
+}
+
+/// Lanes Lane()(0), Lane()(1), ... of the pair (a, b), where b's follow a's. Lane is a lambda
+/// without captures.
+template <class V, class Lane, int... i>
+REDRIVE_INLINE V shuffle(V a, V b, Lane, std::integer_sequence<int, i...>) {
+  return __builtin_shufflevector(a, b, Lane()(i)...);
+}
+template <class V, class Lane>
+REDRIVE_INLINE V shuffle(V a, V b, Lane lane) {
+  return shuffle(a, b, lane, std::make_integer_sequence<int, kLanes>());
 }
 
 /// Returns the result of a comparison as bits: bit i is lane i's.

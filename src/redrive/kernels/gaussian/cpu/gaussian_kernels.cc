@@ -219,7 +219,7 @@ REDRIVE_ONE_COPY void update_block(const UpdateJob& job, const float* gradients,
              most = splat(job.max_log_scale) + log_distance,
              smallest = minimum(s[0], minimum(s[1], s[2]));
     for (int k = 0; k < 3; ++k) {
-      const Vf bounded = minimum((s[k] > smallest) & (s[k] < least) ? least : s[k], most);
+      const Vf bounded = minimum(((s[k] > smallest) & (s[k] < least)) ? least : s[k], most);
       store(p + (kLogScaleRow + k) * kGaussianBlock, drawn ? bounded : s[k]);
     }
   }

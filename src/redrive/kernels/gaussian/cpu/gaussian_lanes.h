@@ -64,18 +64,19 @@ REDRIVE_INLINE Vf logarithm_of_two(Vf x) {
   return __builtin_convertvector(exponent, Vf) + p * z * splat(2.88539008f);
 }
 
+/// The lane of a pair of vectors whose sum with the lane kGroup further is lane i of add_halves.
+template <int kGroup>
+REDRIVE_INLINE constexpr int first_half(int i) {
+  const int within = i % (kLanes / 2), from = i < kLanes / 2 ? 0 : kLanes;
+  return from + within / kGroup * 2 * kGroup + within % kGroup;
+}
+
 /// Lanes of two vectors after adding the halves of their groups of 2 * kGroup lanes: a's lanes,
 /// then b's.
 template <int kGroup>
 REDRIVE_INLINE Vf add_halves(Vf a, Vf b) {
-  Vi first{}, second{};
-  for (int i = 0; i < kLanes; ++i) {
-    const int within = i % (kLanes / 2), from = i < kLanes / 2 ? 0 : kLanes;
-    const int lane = from + within / kGroup * 2 * kGroup + within % kGroup;
-    first[i] = lane;
-    second[i] = lane + kGroup;
-  }
-  return __builtin_shuffle(a, b, first) + __builtin_shuffle(a, b, second);
+  return shuffle(a, b, [](int i) { return first_half<kGroup>(i); }) +
+         shuffle(a, b, [](int i) { return first_half<kGroup>(i) + kGroup; });
 }
 
 /// Lane i of the result is the sum of the lanes of v[i], i < kLanes; kCount of them are not zero.

@@ -12,8 +12,6 @@ namespace {
 constexpr int kBlocksAcross = kTilePixels / kBlockColumns;
 constexpr float kNothing = -80;  ///< log distance where there is nothing
 
-REDRIVE_INLINE int clamped(int x, int low, int high) { return x < low ? low : x > high ? high : x; }
-
 /// Pairs of a tile copied together, and the list of each block.
 struct Gathered {
   float* records;
@@ -124,7 +122,7 @@ REDRIVE_INLINE void forward(const TileForwardJob& job) {
       for (int k = 0; k < 3; ++k) rgb[k] += w * splat(record[6 + k]);
       if constexpr (kDepth || kRange) {
         const Vf here = log_distance(record, f);
-        if constexpr (kDepth) median = (w > Vf{}) & (t > splat(0.5f)) ? here : median;
+        if constexpr (kDepth) median = ((w > Vf{}) & (t > splat(0.5f))) ? here : median;
         if constexpr (kRange)
           error += w * minimum(magnitude_of(here - log_range), splat(kMaxRangeError));
       }

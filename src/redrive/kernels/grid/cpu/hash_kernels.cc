@@ -192,11 +192,10 @@ void encode_rows(const GridLevel& level, const GridPoints& points, float* out) {
 /// the cells of the vector before; `counted`: whether the level has a weight for its last point.
 /// Both are updated.
 REDRIVE_INLINE unsigned in_same_cell(const Cells& cells, Vi before[3], bool* counted) {
-  Vi shift;
-  for (int i = 0; i < kLanes; ++i) shift[i] = i == 0 ? 2 * kLanes - 1 : i - 1;
+  constexpr auto shift = [](int i) { return i == 0 ? 2 * kLanes - 1 : i - 1; };
   Vi same = Vi{} == Vi{};
   for (int k = 0; k < 3; ++k) {
-    same &= cells.corner[k] == __builtin_shuffle(cells.corner[k], before[k], shift);
+    same &= cells.corner[k] == shuffle(cells.corner[k], before[k], shift);
     before[k] = cells.corner[k];
   }
   const unsigned counted_before = cells.counts << 1 | *counted;
@@ -284,12 +283,10 @@ typedef float V4 __attribute__((vector_size(16), may_alias));
 /// parts, a's first.
 template <int kWidth, int kHigh>
 REDRIVE_INLINE Vf interleave(Vf a, Vf b) {
-  Vi index;
-  for (int i = 0; i < kLanes; ++i) {
+  return shuffle(a, b, [](int i) {
     const int of_b = i / kWidth % 2, at = i % 4 / (2 * kWidth) * kWidth + i % kWidth + 2 * kHigh;
-    index[i] = of_b * kLanes + i / 4 * 4 + at;
-  }
-  return __builtin_shuffle(a, b, index);
+    return of_b * kLanes + i / 4 * 4 + at;
+  });
 }
 
 /// Element m of point 4 q + e moves from lane 4 q + e of v[m] to lane 4 q + m of v[e]. Its own

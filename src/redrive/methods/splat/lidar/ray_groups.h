@@ -25,7 +25,8 @@ struct RayGroup {
   double after_ns = 0;           ///< from first_ns to the time at azimuth 0
   double by_azimuth_ns = 0;      ///< per rad
   std::vector<int> rays;         ///< indices
-  /// One per ray, radians: its angles in these axes (camera/spherical.h), elevation towards y.
+  /// One per ray, radians: its angles in these axes (camera/lenses/spherical.h), elevation towards
+  /// y.
   std::vector<float> azimuth, elevation;
 
   Eigen::Vector3d origin_at(double azimuth_rad) const {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Rays of a group as pixels of a raster (kernels/gaussian/gaussian_stages.h), whose Gaussians are
-// seen by the spherical projection (camera/spherical.h; Hess et al., SplatAD, CVPR 2025). The
-// raster's origin moves evenly with the azimuth, as a spinning sensor's does for a quarter of a
+// seen by the spherical projection (camera/lenses/spherical.h; Hess et al., SplatAD, CVPR 2025).
+// The raster's origin moves evenly with the azimuth, as a spinning sensor's does for a quarter of a
 // turn.
 #pragma once
 

@@ -19,7 +19,9 @@ namespace redrive {
 
 /// Shaders have floats.
 template <>
-inline constexpr trace::Sym SpherePlane::kLeast<trace::Sym> = double(SpherePlane::kLeast<float>);
+constexpr trace::Sym SpherePlane::least_w<trace::Sym>() {
+  return double(least_w<float>());
+}
 
 namespace trace {
 

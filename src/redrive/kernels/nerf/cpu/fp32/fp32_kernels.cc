@@ -81,22 +81,16 @@ void dense(const DenseLayer& layer, int samples) {
 
 /// Transposes a square of kLanes vectors: swaps the off-diagonal halves, then quarters, ... of
 /// every block.
+template <int kHalf = kLanes / 2>
 REDRIVE_INLINE void transpose_square(Vf (&row)[kLanes]) {
-#pragma GCC unroll 4
-  for (int half = kLanes / 2; half > 0; half /= 2) {
-    Vi upper, lower;  // lane indices into the pair (a, b)
-    for (int j = 0; j < kLanes; ++j) {
-      upper[j] = j & half ? kLanes + j - half : j;
-      lower[j] = j & half ? kLanes + j : j + half;
-    }
 #pragma GCC unroll 16
-    for (int r = 0; r < kLanes; ++r) {
-      if (r & half) continue;
-      const Vf a = row[r], b = row[r + half];
-      row[r] = __builtin_shuffle(a, b, upper);
-      row[r + half] = __builtin_shuffle(a, b, lower);
-    }
+  for (int r = 0; r < kLanes; ++r) {
+    if (r & kHalf) continue;
+    const Vf a = row[r], b = row[r + kHalf];
+    row[r] = shuffle(a, b, [](int j) { return j & kHalf ? kLanes + j - kHalf : j; });
+    row[r + kHalf] = shuffle(a, b, [](int j) { return j & kHalf ? kLanes + j : j + kHalf; });
   }
+  if constexpr (kHalf > 1) transpose_square<kHalf / 2>(row);
 }
 
 void transpose(const float* in, int features, int samples, float* out) {

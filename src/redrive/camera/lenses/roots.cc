@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/camera/roots.h"
+#include "redrive/camera/lenses/roots.h"
 
 namespace redrive {
 namespace {

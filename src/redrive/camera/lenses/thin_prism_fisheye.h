@@ -15,11 +15,11 @@
 #include <Eigen/Core>
 
 #include "redrive/camera/calibration.h"
-#include "redrive/camera/opencv_fisheye.h"
+#include "redrive/camera/lenses/opencv_fisheye.h"
 
 namespace redrive {
 
-/// Coefficients in any precision (camera/lens.h).
+/// Coefficients in any precision (camera/lenses/lens.h).
 template <class S>
 struct ThinPrismNumbers {
   S k1, k2, p1, p2, k3, k4, sx1, sy1;

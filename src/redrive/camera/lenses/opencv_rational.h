@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // "opencv_rational": the pinhole camera with OpenCV's eight coefficients, COLMAP's FULL_OPENCV.
-//   (x, y) = (X/Z, Y/Z), then camera/brown_conrady.h with the radial factor
+//   (x, y) = (X/Z, Y/Z), then camera/lenses/brown_conrady.h with the radial factor
 //   g(s) = (1 + k1 s + k2 s^2 + k3 s^3) / (1 + k4 s + k5 s^2 + k6 s^3).
 #pragma once
 
@@ -12,11 +12,11 @@
 #include <Eigen/Core>
 
 #include "redrive/camera/calibration.h"
-#include "redrive/camera/opencv_pinhole.h"
+#include "redrive/camera/lenses/opencv_pinhole.h"
 
 namespace redrive {
 
-/// Coefficients in any precision (camera/lens.h).
+/// Coefficients in any precision (camera/lenses/lens.h).
 template <class S>
 struct RationalNumbers {
   S k1, k2, p1, p2, k3, k4, k5, k6;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // "opencv_pinhole": the pinhole camera with OpenCV's five distortion coefficients.
-//   (x, y) = (X/Z, Y/Z), then camera/brown_conrady.h.
+//   (x, y) = (X/Z, Y/Z), then camera/lenses/brown_conrady.h.
 #pragma once
 
 #include <array>
@@ -9,8 +9,8 @@
 
 #include <Eigen/Core>
 
-#include "redrive/camera/brown_conrady.h"
 #include "redrive/camera/calibration.h"
+#include "redrive/camera/lenses/brown_conrady.h"
 
 namespace redrive {
 

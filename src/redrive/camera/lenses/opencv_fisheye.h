@@ -14,11 +14,11 @@
 #include <Eigen/Core>
 
 #include "redrive/camera/calibration.h"
-#include "redrive/camera/invert_on_disc.h"
+#include "redrive/camera/lenses/invert_on_disc.h"
 
 namespace redrive {
 
-/// Coefficients in any precision (camera/lens.h).
+/// Coefficients in any precision (camera/lenses/lens.h).
 template <class S>
 struct FisheyeNumbers {
   S k1, k2, k3, k4;

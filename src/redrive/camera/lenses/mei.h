@@ -2,7 +2,7 @@
 // "mei", for fisheyes: the unified model of Mei and Rives (ICRA 2007, section II), as in OpenCV's
 // omnidir.
 //   (X, Y, Z)/|.| -> (x, y) = (X/(Z + xi), Y/(Z + xi)) on the unit sphere, then
-//   camera/brown_conrady.h.
+//   camera/lenses/brown_conrady.h.
 // Inverse (the lift): with s = x^2 + y^2, f = (xi + sqrt(1 + (1 - xi^2) s)) / (s + 1), direction (f
 // x, f y, f - xi). At angle a from the axis r = sin a / (cos a + xi) grows until cos a = -xi (xi <=
 // 1, r = infinity) or cos a = -1/xi (xi > 1, r = 1/sqrt(xi^2 - 1), where the root of the lift is
@@ -18,12 +18,12 @@
 
 #include <Eigen/Core>
 
-#include "redrive/camera/brown_conrady.h"
 #include "redrive/camera/calibration.h"
+#include "redrive/camera/lenses/brown_conrady.h"
 
 namespace redrive {
 
-/// Coefficients in any precision (camera/lens.h).
+/// Coefficients in any precision (camera/lenses/lens.h).
 template <class S>
 struct MeiNumbers : BrownConradyNumbers<S> {
   S xi;
@@ -34,7 +34,9 @@ struct SpherePlane {
   /// Least w, in lengths of the point, that floats are divided by, so that sigma points near the
   /// sphere's edge (w = 0) stay finite; a point with less is not seen. Doubles reach the edge.
   template <class S>
-  static constexpr S kLeast = std::is_same_v<S, float> ? 0.02f : 0;
+  static constexpr S least_w() {
+    return std::is_same_v<S, float> ? 0.02f : 0;
+  }
 
   template <class M, class S>
   static REDRIVE_LANES PlanePoint<M> project(const MeiNumbers<S>& c, typename M::Real x,
@@ -43,7 +45,7 @@ struct SpherePlane {
     PlanePoint<M> p;
     p.length = M::sqrt(x * x + y * y + z * z);
     const Real xi = M::constant(c.xi), w = z + xi * p.length,
-               least = M::constant(kLeast<S>) * p.length;
+               least = M::constant(least_w<S>()) * p.length;
     p.scale = M::constant(1) / M::max(w, least);
     p.x = x * p.scale;
     p.y = y * p.scale;
@@ -58,7 +60,7 @@ struct SpherePlane {
                                     typename M::Real d_x, typename M::Real d_y,
                                     typename M::Real* d_point) {
     using Real = typename M::Real;
-    const Real xi = M::constant(c.xi), least = M::constant(kLeast<S>), zero = M::constant(0);
+    const Real xi = M::constant(c.xi), least = M::constant(least_w<S>()), zero = M::constant(0);
     const auto is_least = z + xi * p.length < least * p.length;
     d_x = d_x * p.scale;
     d_y = d_y * p.scale;

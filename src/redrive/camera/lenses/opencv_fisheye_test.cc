@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/camera/opencv_fisheye.h"
+#include "redrive/camera/lenses/opencv_fisheye.h"
 
 #include <cmath>
 #include <numbers>

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/camera/thin_prism_fisheye.h"
+#include "redrive/camera/lenses/thin_prism_fisheye.h"
 
 #include <cmath>
 
 #include <gtest/gtest.h>
 
-#include "redrive/camera/opencv_fisheye.h"
+#include "redrive/camera/lenses/opencv_fisheye.h"
 
 namespace redrive {
 namespace {

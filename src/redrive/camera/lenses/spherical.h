@@ -6,7 +6,7 @@
 // It is one-to-one but for the poles, X = Z = 0. No camera has it: images are recorded on planes.
 #pragma once
 
-#include "redrive/camera/lens.h"
+#include "redrive/camera/lenses/lens.h"
 
 namespace redrive {
 

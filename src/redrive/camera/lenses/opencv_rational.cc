@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/camera/opencv_rational.h"
+#include "redrive/camera/lenses/opencv_rational.h"
 
 #include <algorithm>
 #include <cmath>
 #include <vector>
 
-#include "redrive/camera/invert_on_disc.h"
-#include "redrive/camera/roots.h"
+#include "redrive/camera/lenses/invert_on_disc.h"
+#include "redrive/camera/lenses/roots.h"
 
 namespace redrive {
 namespace {
@@ -30,7 +30,7 @@ std::vector<double> times_derivative(std::vector<double> polynomial) {
 }  // namespace
 
 // With g = n / d, the derivative of r g is (n d + r n' d - r n d') / d^2. The bound of
-// camera/brown_conrady.h on it, times d^2, is a polynomial.
+// camera/lenses/brown_conrady.h on it, times d^2, is a polynomial.
 OpenCvRational::OpenCvRational(std::span<const double> c)
     : Numbers<double>{c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7]} {
   const std::vector<double> n = {1, 0, k1, 0, k2, 0, k3}, d = {1, 0, k4, 0, k5, 0, k6};

@@ -14,11 +14,11 @@
 #include <Eigen/Core>
 
 #include "redrive/camera/calibration.h"
-#include "redrive/camera/lens.h"
+#include "redrive/camera/lenses/lens.h"
 
 namespace redrive {
 
-/// Coefficients in any precision (camera/lens.h).
+/// Coefficients in any precision (camera/lenses/lens.h).
 template <class S>
 struct BrownConradyNumbers {
   S k1, k2, p1, p2, k3;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The projection of a LiDAR's beams, as kernels use it.
-#include "redrive/camera/spherical.h"
+#include "redrive/camera/lenses/spherical.h"
 
 #include <cmath>
 #include <numbers>

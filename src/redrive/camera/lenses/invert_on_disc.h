@@ -8,8 +8,8 @@
 #include <Eigen/Core>
 #include <Eigen/LU>
 
-#include "redrive/camera/lens.h"
-#include "redrive/camera/roots.h"
+#include "redrive/camera/lenses/lens.h"
+#include "redrive/camera/lenses/roots.h"
 
 namespace redrive {
 

@@ -15,11 +15,11 @@
 #include <Eigen/Core>
 
 #include "redrive/camera/calibration.h"
-#include "redrive/camera/opencv_pinhole.h"
+#include "redrive/camera/lenses/opencv_pinhole.h"
 
 namespace redrive {
 
-/// Coefficients in any precision (camera/lens.h).
+/// Coefficients in any precision (camera/lenses/lens.h).
 template <class S>
 struct FovNumbers {
   S omega;

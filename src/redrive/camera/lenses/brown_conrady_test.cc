@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/camera/brown_conrady.h"
+#include "redrive/camera/lenses/brown_conrady.h"
 
 #include <cmath>
 #include <numbers>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/camera/opencv_pinhole.h"
+#include "redrive/camera/lenses/opencv_pinhole.h"
 
 #include <gtest/gtest.h>
 #include <opencv2/calib3d.hpp>

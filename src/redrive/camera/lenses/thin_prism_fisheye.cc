@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/camera/thin_prism_fisheye.h"
+#include "redrive/camera/lenses/thin_prism_fisheye.h"
 
 #include <vector>
 
-#include "redrive/camera/invert_on_disc.h"
-#include "redrive/camera/roots.h"
+#include "redrive/camera/lenses/invert_on_disc.h"
+#include "redrive/camera/lenses/roots.h"
 
 namespace redrive {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/camera/fov.h"
+#include "redrive/camera/lenses/fov.h"
 
 #include <array>
 #include <cmath>

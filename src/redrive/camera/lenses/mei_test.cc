@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/camera/mei.h"
+#include "redrive/camera/lenses/mei.h"
 
 #include <cmath>
 

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/camera/brown_conrady.h"
+#include "redrive/camera/lenses/brown_conrady.h"
 
 #include <algorithm>
 #include <cmath>
 #include <vector>
 
-#include "redrive/camera/invert_on_disc.h"
-#include "redrive/camera/roots.h"
+#include "redrive/camera/lenses/invert_on_disc.h"
+#include "redrive/camera/lenses/roots.h"
 
 namespace redrive {
 namespace {

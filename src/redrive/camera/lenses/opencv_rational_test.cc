@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/camera/opencv_rational.h"
+#include "redrive/camera/lenses/opencv_rational.h"
 
 #include <cmath>
 

@@ -3,7 +3,8 @@
 // derivatives and vectors of numbers (math/lanes.h):
 //   (X, Y, Z) -> (x, y) on a plane, s = x^2 + y^2 -> (x_d, y_d),
 //   x_d = x g(s) + 2 p1 x y + p2 (s + 2 x^2) + sx1 s,
-//   y_d = y g(s) + p1 (s + 2 y^2) + 2 p2 x y + sy1 s.
+//   y_d = y g(s) + p1 (s + 2 y^2) + 2 p2 x y + sy1 s,
+// and with a shear (x_d + shear_x y_d, y_d + shear_y x_d).
 // A model has a Plane (the first arrow), a Radial (the factor g) and Numbers, its coefficients in
 // any precision. Terms whose coefficients the Numbers lack are left out.
 #pragma once
@@ -52,6 +53,11 @@ REDRIVE_LANES LensPoint<M> distort(const Numbers& c, typename M::Real limit,
     out.x = out.x + M::constant(c.sx1) * p.s;
     out.y = out.y + M::constant(c.sy1) * p.s;
   }
+  if constexpr (requires { c.shear_x; }) {
+    const Real x = out.x;
+    out.x = x + M::constant(c.shear_x) * out.y;
+    out.y = out.y + M::constant(c.shear_y) * x;
+  }
   return out;
 }
 
@@ -85,6 +91,14 @@ REDRIVE_LANES LensSlopes<M> distort_slopes(const Numbers& c, typename M::Real li
     out.x_by_y = out.x_by_y + sx1 * p.y;
     out.y_by_x = out.y_by_x + sy1 * p.x;
     out.y_by_y = out.y_by_y + sy1 * p.y;
+  }
+  if constexpr (requires { c.shear_x; }) {
+    const Real shear_x = M::constant(c.shear_x), shear_y = M::constant(c.shear_y),
+               x_by_x = out.x_by_x, x_by_y = out.x_by_y;
+    out.x_by_x = x_by_x + shear_x * out.y_by_x;
+    out.x_by_y = x_by_y + shear_x * out.y_by_y;
+    out.y_by_x = out.y_by_x + shear_y * x_by_x;
+    out.y_by_y = out.y_by_y + shear_y * x_by_y;
   }
   return out;
 }
