@@ -23,6 +23,7 @@
 #include "redrive/cli/train/training.h"
 #include "redrive/edit/edit_actors.h"
 #include "redrive/export/bundle/scene_bundle.h"
+#include "redrive/export/bundle/splatsim_scene.h"
 #include "redrive/export/drive.h"
 #include "redrive/export/field_mesh.h"
 #include "redrive/export/field_points.h"
@@ -291,6 +292,40 @@ int export_scene_bundle(const ExportCommandOptions& options) {
   return kExitOk;
 }
 
+int export_splatsim(const ExportCommandOptions& options) {
+  check_output_file("OUT", options.out, options.force);
+  refuse_part_of_run(options);
+  if (!has_extension(options.out, {".usdz"}))
+    throw UsageError("OUT", options.out, "a scene of SplatSim must end in .usdz");
+  const Run run = open_to_render(options.from, options.max_damaged);
+  const FieldGaussians* const gaussians = run.field()->as_gaussians();
+  if (!gaussians)
+    throw UsageError("--to", options.format,
+                     "has Gaussians, and the run is of method " + run.options.method);
+  if (!run.scene.metric)
+    throw InputError(options.from, "", "", "photographs have no metres, which a scene has");
+  const WorldGaussians world = gaussians->world();
+  SplatSimInput input{std::filesystem::path(options.out).stem().string(), REDRIVE_VERSION,
+                      world.gaussians, options.encode.sh_degree, std::nullopt};
+  if (run.recording.global_frame == GlobalFrame::kEcef)
+    input.ecef_from_gaussians = run.scene.global_from_world;
+  const SplatSimScene scene = make_splatsim_scene(input);
+  std::vector<ZipMember> members;
+  std::size_t bytes = 0;
+  for (const auto& [name, content] : scene.members) {
+    members.push_back({name, content});
+    bytes += content.size();
+  }
+  write_zip(options.out, members);
+  if (!run.scene.actors.empty())
+    std::printf("not exported: moving objects; --actors ID with splat-spz has each\n");
+  std::printf("%s: %zu Gaussians in %s, %s, %.1f MB\n", options.out.c_str(), world.gaussians.n,
+              counted(scene.chunks, "chunk").c_str(),
+              input.ecef_from_gaussians ? "placed on the Earth" : "with no place on the Earth",
+              1e-6 * static_cast<double>(bytes));
+  return kExitOk;
+}
+
 int export_las(const ExportCommandOptions& options) {
   check_output_file("OUT", options.out, options.force);
   const Source source = open_source(options);
@@ -394,6 +429,10 @@ constexpr Format kFormats[] = {
      "a scene bundle for AlpaSim and CARLA, .usdz, with the run inside, which serve takes (runs of "
      "drives)",
      export_scene_bundle},
+    {"splatsim",
+     "a scene of SplatSim, .usdz: the world's Gaussians in SPZ chunks (runs of drives, of --method "
+     "splat)",
+     export_splatsim},
     {"las",
      "the recorded LiDAR returns of the static world as LAS 1.2, motion compensated (runs and "
      "recordings)",

@@ -9,7 +9,7 @@
 #include "redrive/base/error.h"
 #include "redrive/base/files/file_container.h"
 #include "redrive/base/files/files.h"
-#include "redrive/base/rng.h"
+#include "redrive/export/bundle/content_id.h"
 #include "redrive/export/bundle/ground_mesh.h"
 #include "redrive/export/field_mesh.h"
 #include "redrive/math/local_level.h"
@@ -39,28 +39,6 @@ struct BundleScene {
   bool covers(std::int64_t t_ns) const { return t_ns >= first_ns && t_ns <= last_ns; }
 };
 
-/// Returns 64 bits of all bytes (FNV-1a).
-std::uint64_t hash_of(std::string_view bytes) {
-  std::uint64_t hash = 0xcbf29ce484222325ull;
-  for (const char byte : bytes) hash = (hash ^ static_cast<unsigned char>(byte)) * 0x100000001b3ull;
-  return hash;
-}
-
-std::string hex(std::uint64_t bits) {
-  char text[17];
-  std::snprintf(text, sizeof text, "%016llx", static_cast<unsigned long long>(bits));
-  return text;
-}
-
-/// Returns a UUID of version 8 (RFC 9562: made from the content).
-std::string uuid_of(std::uint64_t hash) {
-  std::string text = hex(hash) + hex(mix64(hash));
-  text[12] = '8';
-  text[16] = 'a';
-  for (const int at : {20, 16, 12, 8}) text.insert(static_cast<std::size_t>(at), "-");
-  return text;
-}
-
 /// JSON is YAML, too.
 Json metadata(const BundleScene& scene, std::uint64_t recording_hash, std::uint64_t model_hash) {
   Json cameras = Json::array(), lidars = Json::array();
@@ -75,7 +53,7 @@ Json metadata(const BundleScene& scene, std::uint64_t recording_hash, std::uint6
   return {{"scene_id", scene.options.scene_id},
           {"version_string", "redrive " + scene.options.version},
           {"training_date", date},
-          {"dataset_hash", hex(recording_hash)},
+          {"dataset_hash", hash_text(recording_hash)},
           {"uuid", uuid_of(model_hash)},
           {"is_resumable", false},
           {"sensors", {{"camera_ids", cameras}, {"lidar_ids", lidars}}},
