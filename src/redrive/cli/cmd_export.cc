@@ -249,6 +249,19 @@ int export_mesh(const ExportCommandOptions& options) {
   return kExitOk;
 }
 
+/// Writes a zip of these names and bytes; returns how many bytes.
+std::size_t write_members(const std::string& out,
+                          const std::vector<std::pair<std::string, std::string>>& members) {
+  std::vector<ZipMember> of_zip;
+  std::size_t bytes = 0;
+  for (const auto& [name, content] : members) {
+    of_zip.push_back({name, content});
+    bytes += content.size();
+  }
+  write_zip(out, of_zip);
+  return bytes;
+}
+
 int export_scene_bundle(const ExportCommandOptions& options) {
   check_output_file("OUT", options.out, options.force);
   refuse_part_of_run(options);
@@ -263,13 +276,7 @@ int export_scene_bundle(const ExportCommandOptions& options) {
       run, *backend,
       {id, REDRIVE_VERSION, options.voxel_m > 0 ? options.voxel_m : kBundleVoxel_m,
        allowed_memory(run.options, memory_bytes())});
-  std::vector<ZipMember> members;
-  std::size_t bytes = 0;
-  for (const auto& [name, content] : bundle.members) {
-    members.push_back({name, content});
-    bytes += content.size();
-  }
-  write_zip(options.out, members);
+  const std::size_t bytes = write_members(options.out, bundle.members);
   std::printf("scene %s: %zu poses, %s, %s; mesh: %zu triangles, of the ground %zu\n", id.c_str(),
               bundle.poses, counted(bundle.cameras, "camera").c_str(),
               counted(bundle.tracks, "moving object").c_str(), bundle.triangles,
@@ -310,13 +317,7 @@ int export_splatsim(const ExportCommandOptions& options) {
   if (run.recording.global_frame == GlobalFrame::kEcef)
     input.ecef_from_gaussians = run.scene.global_from_world;
   const SplatSimScene scene = make_splatsim_scene(input);
-  std::vector<ZipMember> members;
-  std::size_t bytes = 0;
-  for (const auto& [name, content] : scene.members) {
-    members.push_back({name, content});
-    bytes += content.size();
-  }
-  write_zip(options.out, members);
+  const std::size_t bytes = write_members(options.out, scene.members);
   if (!run.scene.actors.empty())
     std::printf("not exported: moving objects; --actors ID with splat-spz has each\n");
   std::printf("%s: %zu Gaussians in %s, %s, %.1f MB\n", options.out.c_str(), world.gaussians.n,
