@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // redrive export on small runs.
 #include "redrive/base/files/gzip.h"
+#include "redrive/base/files/zip.h"
 #include "redrive/recording/lidar/ply.h"
 #include "redrive/report/html.h"
 #include "redrive/train/files/state.h"
@@ -11,7 +12,9 @@ namespace {
 
 using ::testing::AllOf;
 using ::testing::ContainsRegex;
+using ::testing::ElementsAre;
 using ::testing::HasSubstr;
+using ::testing::IsSupersetOf;
 using ::testing::Not;
 
 class Export : public EndToEnd {
@@ -65,6 +68,17 @@ TEST_F(Export, WritesTheGaussiansOfARun) {
   const fs::path spz = folder_ / "street.spz", page = folder_ / "street.html";
   ASSERT_EQ(redrive({"export", run.string(), "--to", "splat-spz", spz.string()}).exit_code, 0);
   EXPECT_EQ(gunzip(read_file(spz)).size(), 16 + gaussians.n * 29);
+  const auto written = [&](const std::string& format, const fs::path& file) {
+    const ProgramResult ended = redrive({"export", run.string(), "--to", format, file.string()});
+    EXPECT_EQ(ended.exit_code, kExitOk) << ended.err;
+    return file;
+  };
+  EXPECT_TRUE(read_file(written("splat-gltf", folder_ / "street.glb")).starts_with("glTF"));
+  EXPECT_THAT(ZipFile(written("splat-usd", folder_ / "street.usdz")).names(),
+              ElementsAre("default.usda"));
+  EXPECT_THAT(
+      ZipFile(written("splatsim", folder_ / "scene.usdz")).names(),
+      IsSupersetOf({"default.usda", "metadata.yaml", "scene.json", "chunks/chunk_000000.spz"}));
   const ProgramResult paged = redrive({"export", run.string(), "--to", "html", page.string()});
   if (paged.err.find("this build has no pages") != std::string::npos)
     GTEST_SKIP() << "the build had no node or npm";
