@@ -170,8 +170,10 @@ std::string recording_to_json(const Recording& recording) {
   for (const RecordedCamera& camera : recording.cameras)
     json["cameras"].push_back(camera_to_json(camera));
   for (const RecordedLidar& lidar : recording.lidars)
-    json["lidars"].push_back(
-        {{"name", lidar.name}, {"body_from_lidar", pose_to_json(lidar.body_from_lidar)}});
+    json["lidars"].push_back({{"name", lidar.name},
+                              {"body_from_lidar", pose_to_json(lidar.body_from_lidar)},
+                              {"elevation_rad", lidar.elevation_rad},
+                              {"gain", lidar.gain}});
   for (const FramePose& frame : recording.frames)
     json["frames"].push_back({{"id", frame.id},
                               {"t_ns", frame.t_ns},
@@ -183,7 +185,11 @@ std::string recording_to_json(const Recording& recording) {
 }
 
 Recording read_recording_json(const fs::path& file) {
-  const Json document = read_json(file);
+  return parse_recording_json(read_file(file), file);
+}
+
+Recording parse_recording_json(std::string_view text, const fs::path& file) {
+  const Json document = parse_json(text, file);
   const JsonField json(document, file);
   Recording recording;
   recording.root = file.parent_path();
@@ -196,9 +202,13 @@ Recording read_recording_json(const fs::path& file) {
     if (!list.json().is_array()) list.fail("expected a list");
   for (std::size_t i = 0; i < cameras.size(); ++i)
     recording.cameras.push_back(camera_from_json(cameras.at(i), recording.root));
-  for (std::size_t i = 0; i < lidars.size(); ++i)
-    recording.lidars.push_back(
-        {lidars.at(i).at("name").string(), pose_from_json(lidars.at(i).at("body_from_lidar"))});
+  for (std::size_t i = 0; i < lidars.size(); ++i) {
+    const JsonField lidar = lidars.at(i);
+    recording.lidars.push_back({lidar.at("name").string(),
+                                pose_from_json(lidar.at("body_from_lidar")),
+                                lidar.at("elevation_rad").number(), lidar.at("gain").number()});
+    if (!(recording.lidars.back().gain > 0)) lidar.at("gain").fail("must be above 0");
+  }
   read_frames(json.at("frames"), &recording);
   std::map<std::int64_t, std::vector<Box>> of_frame;
   for (std::size_t i = 0; i < boxes.size(); ++i)

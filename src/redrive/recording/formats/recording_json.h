@@ -5,6 +5,7 @@
 
 #include <filesystem>
 #include <string>
+#include <string_view>
 
 #include "redrive/recording/core/recording.h"
 
@@ -15,5 +16,7 @@ std::string recording_to_json(const Recording& recording);
 
 /// Returns a recording whose images and scans cannot be read. InputError for a damaged file.
 Recording read_recording_json(const std::filesystem::path& file);
+/// Likewise from the text of a file.
+Recording parse_recording_json(std::string_view text, const std::filesystem::path& file);
 
 }  // namespace redrive

@@ -61,7 +61,7 @@ Recording recorded() {
     recording.box_files.push_back({id, "boxes"});
   }
   recording.cameras.push_back(camera);
-  recording.lidars.push_back({"top", turned(0.2, 1)});
+  recording.lidars.push_back({"top", turned(0.2, 1), 0.003, 1.7});
   recording.reader = std::make_shared<TwoBoxes>();
   return recording;
 }
@@ -96,6 +96,8 @@ TEST(RecordingJson, BringsBackEveryBit) {
   EXPECT_EQ(camera.time_offset_ns, was.time_offset_ns);
   EXPECT_EQ(camera.readout_ns, was.readout_ns);
   EXPECT_EQ(after.lidars.at(0).body_from_lidar.matrix(), before.lidars[0].body_from_lidar.matrix());
+  EXPECT_EQ(after.lidars[0].elevation_rad, 0.003);
+  EXPECT_EQ(after.lidars[0].gain, 1.7);
 }
 
 TEST(RecordingJson, NamesFileFieldAndValue) {
