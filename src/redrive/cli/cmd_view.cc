@@ -33,21 +33,23 @@ struct ViewOptions {
 
 int run_view(const ViewOptions& options) {
   check_page("view", options.run);
-  const bool is_run = is_run_folder(options.run);
-  if (!is_run && !(options.edit.empty() && options.actors == "all"))
+  const bool is_run = is_run_folder(options.run), is_bundle = is_scene_bundle(options.run);
+  if (!is_run && !is_bundle && !(options.edit.empty() && options.actors == "all"))
     throw UsageError(options.edit.empty() ? "--actors" : "--edit",
                      options.edit.empty() ? options.actors : options.edit,
                      "needs a run: a recording has its images alone");
-  if (is_run && options.outside_files)
+  if ((is_run || is_bundle) && options.outside_files)
     throw UsageError("--outside-files", "", "is for recordings; a run has what train was given");
   std::optional<view::RunWatch> watch;
   if (is_run) watch.emplace(options.run, options.max_damaged);
   auto run = is_run ? watch->run()
-                    : std::make_shared<const Run>(open_without_model(
-                          {.folder = options.run,
-                           .outside_files = options.outside_files,
-                           .max_damaged = options.max_damaged.value_or(kMostDamagedPercent)}));
-  if (!is_run) print_notes(run->recording);
+             : is_bundle
+                 ? std::make_shared<const Run>(open_to_render(options.run, options.max_damaged))
+                 : std::make_shared<const Run>(open_without_model(
+                       {.folder = options.run,
+                        .outside_files = options.outside_files,
+                        .max_damaged = options.max_damaged.value_or(kMostDamagedPercent)}));
+  if (!is_run && !is_bundle) print_notes(run->recording);
   const auto backend = make_backend(options.backend, run->options.method);
   std::printf("%s\n", kernels::describe(*backend).c_str());
   for (const RigCamera& rig : run->scene.rig) check_rendering_memory(*run, &rig.camera);
@@ -67,7 +69,9 @@ int run_view(const ViewOptions& options) {
 
 Action configure_view(CLI::App& command) {
   auto options = std::make_shared<ViewOptions>();
-  command.add_option("RUN", options->run, "run folder, as train makes it, or a recording")
+  command
+      .add_option("RUN", options->run,
+                  "run folder, as train makes it, a scene bundle, or a recording")
       ->required();
   add_actor_options(command, &options->actors, &options->edit);
   add_outside_files_option(command, &options->outside_files);
