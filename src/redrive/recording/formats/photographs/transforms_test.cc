@@ -316,7 +316,7 @@ TEST(Transforms, RejectsNaNAndTextThatEndsEarly) {
 TEST(Transforms, PathsLeadOutOfTheFolderWhereThatIsAllowed) {
   const TemporaryFolder folder;
   json text = document();
-  text["frames"] = {frame("../images/1.png")};
+  text["frames"] = json::array({frame("../images/1.png")});
   text["frames"][0]["mask_path"] = (folder.path / "mask.png").string();
   text["ply_file_path"] = "../points.ply";
   folder.write("set/transforms.json", text.dump());

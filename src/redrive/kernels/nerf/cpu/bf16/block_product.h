@@ -23,6 +23,7 @@ struct Product {
 REDRIVE_INLINE void add_panel(const Bf16* a, const Bf16* b, int k_blocks, int strip,
                               __m512 (&acc)[8][2]) {
   using Pair [[gnu::may_alias]] = int;
+  if (k_blocks == 0) return;  // a and b may be null
   const Bf16* a_strip = a + strip / 2 * kTileSize + strip % 2 * 8 * kBlock;
   for (int k = 0; k < k_blocks; ++k, a_strip += kBlockSize, b += kBlockSize) {
 #pragma GCC unroll 4
