@@ -343,7 +343,8 @@ TEST(Transforms, PathsLeadOutOfTheFolderWhereThatIsAllowed) {
   EXPECT_THAT(finding(opened()), HasSubstr("1 point not finite"));
   EXPECT_TRUE(fs::equivalent(opened().points_file, folder.path / "points.ply"));
   folder.write("set/1.png", "");
-  text["frames"] = {frame((folder.path / "set/1.png").string())};  // absolute, but within
+  text["frames"] =
+      json::array({frame((folder.path / "set/1.png").string())});  // absolute, but within
   folder.write("set/transforms.json", text.dump());
   EXPECT_THAT(refusal(), HasSubstr("points.ply"));
   text["frames"][0]["mask_path"] = "../mask.png";
