@@ -11,8 +11,8 @@
 namespace {
 
 // With sanitizers parsers take up to 0.4 microseconds a byte. Exceptions for damaged lines take
-// more: kitti_times took 6 s for 114 kB of empty lines on a busy machine. Decoders of images first
-// take memory for all pixels. A parser whose time grows with the square takes minutes for 128 kB.
+// more: kitti_times takes 6 s for 114 kB of empty lines. Decoders of images first take memory for
+// all pixels. A parser whose time grows with the square takes minutes for 128 kB.
 constexpr double kFirst_s = 2, kByte_s = 80e-6;
 
 double thread_seconds() {
