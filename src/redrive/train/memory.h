@@ -63,7 +63,7 @@ void check_memory(const MemoryEstimate& need, std::uint64_t allowed, const Train
 /// Throws UsageError naming --gpu-memory if more of a device's memory is needed than allowed.
 void check_device_memory(std::uint64_t need, std::uint64_t allowed, const TrainOptions& options);
 
-/// What a training takes of the machine and of its device, all within their limits.
+/// Memory of a training on the machine and on its device, within their limits.
 struct RunMemory {
   MemoryEstimate need;
   std::uint64_t allowed = 0;

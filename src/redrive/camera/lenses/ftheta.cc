@@ -48,26 +48,17 @@ double FThetaLens::covered_radius() const {
   return max_radius * shear.jacobiSvd().singularValues().minCoeff();
 }
 
-Eigen::Vector2d FThetaLens::unsheared(const Eigen::Vector2d& distorted) const {
-  return Eigen::Vector2d(distorted.x() - shear_x * distorted.y(),
-                         distorted.y() - shear_y * distorted.x()) /
-         (1 - shear_x * shear_y);
-}
-
 FTheta::FTheta(std::span<const double> c) : FThetaLens(c) {
   max_angle_rad = increases_to(max_angle_rad);
   max_radius = polynomial<Math>(numbers(), max_angle_rad).value;
 }
 
 std::optional<Eigen::Vector3d> FTheta::unproject(const Eigen::Vector2d& distorted) const {
-  const Eigen::Vector2d point = unsheared(distorted);
-  const double r = point.norm();
-  if (!(r <= max_radius)) return std::nullopt;
-  if (r == 0) return Eigen::Vector3d::UnitZ();
-  const double angle = increasing_root(
-      [&](double a) { return polynomial<Math>(numbers(), a).value; },
-      [&](double a) { return polynomial<Math>(numbers(), a).slope; }, r, r, max_angle_rad);
-  return EquidistantPlane::unproject(point * (angle / r));
+  return direction(distorted, [&](double r) {
+    return increasing_root([&](double a) { return polynomial<Math>(numbers(), a).value; },
+                           [&](double a) { return polynomial<Math>(numbers(), a).slope; }, r, r,
+                           max_angle_rad);
+  });
 }
 
 FThetaInverse::FThetaInverse(std::span<const double> c) : FThetaLens(c) {
@@ -80,12 +71,9 @@ FThetaInverse::FThetaInverse(std::span<const double> c) : FThetaLens(c) {
 }
 
 std::optional<Eigen::Vector3d> FThetaInverse::unproject(const Eigen::Vector2d& distorted) const {
-  const Eigen::Vector2d point = unsheared(distorted);
-  const double r = point.norm();
-  if (!(r <= max_radius)) return std::nullopt;
-  if (r == 0) return Eigen::Vector3d::UnitZ();
-  const double angle = std::min(polynomial<Math>(numbers(), r).value, max_angle_rad);
-  return EquidistantPlane::unproject(point * (angle / r));
+  return direction(distorted, [&](double r) {
+    return std::min(polynomial<Math>(numbers(), r).value, max_angle_rad);
+  });
 }
 
 void set_ftheta(const FThetaIntrinsics& lens, const std::string& file, const std::string& field,
@@ -152,11 +140,7 @@ std::optional<FThetaIntrinsics> ftheta_intrinsics(const CameraCalibration& camer
   lens.max_angle_rad = max_angle_rad;
   const Eigen::VectorXd from =
       Eigen::VectorXd::LinSpaced(400, 0, inverse ? max_radius_px : max_angle_rad);
-  const Eigen::VectorXd to = from.unaryExpr([&](double x) {
-    double y = 0;
-    for (std::size_t i = kCoefficients; i-- > 0;) y = y * x + reference[i];
-    return y;
-  });
+  const Eigen::VectorXd to = from.unaryExpr([&](double x) { return horner(reference, x); });
   std::vector<double> other = fit_polynomial(to, from);
   (inverse ? lens.pixeldist_to_angle : lens.angle_to_pixeldist) = std::move(reference);
   (inverse ? lens.angle_to_pixeldist : lens.pixeldist_to_angle) = std::move(other);

@@ -31,7 +31,7 @@ struct FThetaNumbers {
   S max_radius;  ///< r at the edge of the valid region
 };
 
-/// What both have in common.
+/// Parameters and valid region that both models have.
 struct FThetaLens : FThetaNumbers<double> {
   static constexpr std::array<CameraParameter, 4> kDistortion{{{"k2"}, {"k3"}, {"k4"}, {"k5"}}};
   static constexpr std::array<CameraParameter, 3> kOther{
@@ -78,8 +78,19 @@ struct FThetaLens : FThetaNumbers<double> {
   }
   /// Returns the t up to which the polynomial increases, at most `end`.
   double increases_to(double end) const;
-  /// Returns the point without the shear.
-  Eigen::Vector2d unsheared(const Eigen::Vector2d& distorted) const;
+  /// Returns the unit direction of a point whose distance is within max_radius, or nothing.
+  /// angle_at: returns the angle at a distance.
+  template <class Angle>
+  std::optional<Eigen::Vector3d> direction(const Eigen::Vector2d& distorted,
+                                           const Angle& angle_at) const {
+    const Eigen::Vector2d point = Eigen::Vector2d(distorted.x() - shear_x * distorted.y(),
+                                                  distorted.y() - shear_y * distorted.x()) /
+                                  (1 - shear_x * shear_y);
+    const double r = point.norm();
+    if (!(r <= max_radius)) return std::nullopt;
+    if (r == 0) return Eigen::Vector3d::UnitZ();
+    return EquidistantPlane::unproject(point * (angle_at(r) / r));
+  }
 };
 
 struct FTheta : FThetaLens {
@@ -139,12 +150,12 @@ struct FThetaInverse : FThetaLens {
     return factor_of<M>(s, angle, r, M::constant(1) / polynomial<M>(c, r).slope);
   }
 
-  /// As FTheta's.
+  /// Returns the same as FTheta::project.
   template <class T>
   std::optional<std::array<T, 2>> project(const std::array<T, 3>& point) const {
     return project_point(*this, point);
   }
-  /// As FTheta's.
+  /// Returns the same as FTheta::unproject.
   std::optional<Eigen::Vector3d> unproject(const Eigen::Vector2d& distorted) const;
 };
 

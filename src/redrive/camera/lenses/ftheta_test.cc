@@ -8,16 +8,10 @@
 
 #include "redrive/base/error.h"
 #include "redrive/camera/camera.h"
+#include "redrive/camera/lenses/roots.h"
 
 namespace redrive {
 namespace {
-
-/// Horner's scheme on ascending coefficients.
-double polynomial(const std::vector<double>& k, double x) {
-  double y = 0;
-  for (std::size_t i = k.size(); i-- > 0;) y = y * x + k[i];
-  return y;
-}
 
 /// A lens of 200 degrees with 900 pixels per radian, and a shear.
 FThetaIntrinsics wide_lens(bool angle_is_reference) {
@@ -58,9 +52,9 @@ TEST(FTheta, FollowsTheReferencePolynomial) {
             shear.inverse() * (*pixel - Eigen::Vector2d(lens.cx, lens.cy));
         EXPECT_NEAR(offset.normalized().x(), std::cos(turn), 1e-4);
         if (inverse)
-          EXPECT_NEAR(polynomial(lens.pixeldist_to_angle, offset.norm()), angle, 1e-9);
+          EXPECT_NEAR(horner(lens.pixeldist_to_angle, offset.norm()), angle, 1e-9);
         else
-          EXPECT_NEAR(polynomial(lens.angle_to_pixeldist, angle), offset.norm(), 1e-6);
+          EXPECT_NEAR(horner(lens.angle_to_pixeldist, angle), offset.norm(), 1e-6);
         const auto back = camera.unproject(*pixel);
         ASSERT_TRUE(back);
         EXPECT_NEAR((*back - ray).norm(), 0, 1e-9);
@@ -83,8 +77,8 @@ TEST(FTheta, IntrinsicsComeBack) {
     EXPECT_NEAR(back->max_angle_rad, lens.max_angle_rad, 1e-12);
     // The other polynomial is the inverse to a tenth of a pixel.
     for (const double r_px : {10.0, 400.0, 1200.0})
-      EXPECT_NEAR(polynomial(back->angle_to_pixeldist, polynomial(back->pixeldist_to_angle, r_px)),
-                  r_px, 0.1);
+      EXPECT_NEAR(horner(back->angle_to_pixeldist, horner(back->pixeldist_to_angle, r_px)), r_px,
+                  0.1);
   }
   CameraCalibration other;
   other.model = "fov";

@@ -2,15 +2,12 @@
 #include "redrive/camera/lenses/roots.h"
 
 namespace redrive {
-namespace {
 
-double horner(const std::vector<double>& polynomial, double x) {
+double horner(std::span<const double> polynomial, double x) {
   double sum = 0;
   for (std::size_t i = polynomial.size(); i-- > 0;) sum = sum * x + polynomial[i];
   return sum;
 }
-
-}  // namespace
 
 // The polynomial is monotone between neighbouring extrema, the sign changes of its derivative, so
 // bisection finds every root.

@@ -4,9 +4,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <span>
 #include <vector>
 
 namespace redrive {
+
+/// Returns the value of a polynomial (ascending coefficients).
+double horner(std::span<const double> polynomial, double x);
 
 /// Returns the x in (0, end), ascending, where a polynomial (ascending coefficients) changes sign.
 std::vector<double> sign_changes(const std::vector<double>& polynomial, double end);

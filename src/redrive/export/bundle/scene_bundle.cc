@@ -32,7 +32,7 @@ std::int64_t us(std::int64_t t_ns) { return t_ns / kNsPerUs; }
 /// What the members share.
 struct BundleScene {
   const Run& run;
-  const BundleOptions& options;
+  const SceneBundleOptions& options;
   std::int64_t first_ns = 0, last_ns = 0;  ///< times of the scene's first and last frame
 
   std::string camera_id(const std::string& name) const { return name + "@" + options.scene_id; }
@@ -256,7 +256,7 @@ std::string ply_of(const TriangleMesh& mesh) {
 }  // namespace
 
 SceneBundle make_scene_bundle(const Run& run, kernels::Backend& backend,
-                              const BundleOptions& options) {
+                              const SceneBundleOptions& options) {
   const std::string& root = run.paths.root.string();
   if (!run.blocks.empty())
     throw UsageError("RUN", root, "is a drive in blocks; a scene bundle has one of its blocks");

@@ -33,7 +33,7 @@ inline constexpr const char* kTracksKey = "dummy_chunk_id";
 /// Side of the voxels of a bundle's meshes: a drive of 200 m has about half a million triangles.
 inline constexpr double kBundleVoxel_m = 0.2;
 
-struct BundleOptions {
+struct SceneBundleOptions {
   std::string scene_id, version;  ///< the scene's id; redrive's version
   double voxel_m = kBundleVoxel_m;
   std::uint64_t most_bytes = 0;  ///< memory that meshes may take while they are made
@@ -48,6 +48,6 @@ struct SceneBundle {
 /// Makes the members of a run's bundle. UsageError for a drive in blocks; InputError for
 /// photographs and for a field without a surface; errors as field_mesh.
 SceneBundle make_scene_bundle(const Run& run, kernels::Backend& backend,
-                              const BundleOptions& options);
+                              const SceneBundleOptions& options);
 
 }  // namespace redrive
