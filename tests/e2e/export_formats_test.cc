@@ -207,6 +207,33 @@ TEST_F(ExportFormats, AimotiveKeepsWhatTheRunUses) {
   EXPECT_EQ(exported(run, "aimotive", {"--force", "--frames", "101:102"}).exit_code, kExitUsage);
 }
 
+TEST_F(ExportFormats, NcoreIsASequenceAndItsStore) {
+  const fs::path run = trained("run", 2, {"--cameras", kTinyFront});
+  const ProgramResult ended = exported(run, "ncore");
+  ASSERT_EQ(ended.exit_code, kExitOk) << ended.out << ended.err;
+  EXPECT_THAT(ended.out, AllOf(HasSubstr("4 frames, poses of the run"),
+                               HasSubstr("not exported: the static point cloud")));
+  const std::string name = drive_.filename().string();
+  const nlohmann::json sequence = read_json(out_ / (name + ".json"));
+  EXPECT_EQ(sequence.at("version"), "v4");
+  const nlohmann::json& store = sequence.at("component_stores").at(0);
+  EXPECT_TRUE(fs::is_regular_file(out_ / store.at("path").get<std::string>()));
+  EXPECT_TRUE(store.at("components").at("cameras").contains(kTinyFront));
+  EXPECT_EQ(store.at("components").at("cameras").size(), 1u);
+  // Images follow the poses by about 20 ms.
+  const nlohmann::json& interval = sequence.at("sequence_timestamp_interval_us");
+  const auto frames = open_recording(drive_).frames;
+  EXPECT_NEAR(interval.at("stop").get<double>() - interval.at("start").get<double>(),
+              1e-3 * static_cast<double>(frames.back().t_ns - frames.front().t_ns) + 20e3, 2e3);
+
+  for (const int frame : {0, 1})  // a single one would only cost its own record
+    write_file(tiny_image(drive_, kTinyLeft, kTinyFirstId + frame),
+               "no image " + std::to_string(frame));
+  fs::remove_all(out_);
+  EXPECT_EQ(exported(drive_, "ncore").exit_code, kExitBadInput);
+  EXPECT_FALSE(fs::exists(out_));
+}
+
 TEST_F(ExportFormats, FramesOfARecording) {
   ASSERT_EQ(exported(drive_, "aimotive", {"--frames", "101:102"}).exit_code, kExitOk);
   const Recording part = open_recording(out_);

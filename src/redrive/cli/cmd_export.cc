@@ -173,6 +173,8 @@ int export_aimotive(const ExportCommandOptions& options) {
   return export_drive(options, write_aimotive);
 }
 
+int export_ncore(const ExportCommandOptions& options) { return export_drive(options, write_ncore); }
+
 int export_ply(const ExportCommandOptions& options) {
   check_output_file("OUT", options.out, options.force);
   const Source source = open_source(options);
@@ -324,6 +326,10 @@ constexpr Format kFormats[] = {
      "a folder with a drive in aiMotive's layout: all cameras, poses, LiDAR and boxes (runs and "
      "recordings of drives)",
      export_aimotive},
+    {"ncore",
+     "a folder with a sequence of NVIDIA's NCore, version 4, for NuRec, 3dgrut and gsplat: all "
+     "cameras and LiDARs, poses and boxes (runs and recordings of drives)",
+     export_ncore},
     {"ply",
      "a point cloud with colours and normals: of a run's rendered depth, or of a recording's "
      "LiDAR",

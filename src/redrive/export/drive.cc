@@ -51,16 +51,20 @@ Rigid3d global_from_box_at(const Box& box, const std::vector<FramePose>& frames,
   return pose;
 }
 
+void note_not_of_drives(const Recording& drive, DriveNotes* notes) {
+  if (!drive.novel.empty()) notes->left_out.emplace_back("novel views with their ground truth");
+  if (!drive.ground_truth_frames.empty()) notes->left_out.emplace_back("ground-truth poses");
+  if (!drive.lidar_files.empty() && drive.lidars.empty())
+    notes->left_out.emplace_back("LiDAR, since the place of its sensor is unknown");
+}
+
 void note_left_out(const Recording& drive, DriveNotes* notes) {
   const bool masked = std::ranges::any_of(drive.cameras, [](const RecordedCamera& camera) {
     return std::ranges::any_of(camera.images,
                                [](const ImageFile& image) { return !image.mask.path.empty(); });
   });
   if (masked) notes->left_out.emplace_back("masks of images");
-  if (!drive.novel.empty()) notes->left_out.emplace_back("novel views with their ground truth");
-  if (!drive.ground_truth_frames.empty()) notes->left_out.emplace_back("ground-truth poses");
-  if (!drive.lidar_files.empty() && drive.lidars.empty())
-    notes->left_out.emplace_back("LiDAR, since the place of its sensor is unknown");
+  note_not_of_drives(drive, notes);
   for (std::size_t k = 1; k < drive.lidars.size(); ++k)
     notes->left_out.push_back("LiDAR " + drive.lidars[k].name + ": the format has one");
 }

@@ -38,7 +38,9 @@ void add_photos(const RecordedCamera& camera, const Name& name, PhotoSet* set) {
 Eigen::Vector3d velocity_in_global(const Box& box, const std::vector<FramePose>& frames);
 Rigid3d global_from_box_at(const Box& box, const std::vector<FramePose>& frames, std::int64_t t_ns);
 
-/// Adds notes on what formats of drives do not have: rolling shutters, other poses, novel views.
+/// Adds notes on what no format of drives has: other poses, novel views, LiDAR without a place.
+void note_not_of_drives(const Recording& drive, DriveNotes* notes);
+/// The same, with masks and all LiDARs but the first.
 void note_left_out(const Recording& drive, DriveNotes* notes);
 
 /// Writes KITTI-360's layout (recording/formats/kitti360/kitti360.h) with up to two perspective
@@ -50,5 +52,10 @@ DriveNotes write_kitti360(const std::filesystem::path& folder, const Recording& 
 /// Writes aiMotive's layout (recording/formats/aimotive/aimotive.h). Throws as write_kitti360.
 DriveNotes write_aimotive(const std::filesystem::path& folder, const Recording& drive,
                           ThreadPool& pool, const std::atomic<bool>& stop);
+
+/// Writes a sequence of NVIDIA's NCore, version 4 (export/ncore/ncore_sequence.h), with all cameras
+/// and LiDARs. Throws as write_kitti360.
+DriveNotes write_ncore(const std::filesystem::path& folder, const Recording& drive,
+                       ThreadPool& pool, const std::atomic<bool>& stop);
 
 }  // namespace redrive

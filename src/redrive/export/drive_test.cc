@@ -7,9 +7,8 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/files/files.h"
-#include "redrive/recording/core/trajectory.h"
+#include "redrive/export/ncore/made_drive_testing.h"
 #include "redrive/recording/formats/aimotive/aimotive_boxes.h"
-#include "redrive/scene/scene_testing.h"
 
 namespace redrive {
 namespace {
@@ -19,73 +18,8 @@ using ::testing::Contains;
 using ::testing::HasSubstr;
 using ::testing::Not;
 
-constexpr int kColumns = 512;
-
-/// A scanner that turns once in 0.1 s, seen from above clockwise, around each frame; a car that
-/// overtakes, a parked one and a person.
-class MadeReader : public RecordingReader {
- public:
-  std::vector<LidarPoint> read_lidar(const FrameFile& file, std::size_t* = nullptr) const override {
-    std::vector<LidarPoint> points;
-    for (int c = 0; c < kColumns; ++c) {
-      const double fraction = (c + 0.5) / kColumns, azimuth = M_PI * (1 - 2 * fraction);
-      const Eigen::Vector3d in_lidar(15 * std::cos(azimuth), 15 * std::sin(azimuth), -1);
-      LidarPoint point;
-      point.in_body_m = (body_from_lidar * in_lidar).cast<float>();
-      point.intensity = static_cast<std::uint16_t>(c % 256);
-      point.t_ns = frame(file.frame_id).t_ns + std::llround((fraction - 0.5) * 1e8) +
-                   (file.path == "later" ? 100'000'000 : 0);
-      points.push_back(point);
-    }
-    return points;
-  }
-  std::vector<Box> read_boxes(const FrameFile& file) const override {
-    const FramePose& pose = frame(file.frame_id);
-    const double s = 1e-9 * static_cast<double>(pose.t_ns - frames.front().t_ns);
-    std::vector<Box> boxes;
-    for (const int id : {7, 8, 9}) {
-      const double speed = id == 7 ? 20 : 0;
-      Box box;
-      box.object_id = id;
-      box.type = id == 9 ? "Pedestrian" : "CAR";
-      box.actor_name = "object";
-      box.t_ns = pose.t_ns;
-      box.size_m = {4, 2, 1.5};
-      const Rigid3d global_from_box =
-          frames.front().global_from_body * Eigen::Translation3d(10 + speed * s, id, 0.75);
-      box.body_from_box = pose.global_from_body.inverse() * global_from_box;
-      box.velocity_in_body_m_per_s = pose.global_from_body.linear().transpose() *
-                                     (speed * frames.front().global_from_body.linear().col(0) -
-                                      velocity_at(frames, pose.t_ns));
-      boxes.push_back(box);
-    }
-    return boxes;
-  }
-
-  Rigid3d body_from_lidar = Rigid3d(Eigen::Translation3d(1, 0, 1.8));
-  std::vector<FramePose> frames;
-
- private:
-  const FramePose& frame(std::int64_t id) const {
-    return *std::ranges::find(frames, id, &FramePose::id);
-  }
-};
-
-/// The test recording with LiDAR, boxes and a time offset of its fisheye.
-class DriveTest : public ::testing::Test {
+class DriveTest : public MadeDrive {
  protected:
-  DriveTest() {
-    const auto reader = std::make_shared<MadeReader>();
-    reader->frames = recording_.frames;
-    recording_.reader = reader;
-    recording_.lidars = {{"lidar", reader->body_from_lidar}};
-    for (const FramePose& frame : recording_.frames) {
-      recording_.lidar_files.push_back({frame.id, "made"});
-      recording_.box_files.push_back({frame.id, "made"});
-    }
-    recording_.cameras[0].calibration.time_offset_ns = 12'000'000;
-  }
-  Recording drive() const { return drive_of_scene(recording_, make_scene(recording_, {})); }
   template <class Write>
   Recording written(const Write& write) {
     notes_ = write(out_, drive(), pool_, stop_);
@@ -95,13 +29,6 @@ class DriveTest : public ::testing::Test {
     return recording.frames[0].global_from_body.inverse() *
            (pose_at(recording.frames, point.t_ns) * point.in_body_m.cast<double>());
   }
-
-  TemporaryFolder folder_;
-  const fs::path out_ = folder_.path / "out";
-  Recording recording_ = make_test_recording(folder_.path, 5);
-  DriveNotes notes_;
-  ThreadPool pool_{2};
-  std::atomic<bool> stop_ = false;
 };
 
 /// Compares the poses of every image and the rays of every pixel, by camera index of `now`.

@@ -6,6 +6,7 @@
 #include <set>
 
 #include "redrive/base/error.h"
+#include "redrive/image/image_io.h"
 
 namespace redrive {
 namespace {
@@ -103,6 +104,55 @@ PhotoSet make_photo_set(const Recording& recording, const Scene& scene,
   }
   list_left_out(recording, scene, &set);
   return set;
+}
+
+Resampling make_resampling(const PhotoCamera& camera) {
+  Resampling out{make_resample_map(camera.camera, camera.recorded), {}};
+  const std::vector<std::uint8_t> all(
+      static_cast<std::size_t>(camera.recorded.width) * camera.recorded.height, 255);
+  // Masks a pixel that is partly outside.
+  out.seen = resample(out.map, all, camera.recorded.width, camera.recorded.height, 1, 0);
+  for (std::uint8_t& seen : out.seen) {
+    seen = seen == 255 ? 255 : 0;
+    out.sees_all &= seen == 255;
+  }
+  return out;
+}
+
+Image8 resampled_image(const std::filesystem::path& file, const PhotoCamera& camera,
+                       const Resampling& resampling) {
+  const Image8 recorded = read_image(file);
+  if (recorded.width != camera.recorded.width || recorded.height != camera.recorded.height)
+    throw InputError(
+        file, "size", size_text(recorded.width, recorded.height),
+        "the calibration has " + size_text(camera.recorded.width, camera.recorded.height));
+  Image8 image{resampling.map.width, resampling.map.height, {}, {}, {}};
+  image.rgb = resample(resampling.map, recorded.rgb, recorded.width, recorded.height, 3, 0);
+  return image;
+}
+
+std::optional<WrittenMask> written_mask(const MaskFile& file, const Resampling* resampling) {
+  std::optional<Image8> mask;
+  if (!file.path.empty()) mask = read_image(file.path);
+  if (!mask && (!resampling || resampling->sees_all)) return std::nullopt;
+  WrittenMask out;
+  if (mask) {
+    out.width = mask->width;
+    out.height = mask->height;
+    for (std::size_t i = 0; i < mask->rgb.size(); i += 3) {
+      const bool black = mask->rgb[i] == 0 && mask->rgb[i + 1] == 0 && mask->rgb[i + 2] == 0;
+      out.used.push_back(black == file.black_is_masked ? 0 : 255);
+    }
+  }
+  if (resampling) {
+    if (mask) out.used = resample(resampling->map, out.used, out.width, out.height, 1, 0);
+    out.width = resampling->map.width;
+    out.height = resampling->map.height;
+    if (out.used.empty()) out.used = resampling->seen;
+    for (std::size_t i = 0; i < out.used.size(); ++i)
+      out.used[i] = out.used[i] == 255 && resampling->seen[i] ? 255 : 0;
+  }
+  return out;
 }
 
 }  // namespace redrive

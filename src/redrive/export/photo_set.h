@@ -3,12 +3,16 @@
 // camera. Lists what does not fit.
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 #include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
+#include "redrive/image/image.h"
 #include "redrive/recording/core/recording.h"
+#include "redrive/scene/resample.h"
 #include "redrive/scene/scene.h"
 
 namespace redrive {
@@ -51,5 +55,29 @@ PhotoCamera photo_camera(const CameraCalibration& recorded,
 /// resolution there.
 PhotoSet make_photo_set(const Recording& recording, const Scene& scene,
                         const std::function<bool(const CameraCalibration&)>& has_model);
+
+/// The map of a resampled camera and the pixels that it sees.
+struct Resampling {
+  ResampleMap map;
+  std::vector<std::uint8_t> seen;  ///< [height, width], 255 or 0
+  bool sees_all = true;
+};
+
+Resampling make_resampling(const PhotoCamera& camera);
+
+/// Returns a recorded image as the written camera sees it. InputError if it cannot be read or has
+/// another size than the calibration.
+Image8 resampled_image(const std::filesystem::path& recorded, const PhotoCamera& camera,
+                       const Resampling& resampling);
+
+struct WrittenMask {
+  int width = 0, height = 0;
+  std::vector<std::uint8_t> used;  ///< [height, width], 255; 0: masked
+};
+
+/// Returns which pixels of a written image the recorded mask and the resampling leave; nothing
+/// where all are. `resampling`: null where images are written as recorded. InputError for a mask
+/// that cannot be read.
+std::optional<WrittenMask> written_mask(const MaskFile& mask, const Resampling* resampling);
 
 }  // namespace redrive

@@ -15,7 +15,6 @@
 #include "redrive/recording/formats/photographs/colmap_files.h"
 #include "redrive/recording/formats/photographs/photographs.h"
 #include "redrive/recording/lidar/ply.h"
-#include "redrive/scene/resample.h"
 
 namespace redrive {
 namespace {
@@ -25,26 +24,6 @@ using nlohmann::json;
 
 fs::path mask_name(const Photo& photo) {
   return fs::path("masks") / (photo.name.string() + ".png");
-}
-
-/// The map of a resampled camera and the pixels that it sees.
-struct Resampling {
-  ResampleMap map;
-  std::vector<std::uint8_t> seen;  ///< [height, width], 255 or 0
-  bool sees_all = true;
-};
-
-Resampling make_resampling(const PhotoCamera& camera) {
-  Resampling out{make_resample_map(camera.camera, camera.recorded), {}};
-  const std::vector<std::uint8_t> all(
-      static_cast<std::size_t>(camera.recorded.width) * camera.recorded.height, 255);
-  // Masks a pixel that is partly outside.
-  out.seen = resample(out.map, all, camera.recorded.width, camera.recorded.height, 1, 0);
-  for (std::uint8_t& seen : out.seen) {
-    seen = seen == 255 ? 255 : 0;
-    out.sees_all &= seen == 255;
-  }
-  return out;
 }
 
 /// Writes a mask whose black pixels are masked.
@@ -58,28 +37,8 @@ void write_mask(const fs::path& file, int width, int height,
 
 /// Writes the photo's mask if it has one.
 void write_photo_mask(const fs::path& masks, const Photo& photo, const Resampling* resampling) {
-  std::optional<Image8> mask;
-  if (!photo.mask.path.empty()) mask = read_image(photo.mask.path);
-  if (!mask && (!resampling || resampling->sees_all)) return;
-  std::vector<std::uint8_t> used;
-  int width = 0, height = 0;
-  if (mask) {
-    width = mask->width;
-    height = mask->height;
-    for (std::size_t i = 0; i < mask->rgb.size(); i += 3) {
-      const bool black = mask->rgb[i] == 0 && mask->rgb[i + 1] == 0 && mask->rgb[i + 2] == 0;
-      used.push_back(black == photo.mask.black_is_masked ? 0 : 255);
-    }
-  }
-  if (resampling) {
-    if (mask) used = resample(resampling->map, used, width, height, 1, 0);
-    width = resampling->map.width;
-    height = resampling->map.height;
-    if (used.empty()) used = resampling->seen;
-    for (std::size_t i = 0; i < used.size(); ++i)
-      used[i] = used[i] == 255 && resampling->seen[i] ? 255 : 0;
-  }
-  write_mask(masks / (photo.name.string() + ".png"), width, height, used);
+  if (const auto mask = written_mask(photo.mask, resampling))
+    write_mask(masks / (photo.name.string() + ".png"), mask->width, mask->height, mask->used);
 }
 
 /// nerfstudio wants a mask for every photo or for none: where some have one, gives the others a
@@ -158,14 +117,7 @@ void write_images(const fs::path& images, const fs::path& masks, const PhotoSet&
     const Resampling* how = resampling[photo.camera] ? &*resampling[photo.camera] : nullptr;
     const fs::path out = images / photo.name;
     if (how) {
-      const Image8 recorded = read_image(photo.source);
-      const Camera& camera = set.cameras[photo.camera].recorded;
-      if (recorded.width != camera.width || recorded.height != camera.height)
-        throw InputError(photo.source, "size", size_text(recorded.width, recorded.height),
-                         "the calibration has " + size_text(camera.width, camera.height));
-      Image8 image{how->map.width, how->map.height, {}, {}, {}};
-      image.rgb = resample(how->map, recorded.rgb, recorded.width, recorded.height, 3, 0);
-      write_image(out, image);
+      write_image(out, resampled_image(photo.source, set.cameras[photo.camera], *how));
     } else if (out.extension() == photo.source.extension()) {
       write_file(out, read_file(photo.source, kMaxImageBytes));
     } else {

@@ -2,7 +2,6 @@
 #include "redrive/export/bundle/scene_bundle.h"
 
 #include <algorithm>
-#include <cctype>
 #include <chrono>
 #include <cstdio>
 
@@ -12,8 +11,8 @@
 #include "redrive/export/bundle/content_id.h"
 #include "redrive/export/bundle/ground_mesh.h"
 #include "redrive/export/field_mesh.h"
+#include "redrive/export/ncore/ncore_terms.h"
 #include "redrive/math/local_level.h"
-#include "redrive/recording/core/actor_kind.h"
 #include "redrive/recording/formats/recording_json.h"
 #include "redrive/recording/parse/rigid_json.h"
 #include "redrive/render/open_to_render.h"
@@ -69,53 +68,13 @@ Json data_info(const BundleScene& scene) {
            {{"start-timestamp_us", us(scene.first_ns)}, {"end-timestamp_us", us(scene.last_ns)}}}};
 }
 
-const char* shutter_name(std::int64_t readout_ns) {
-  return readout_ns == 0  ? "GLOBAL"
-         : readout_ns > 0 ? "ROLLING_TOP_TO_BOTTOM"
-                          : "ROLLING_BOTTOM_TO_TOP";
-}
-
 /// NCore's parameters. CARLA reads f-theta's of every camera, which are null for other lenses.
 Json camera_model(const CameraCalibration& camera, const Camera& lens) {
-  const std::vector<double>& p = camera.parameters;
-  Json parameters = {{"resolution", {camera.width, camera.height}},
-                     {"shutter_type", shutter_name(camera.readout_ns)},
-                     {"external_distortion_parameters", nullptr},
-                     {"principal_point", {camera.cx() + 0.5, camera.cy() + 0.5}},
-                     {"focal_length", {camera.fx(), camera.fy()}}};
-  const std::optional<FThetaIntrinsics> ftheta = ftheta_intrinsics(camera);
-  std::string type = camera.model;
-  if (type == "opencv_pinhole" || type == "opencv_rational") {
-    type = "opencv-pinhole";
-    Json radial = Json::array();
-    for (const std::size_t k : {4, 5, 8, 9, 10, 11}) radial.push_back(k < p.size() ? p[k] : 0.0);
-    parameters["radial_coeffs"] = radial;
-    parameters["tangential_coeffs"] = {p.at(6), p.at(7)};
-    parameters["thin_prism_coeffs"] = {0.0, 0.0, 0.0, 0.0};
-  } else if (type == "opencv_fisheye") {
-    type = "opencv-fisheye";
-    parameters["radial_coeffs"] = std::vector<double>(p.begin() + 4, p.begin() + 8);
-  } else if (ftheta) {
-    type = "ftheta";  // its principal point counts from the centre of the first pixel
-    parameters["principal_point"] = {camera.cx(), camera.cy()};
-    parameters.erase("focal_length");
-  } else {  // the service's alone
-    parameters["parameters"] = std::vector<double>(p.begin() + 4, p.end());
-  }
+  Json model = ncore::camera_model(camera, lens);
   for (const char* const key : {"reference_poly", "pixeldist_to_angle_poly",
                                 "angle_to_pixeldist_poly", "max_angle", "linear_cde"})
-    parameters[key] = nullptr;
-  if (const auto* fisheye = std::get_if<OpenCvFisheye>(&lens.model))
-    parameters["max_angle"] = fisheye->max_angle_rad;
-  if (ftheta) {
-    parameters["reference_poly"] =
-        ftheta->angle_is_reference ? "PIXELDIST_TO_ANGLE" : "ANGLE_TO_PIXELDIST";
-    parameters["pixeldist_to_angle_poly"] = ftheta->pixeldist_to_angle;
-    parameters["angle_to_pixeldist_poly"] = ftheta->angle_to_pixeldist;
-    parameters["max_angle"] = ftheta->max_angle_rad;
-    parameters["linear_cde"] = {ftheta->c, ftheta->d, ftheta->e};
-  }
-  return {{"type", type}, {"parameters", parameters}};
+    model["parameters"].emplace(key, nullptr);
+  return model;
 }
 
 /// Start and end of each image's exposure, where the rig has poses.
@@ -165,21 +124,6 @@ Json rig_trajectories(const BundleScene& bundle) {
              {"rig_bbox", nullptr}}}}};
 }
 
-/// Returns NuRec's word for a type of object.
-std::string label_of(const std::string& type) {
-  std::string word;
-  for (const unsigned char c : type) word += static_cast<char>(std::tolower(c));
-  const auto has = [&](const char* part) { return word.find(part) != word.npos; };
-  if (std::string_view(kind_of(type).name) == "person")
-    return has("cycl") || has("rider")   ? "rider"
-           : has("animal") || has("dog") ? "animal"
-                                         : "person";
-  return has("bus")       ? "bus"
-         : has("trailer") ? "trailer"
-         : has("truck")   ? "heavy_truck"
-                          : "automobile";
-}
-
 /// Objects with poses at two times of the scene or more.
 Json sequence_tracks(const BundleScene& bundle) {
   Json ids = Json::array(), labels = Json::array(), flags = Json::array(), times = Json::array(),
@@ -197,7 +141,7 @@ Json sequence_tracks(const BundleScene& bundle) {
     }
     if (own_times.size() < 2) continue;
     ids.push_back(std::to_string(actor.id));
-    labels.push_back(label_of(actor.type));
+    labels.push_back(ncore::class_of(actor.type));
     flags.push_back({"DYNAMIC", "CONTROLLABLE"});
     times.push_back(own_times);
     poses.push_back(own_poses);

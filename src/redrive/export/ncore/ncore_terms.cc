@@ -1,0 +1,80 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/export/ncore/ncore_terms.h"
+
+#include <cctype>
+#include <optional>
+#include <string_view>
+#include <variant>
+#include <vector>
+
+#include "redrive/recording/core/actor_kind.h"
+
+namespace redrive::ncore {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+const char* shutter_name(std::int64_t readout_ns) {
+  return readout_ns == 0  ? "GLOBAL"
+         : readout_ns > 0 ? "ROLLING_TOP_TO_BOTTOM"
+                          : "ROLLING_BOTTOM_TO_TOP";
+}
+
+}  // namespace
+
+bool has_model(const CameraCalibration& camera) {
+  return camera.model == "opencv_pinhole" || camera.model == "opencv_rational" ||
+         camera.model == "opencv_fisheye" || camera.model == "ftheta" ||
+         camera.model == "ftheta_inverse";
+}
+
+Json camera_model(const CameraCalibration& camera, const Camera& lens) {
+  const std::vector<double>& p = camera.parameters;
+  Json parameters = {{"resolution", {camera.width, camera.height}},
+                     {"shutter_type", shutter_name(camera.readout_ns)},
+                     {"external_distortion_parameters", nullptr},
+                     {"principal_point", {camera.cx() + 0.5, camera.cy() + 0.5}},
+                     {"focal_length", {camera.fx(), camera.fy()}}};
+  std::string type = camera.model;
+  if (type == "opencv_pinhole" || type == "opencv_rational") {
+    type = "opencv-pinhole";
+    Json radial = Json::array();
+    for (const std::size_t k : {4, 5, 8, 9, 10, 11}) radial.push_back(k < p.size() ? p[k] : 0.0);
+    parameters["radial_coeffs"] = radial;
+    parameters["tangential_coeffs"] = {p.at(6), p.at(7)};
+    parameters["thin_prism_coeffs"] = {0.0, 0.0, 0.0, 0.0};
+  } else if (const auto* fisheye = std::get_if<OpenCvFisheye>(&lens.model)) {
+    type = "opencv-fisheye";
+    parameters["radial_coeffs"] = std::vector<double>(p.begin() + 4, p.begin() + 8);
+    parameters["max_angle"] = fisheye->max_angle_rad;
+  } else if (const std::optional<FThetaIntrinsics> ftheta = ftheta_intrinsics(camera)) {
+    type = "ftheta";
+    parameters["principal_point"] = {camera.cx(), camera.cy()};
+    parameters.erase("focal_length");
+    parameters["reference_poly"] =
+        ftheta->angle_is_reference ? "PIXELDIST_TO_ANGLE" : "ANGLE_TO_PIXELDIST";
+    parameters["pixeldist_to_angle_poly"] = ftheta->pixeldist_to_angle;
+    parameters["angle_to_pixeldist_poly"] = ftheta->angle_to_pixeldist;
+    parameters["max_angle"] = ftheta->max_angle_rad;
+    parameters["linear_cde"] = {ftheta->c, ftheta->d, ftheta->e};
+  } else {
+    parameters["parameters"] = std::vector<double>(p.begin() + 4, p.end());
+  }
+  return {{"type", type}, {"parameters", parameters}};
+}
+
+std::string class_of(const std::string& type) {
+  std::string word;
+  for (const unsigned char c : type) word += static_cast<char>(std::tolower(c));
+  const auto has = [&](const char* part) { return word.find(part) != word.npos; };
+  if (std::string_view(kind_of(type).name) == "person")
+    return has("cycl") || has("rider")   ? "rider"
+           : has("animal") || has("dog") ? "animal"
+                                         : "person";
+  return has("bus")       ? "bus"
+         : has("trailer") ? "trailer"
+         : has("truck")   ? "heavy_truck"
+                          : "automobile";
+}
+
+}  // namespace redrive::ncore
