@@ -12,9 +12,6 @@
 namespace redrive::ncore {
 namespace {
 
-/// Farthest that a revolution reaches beyond the poses, whose motion continues there.
-constexpr std::int64_t kBeyondPoses_ns = 200'000'000;
-
 /// The arrays of a revolution, by ray. Each ray has one return.
 struct RayBundle {
   std::vector<float> direction;  ///< [N, 3], unit, in the sensor's axes at the ray's time
@@ -32,8 +29,7 @@ RayBundle ray_bundle(const std::vector<LidarPoint>& points, const Rigid3d& senso
   RayBundle rays;
   if (points.empty()) return rays;
   const auto [first, last] = std::ranges::minmax(points, {}, &LidarPoint::t_ns);
-  rays.beyond_poses = first.t_ns < drive.frames.front().t_ns - kBeyondPoses_ns ||
-                      last.t_ns > drive.frames.back().t_ns + kBeyondPoses_ns;
+  rays.beyond_poses = is_beyond_poses(drive, first.t_ns) || is_beyond_poses(drive, last.t_ns);
   if (rays.beyond_poses) return rays;
   rays.start_us = sequence.us(first.t_ns);
   rays.end_us = sequence.us(last.t_ns);

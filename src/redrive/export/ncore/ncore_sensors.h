@@ -15,6 +15,14 @@
 
 namespace redrive::ncore {
 
+/// Whether a time is more than 0.2 s before the first or after the last pose. In between the motion
+/// at the ends continues, as in recording/core/trajectory.h.
+inline bool is_beyond_poses(const Recording& drive, std::int64_t t_ns) {
+  constexpr std::int64_t kBeyond_ns = 200'000'000;
+  return t_ns < drive.frames.front().t_ns - kBeyond_ns ||
+         t_ns > drive.frames.back().t_ns + kBeyond_ns;
+}
+
 /// A sensor that was written.
 struct WrittenSensor {
   std::string id;

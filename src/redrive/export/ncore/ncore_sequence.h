@@ -47,7 +47,6 @@ class Sequence {
 
   /// Widens the interval of the sequence.
   void cover(std::int64_t start_us, std::int64_t end_us);
-  bool covers(std::int64_t t_us) const { return t_us >= first_us_ && t_us <= last_us_; }
   std::int64_t first_us() const { return first_us_; }
   std::int64_t last_us() const { return last_us_; }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/export/ncore/ncore_terms.h"
 
+#include <algorithm>
 #include <cctype>
 #include <optional>
 #include <string_view>
@@ -18,6 +19,12 @@ const char* shutter_name(std::int64_t readout_ns) {
   return readout_ns == 0  ? "GLOBAL"
          : readout_ns > 0 ? "ROLLING_TOP_TO_BOTTOM"
                           : "ROLLING_BOTTOM_TO_TOP";
+}
+
+std::string in_lower_case(const std::string& type) {
+  std::string word;
+  for (const unsigned char c : type) word += static_cast<char>(std::tolower(c));
+  return word;
 }
 
 }  // namespace
@@ -64,8 +71,7 @@ Json camera_model(const CameraCalibration& camera, const Camera& lens) {
 }
 
 std::string class_of(const std::string& type) {
-  std::string word;
-  for (const unsigned char c : type) word += static_cast<char>(std::tolower(c));
+  const std::string word = in_lower_case(type);
   const auto has = [&](const char* part) { return word.find(part) != word.npos; };
   if (std::string_view(kind_of(type).name) == "person")
     return has("cycl") || has("rider")   ? "rider"
@@ -75,6 +81,22 @@ std::string class_of(const std::string& type) {
          : has("trailer") ? "trailer"
          : has("truck")   ? "heavy_truck"
                           : "automobile";
+}
+
+std::string class_of_box(const std::string& type) {
+  if (std::string_view(kind_of(type).name) == "person") return class_of(type);
+  const std::string text = in_lower_case(type);
+  if (text.find("cycle") != text.npos) return type;
+  constexpr const char* kLetters = "abcdefghijklmnopqrstuvwxyz";
+  for (std::size_t begin = text.find_first_of(kLetters); begin != text.npos;) {
+    const std::size_t end = std::min(text.find_first_not_of(kLetters, begin), text.size());
+    const std::string word = text.substr(begin, end - begin);
+    for (const char* const vehicle : {"automobile", "bus", "car", "pickup", "suv", "taxi",
+                                      "trailer", "truck", "van", "vehicle"})
+      if (word == vehicle) return class_of(type);
+    begin = text.find_first_of(kLetters, end);
+  }
+  return type;
 }
 
 }  // namespace redrive::ncore

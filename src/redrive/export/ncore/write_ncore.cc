@@ -87,15 +87,14 @@ void write_cuboids(const Recording& drive, Sequence* sequence, DriveNotes* notes
   std::set<std::string> classes;
   for (const FrameFile& file : drive.box_files)
     for (const Box& box : drive.reader->read_boxes(file)) {
-      const bool near = std::abs(box.t_ns - drive.frames.front().t_ns) < kFirstFrame_ns ||
-                        box.t_ns > drive.frames.front().t_ns;
-      if (!near || !sequence->covers(sequence->us(box.t_ns))) {
+      if (ncore::is_beyond_poses(drive, box.t_ns)) {
         ++beyond;
         continue;
       }
       const std::int64_t us = sequence->us(box.t_ns);
-      const std::string word = ncore::class_of(box.type);
-      classes.insert(box.type + " is " + word);
+      sequence->cover(us, us);
+      const std::string word = ncore::class_of_box(box.type);
+      if (word != box.type) classes.insert(box.type + " is " + word);
       observations.push_back({{"track_id", std::to_string(box.object_id)},
                               {"class_id", word},
                               {"timestamp_us", us},

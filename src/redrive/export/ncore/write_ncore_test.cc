@@ -308,6 +308,19 @@ TEST_F(WriteNcore, BoxesAreWhereTheyWere) {
     }
 }
 
+// Boxes up to 0.2 s beyond the poses widen the sequence.
+TEST_F(WriteNcore, BoxesOutsideThePosesAreNamed) {
+  recording_.lidar_files.clear();
+  reader_->frames[0].t_ns -= 190'000'000;
+  reader_->frames[4].t_ns += 210'000'000;
+  const WalkedStore store = written();
+  const json all = store.attributes("cuboids/default/cuboids")["cuboid_track_observations"],
+             rig = store.attributes("poses/default/dynamic_poses")["('rig', 'world')"];
+  EXPECT_EQ(all.size(), 3 * 4u);
+  EXPECT_EQ(all[0]["timestamp_us"], rig["timestamps_us"].front());
+  EXPECT_THAT(notes_.left_out, Contains("3 box records without a pose"));
+}
+
 TEST_F(WriteNcore, TimesAreNeverNegative) {
   for (FramePose& frame : recording_.frames) frame.t_ns -= kBegin_ns + 1'000'000'000;
   make_reader();
@@ -328,6 +341,22 @@ TEST(NcoreFrameTimes, StartsAndEndsIncrease) {
   EXPECT_FALSE(times.add(5, 22)) << "within another";
   EXPECT_FALSE(times.add(35, 39));
   EXPECT_EQ(times.json(), ncore::Json::parse("[[10,20],[15,25],[30,40]]"));
+}
+
+TEST(NcoreTerms, PeopleAndVehiclesHaveNuRecsClasses) {
+  for (const auto& [type, word] :
+       std::map<std::string, std::string>{{"CAR", "automobile"},
+                                          {"vehicle.bus.rigid", "bus"},
+                                          {"BOX_TRUCK", "heavy_truck"},
+                                          {"Pickup Truck", "heavy_truck"},
+                                          {"REGULAR_VEHICLE", "automobile"},
+                                          {"Pedestrian", "person"},
+                                          {"Cyclist", "rider"},
+                                          {"Cones", "Cones"},
+                                          {"Construction Signs", "Construction Signs"},
+                                          {"vehicle.bicycle", "vehicle.bicycle"},
+                                          {"Rolling Containers", "Rolling Containers"}})
+    EXPECT_EQ(ncore::class_of_box(type), word) << type;
 }
 
 TEST(NcoreTerms, PrincipalPointsCountFromTheCornerOrTheCentre) {
