@@ -203,9 +203,10 @@ int races_of_a_step(const std::map<std::string, Words>& instead) {
     for (std::size_t i = 0; i < kCount; ++i) {
       const auto number = [&](int row) -> float& { return numbers[gaussian_slot(i, row)]; };
       for (int row = 0; row < kGaussianRows; ++row) number(row) = next();
-      number(kPositionRow) *= 1.5f;
+      number(kPositionRow) *= 0.5f;
+      number(kPositionRow + 1) *= 0.5f;
       number(kPositionRow + 2) += 4;
-      for (int k = 0; k < 3; ++k) number(kLogScaleRow + k) += i < 40 ? 1.5f : -1.0f;
+      for (int k = 0; k < 3; ++k) number(kLogScaleRow + k) += i < 40 ? 1.5f : -2.0f;
       number(kOpacityRow) -= 4;
     }
     const std::size_t plane = raster_size(camera.width, camera.height).plane();

@@ -16,6 +16,8 @@ namespace {
 
 constexpr std::size_t kWord = 4, kRecordBytes = 64, kSumFloats = 16, kFewestPairs = 1 << 16;
 constexpr BlockShape kBlocks{8, 4};
+/// common.glsl.
+constexpr std::size_t kSegment = 256, kStateFloats = 5;
 constexpr int kDepthShifts[] = {8, 16, 24};  // the bits of a distance down to 2^-16 of it
 
 /// Params of shaders/common.glsl.
@@ -23,7 +25,7 @@ struct ShaderParameters {
   VkDeviceAddress numbers, pose_keys, parts, records, depth_key, drawn, by_depth, pair_first,
       pair_gaussian, pair_blocks, ranges, control, wanted, centre_u, centre_v, boxes, extents, rgb,
       transmittance, depth, range_error, log_range, last, d_rgb, d_transmittance, error, d_range,
-      pair_sums, sums, gradients, errors;
+      pair_sums, sums, gradients, errors, states, segments;
   float fx, fy, cx, cy, numbers_of_lens[PlainCamera::kMostNumbers], max_radius2;
   std::uint32_t n, width, height, stride, rows, tiles_x, tiles_y, n_parts, n_keys, by_column,
       bounds_means, max_pairs;
@@ -139,6 +141,9 @@ void VulkanRaster::allocate() {
   for (DeviceBuffer* words : {&pair_gaussian_, &pair_blocks_, &slots_, &shared_.slots,
                               &shared_.tile_keys[0], &shared_.tile_keys[1]})
     queue.grow(words, max_pairs_ * kWord);
+  const std::size_t states = max_pairs_ / kSegment;
+  queue.grow(&segments_, states * kWord);
+  queue.grow(&states_, states * kSegment * kStateFloats * sizeof(float));
   const std::size_t counts = (most / 4096 + 1) * 256;
   queue.grow(&shared_.counts, counts * kWord);
   queue.grow(&shared_.block_sums, (std::max(most, counts) / 2048 + 1) * kWord);
@@ -160,7 +165,7 @@ std::uint64_t VulkanRaster::training_bytes(std::size_t n, std::size_t pixels) {
   // Buffers that allocate(), backward() and GaussianDevice::hold() make.
   constexpr std::uint64_t kPerGaussian = kRecordBytes + kSumFloats * kWord +
                                          (3 * kGaussianRows + 2 + 7) * kWord,
-                          kPerPair = kSumFloats * kWord + 6 * kWord + kWord / 4;
+                          kPerPair = kSumFloats * kWord + 6 * kWord + kStateFloats * kWord + kWord / 4;
   // Images with ranges, which most pixels may have, and of VulkanLoss slopes and a target's window
   // with the pixels beside it.
   constexpr std::uint64_t kPerPixel = (8 + 6 + 2 + 9) * kWord + 2 * (3 + 1 + 1);
@@ -227,6 +232,8 @@ void VulkanRaster::write_inputs() {
   p.range_error = (has_ranges() ? range_error_ : depth_).address();
   p.log_range = (has_ranges() ? log_range_ : depth_).address();
   p.last = last_.address();
+  p.states = states_.address();
+  p.segments = segments_.address();
   p.n = static_cast<std::uint32_t>(gaussians_.n);
   p.n_parts = static_cast<std::uint32_t>(parts_);
   p.max_pairs = static_cast<std::uint32_t>(max_pairs_);
@@ -280,6 +287,7 @@ void VulkanRaster::record_pairs() {
     values = out;
   }
   shared_.queue().fill(ranges_, (tiles + 1) * kWord, 0);
+  shared_.queue().fill(segments_, max_pairs_ / kSegment * kWord, UINT32_MAX);
   shared_.run_indirect("ranges", Push(inputs_, shared_.tile_keys[passes % 2]), control_,
                        by_pair.by_256());
   shared_.queue().stamp("sort by tile");
@@ -430,7 +438,8 @@ void VulkanRaster::backward(const GaussianDerivatives& to,
   const Dispatches by{0};
   const std::uint32_t with_poses = !d_poses.empty();
   queue.stamp("upload");
-  shared_.run("tile_backward", Push(inputs_, slots_), tiles, {has_centres(), has_ranges()});
+  const std::size_t segments = tiles + control_words_[kPairsAt] / kSegment;
+  shared_.run("tile_backward", Push(inputs_, slots_), segments, {has_centres(), has_ranges()});
   queue.stamp("backward");
   shared_.run_indirect("sum_pairs", Push(inputs_), control_, by.by_16());
   queue.stamp("sum pairs");

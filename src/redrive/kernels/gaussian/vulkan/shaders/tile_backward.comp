@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The adjoint of tile_forward. Eight Gaussians at a time: a thread for a pixel finds the weight and
+// The adjoint of tile_forward for a segment of a tile: first the tiles' first segments, then the
+// others by their states. Eight Gaussians at a time: a thread for a pixel finds the weight and
 // the derivative by log alpha of each; then 32 threads for a Gaussian sum over the pixels, in an
 // order that depends on nothing. The sums go to the pair's own place.
 #version 460
@@ -28,13 +29,19 @@ vec2 centre_of(uvec2 pixel) {
 }
 
 void main() {
-  const uint tile = gl_WorkGroupID.x, t = gl_LocalInvocationIndex, block = t >> 5, lane = t & 31u;
-  if (p.wanted.v[tile] == 0u || p.control.v[2] != 0u) return;
+  const uint t = gl_LocalInvocationIndex, block = t >> 5, lane = t & 31u;
+  const uint tiles = p.tiles_x * p.tiles_y, state = gl_WorkGroupID.x - tiles;
+  const bool is_first = gl_WorkGroupID.x < tiles;
+  const uint tile = is_first ? gl_WorkGroupID.x : p.segments.v[state];
+  if (tile >= tiles || p.wanted.v[tile] == 0u || p.control.v[2] != 0u) return;
   const uvec2 corner = uvec2(tile % p.tiles_x, tile / p.tiles_x) * 16u;
   const uvec2 pixel = corner + pixel_in_tile(t);
   const uint at = pixel.y * p.stride + pixel.x, plane = p.stride * p.rows;
   const vec2 centre = centre_of(pixel);
-  const uint begin = p.ranges.v[tile], end = p.ranges.v[tile + 1u], last = p.last.v[at];
+  const uint begin = p.ranges.v[tile], last = p.last.v[at];
+  // Pairs of the segment, from the tile's first one on.
+  const uint from = is_first ? 0u : (state - begin / kSegment + 1u) * kSegment;
+  const uint end = min(p.ranges.v[tile + 1u] - begin, from + kSegment);
   const float t_all = p.transmittance.v[at];
   float through = 1.0;
   float behind = t_all > kMinTransmittance ? t_all * p.d_transmittance.v[at] : 0.0;
@@ -49,14 +56,20 @@ void main() {
     d_range = p.d_range.v[at];
     behind += d_range * p.range_error.v[at];
   }
+  if (!is_first) {
+    const uint of_pixel = state * kStateFloats * 256u + t;
+    through = p.states.v[of_pixel];
+    for (uint k = 0u; k < 3u; ++k) behind -= d_rgb[k] * p.states.v[of_pixel + (1u + k) * 256u];
+    if (kRange) behind -= d_range * p.states.v[of_pixel + 4u * 256u];
+  }
   s_pixel[W(1u, t)] = vec4(d_rgb, p.error.v[at]);
   if (t == 0u) s_last[W(2u, 0u)] = 0u;
   sync();
   atomicMax(s_last[A(2u, 0u)], last);
   sync();
   const uint stop = s_last[R(2u, 0u)];
-  for (uint first = 0u; first < end - begin; first += kAtOnce) {
-    if (t < kAtOnce && begin + first + t < end) {
+  for (uint first = from; first < end; first += kAtOnce) {
+    if (t < kAtOnce && first + t < end) {
       const uint slot = slots.v[begin + first + t], id = p.pair_gaussian.v[slot];
       s_slot[W(2u, 16u + t) - 16u] = slot;
       s_blocks[W(2u, 48u + t) - 48u] = first + t < stop ? p.pair_blocks.v[slot] : 0u;
@@ -66,7 +79,7 @@ void main() {
     }
     if (t == 0u) s_any[W(2u, 1u) - 1u] = 0u;
     sync();
-    const uint n = min(kAtOnce, end - begin - first);
+    const uint n = min(kAtOnce, end - first);
     bool some = false;
     for (uint i = 0u; i < n; ++i) {
       if ((s_blocks[R(2u, 48u + i) - 48u] >> block & 1u) == 0u) continue;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Blends a tile's Gaussians front to back, a thread for a pixel.
+// Blends a tile's Gaussians front to back, a thread for a pixel, and keeps what segments begin with.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
@@ -12,9 +12,9 @@ layout(push_constant) uniform Push {
 #include "races.glsl"
 layout(constant_id = 0) const bool kCentres = false;
 layout(constant_id = 1) const bool kRange = false;
-const uint kBatch = 256u;
+const uint kBatch = kSegment;
 shared vec4 s_a[kBatch], s_b[kBatch], s_c[kBatch];
-shared uint s_blocks[kBatch];
+shared uint s_met[64];  // [8, 8] by block: bits of the batch's Gaussians that meet it
 shared uint s_live[1];
 
 void main() {
@@ -30,23 +30,34 @@ void main() {
   vec3 rgb = vec3(0);
   uint last = end - begin;
   bool live = true;
+  for (uint k = t + 1u; k * kSegment < end - begin; k += 256u)
+    p.segments.v[state_of(begin, k)] = tile;
   for (uint first = begin; first < end; first += kBatch) {
     if (t == 0u) s_live[W(0u, 0u)] = 0u;
+    if (t < 64u) s_met[W(1u, t)] = 0u;
     sync();
     if (live) atomicOr(s_live[A(0u, 0u)], 1u);
     if (first + t < end) {
       const uint slot = slots.v[first + t], id = p.pair_gaussian.v[slot];
-      s_blocks[W(1u, t)] = p.pair_blocks.v[slot];
+      const uint blocks = p.pair_blocks.v[slot];
+      for (uint b = 0u; b < 8u; ++b)
+        if ((blocks >> b & 1u) != 0u) atomicOr(s_met[A(1u, b * 8u + (t >> 5))], 1u << (t & 31u));
       s_a[W(2u, t)] = p.records.v[4u * id];
       s_b[W(3u, t)] = p.records.v[4u * id + 1u];
       s_c[W(0u, 1u + t) - 1u] = p.records.v[4u * id + 2u];
     }
     sync();
     if (s_live[R(0u, 0u)] == 0u) break;
+    if (first > begin) {
+      const uint state = state_of(begin, (first - begin) / kSegment) * kStateFloats * 256u + t;
+      p.states.v[state] = through;
+      for (uint k = 0u; k < 3u; ++k) p.states.v[state + (1u + k) * 256u] = rgb[k];
+      if (kRange) p.states.v[state + 4u * 256u] = range_error;
+    }
     // No `if (live)` around the loop: NVIDIA's driver 580 crashes at a loop under an if in a loop.
-    const uint n = live ? min(kBatch, end - first) : 0u;
-    for (uint i = 0u; i < n; ++i) {
-      if ((s_blocks[R(1u, i)] >> block & 1u) == 0u) continue;
+    for (uint word = 0u; live && word < 8u; ++word)
+    for (uint left = s_met[R(1u, block * 8u + word)]; left != 0u; left &= left - 1u) {
+      const uint i = word * 32u + uint(findLSB(left));
       const vec4 a = s_a[R(2u, i)], b = s_b[R(3u, i)];
       const float dx = x - a.x, dy = y - a.y;
       const float log2_alpha = (a.z * dx + a.w * dy) * dx + (b.x * dy * dy + b.y);
