@@ -28,6 +28,7 @@ constexpr int kMaxStarts = 400;  // about 10 s on two cores
 constexpr int kProbeEvery = 8;
 constexpr double kLeastYield = 0.05;
 constexpr int kBatch = kMostTrackImages - kLength;  // images of a batch
+constexpr std::size_t kCornersOfTask = 1024;        // few, so that no thread waits long for others
 // A larger window takes the depth of things in front of or beside its centre.
 constexpr int kWindow_px = 7, kBlock_px = 5, kMargin_px = 4;
 constexpr int kMinCell_px = 5, kMaxCells = 20'000;  // one corner a cell
@@ -200,12 +201,15 @@ class CameraTracker {
     return {std::min(start, end), std::max(start, end) + 1};
   }
 
-  /// Tracks from image `start` on, step 1 or -1, and triangulates. Sets the number of corners.
-  std::vector<ColouredPoint> points_from(int start, int step, std::size_t* n_corners) const {
+  std::vector<cv::Point2f> corners_of(int image) const {
+    const TrackImage& of = images_[image];
+    return find_corners(of.pyramid[0], usable_pixels(*of.image, factor_));
+  }
+
+  /// Tracks corners from image `start` on, step 1 or -1, and triangulates.
+  std::vector<ColouredPoint> points_from(int start, int step,
+                                         std::span<const cv::Point2f> corners) const {
     const Image8& first = *images_[start].image;
-    const std::vector<cv::Point2f> corners =
-        find_corners(images_[start].pyramid[0], usable_pixels(first, factor_));
-    *n_corners = corners.size();
     std::vector<TrackRays> tracks(corners.size());
     std::vector<ActiveTrack> active;
     for (std::size_t t = 0; t < corners.size(); ++t)
@@ -311,6 +315,36 @@ class CameraTracker {
   int levels_ = 0;
 };
 
+/// Where tracks start.
+struct Start {
+  int image, step;
+  std::vector<cv::Point2f> corners = {};
+  std::vector<ColouredPoint> points = {};
+};
+
+/// Finds the corners and points of some of the starts, in parallel.
+void track(const CameraTracker& tracker, std::span<Start* const> starts, ThreadPool& pool) {
+  struct Task {
+    Start* start;
+    std::size_t first;
+    std::vector<ColouredPoint> points = {};
+  };
+  pool.run(static_cast<int>(starts.size()),
+           [&](int k) { starts[k]->corners = tracker.corners_of(starts[k]->image); });
+  std::vector<Task> tasks;
+  for (Start* const start : starts)
+    for (std::size_t i = 0; i < start->corners.size(); i += kCornersOfTask)
+      tasks.push_back({start, i});
+  pool.run(static_cast<int>(tasks.size()), [&](int k) {
+    Task& task = tasks[k];
+    const std::span corners = std::span(task.start->corners).subspan(task.first);
+    task.points = tracker.points_from(task.start->image, task.start->step,
+                                      corners.first(std::min(corners.size(), kCornersOfTask)));
+  });
+  for (const Task& task : tasks)
+    task.start->points.insert(task.start->points.end(), task.points.begin(), task.points.end());
+}
+
 }  // namespace
 
 PointCloud track_points(const Scene& scene, const ViewImages& images, ThreadPool& pool) {
@@ -321,43 +355,35 @@ PointCloud track_points(const Scene& scene, const ViewImages& images, ThreadPool
   std::vector<std::vector<ColouredPoint>> parts;
   for (int camera = 0; camera < static_cast<int>(scene.rig.size()); ++camera) {
     CameraTracker tracker(scene, camera);
-    struct Start {
-      int image, step;
-    };
     std::vector<Start> starts;
     const int last = tracker.images() - 1;
     for (int i = 0; i + kMinObservations - 1 <= last; i += every) {
       starts.push_back({i, 1});
       starts.push_back({last - i, -1});
     }
-    const std::size_t done = parts.size();
-    parts.resize(done + starts.size());
-    std::vector<std::size_t> corners(starts.size());
     std::size_t n_corners = 0, n_points = 0;
     // Batches of starts by the last image that they use, so that few images are needed at once.
-    std::vector<std::vector<int>> batches(tracker.images() / kBatch + 1);
-    for (int s = 0; s < std::ssize(starts); ++s)
-      batches[(tracker.used_by(starts[s].image, starts[s].step).second - 1) / kBatch].push_back(s);
+    std::vector<std::vector<Start*>> batches(tracker.images() / kBatch + 1);
+    for (Start& start : starts)
+      batches[(tracker.used_by(start.image, start.step).second - 1) / kBatch].push_back(&start);
     for (int b = 0; b < std::ssize(batches); ++b) {
       if (batches[b].empty()) continue;
       const int end = std::min((b + 1) * kBatch, tracker.images());
       tracker.prepare(std::max(0, b * kBatch - kLength + 1), end, images, pool);
-      std::vector<int> probes, others;
-      for (int k = 0; k < std::ssize(batches[b]); ++k)
+      std::vector<Start*> probes, others;
+      for (std::size_t k = 0; k < batches[b].size(); ++k)
         (k % kProbeEvery == 0 ? probes : others).push_back(batches[b][k]);
-      const auto track = [&](const std::vector<int>& some) {
-        pool.run(static_cast<int>(some.size()), [&](int k) {
-          const int s = some[k];
-          parts[done + s] = tracker.points_from(starts[s].image, starts[s].step, &corners[s]);
-        });
-        for (const int s : some) {
-          n_corners += corners[s];
-          n_points += parts[done + s].size();
+      const auto track_some = [&](const std::vector<Start*>& some) {
+        track(tracker, some, pool);
+        for (Start* const start : some) {
+          n_corners += std::exchange(start->corners, {}).size();
+          n_points += start->points.size();
         }
       };
-      track(probes);
-      if (double(n_points) >= kLeastYield * double(n_corners)) track(others);
+      track_some(probes);
+      if (double(n_points) >= kLeastYield * double(n_corners)) track_some(others);
     }
+    for (Start& start : starts) parts.push_back(std::move(start.points));
   }
   return make_point_cloud(parts);
 }

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <tuple>
 #include <utility>
 #include <vector>
@@ -16,6 +17,7 @@ namespace redrive {
 namespace {
 
 constexpr float kChildOffset = 0.75f;  // in standard deviations of the parent, to either side
+constexpr std::size_t kGaussiansPerRange = 4096;
 constexpr float kChildScale = 0.6f, kChildOtherScale = 0.92f;  // along the axis, along the others
 
 /// The source of a Gaussian: itself, or one of the halves of a split one.
@@ -61,30 +63,62 @@ bool within_bounds(const DensifyOptions& options, std::size_t part, const float*
          std::fabs(at(1)) <= bound.y() + beside && std::fabs(at(2)) <= bound.z();
 }
 
+/// A Gaussian that may stay, and the time at which it is drawn for a split; infinite: never.
+struct SplitCandidate {
+  Source source;
+  bool stays = false;
+  float time = std::numeric_limits<float>::infinity();
+};
+
+/// Sorts by an order in which no two are equal.
+template <class Less>
+void sort_sources(const Less& less, ThreadPool& pool, std::vector<Source>* sources) {
+  constexpr std::size_t kRun = 1 << 14;
+  const auto at = [&](std::size_t i) { return sources->begin() + static_cast<std::ptrdiff_t>(i); };
+  pool.run_ranges(sources->size(), kRun,
+                  [&](std::size_t begin, std::size_t end) { std::sort(at(begin), at(end), less); });
+  for (std::size_t run = kRun; run < sources->size(); run *= 2)
+    pool.run_ranges(sources->size(), 2 * run, [&](std::size_t begin, std::size_t end) {
+      if (end - begin > run) std::inplace_merge(at(begin), at(begin + run), at(end), less);
+    });
+}
+
 /// Returns the sources of the Gaussians, ordered by part and Morton key.
 std::vector<Source> choose_sources(const DensifyOptions& options, std::uint64_t key,
                                    const GaussianLayout& layout, const float* p,
-                                   std::span<const float> errors) {
+                                   std::span<const float> errors, ThreadPool& pool) {
   const std::size_t parts = 1 + layout.actor_ends.size();
   const float least =
       std::max(std::log(options.min_opacity / (1 - options.min_opacity)), kUnusedOpacity + 1);
   std::vector<Source> sources;                              // whole ones at first
   std::vector<std::pair<float, std::uint32_t>> candidates;  // drawn in ascending order
-  for (std::uint32_t part = 0; part < parts; ++part)
-    for (std::size_t i = first_of(layout, part); i < first_of(layout, part + 1); ++i) {
-      // Unused lanes are transparent.
-      if (!(p[gaussian_slot(i, kOpacityRow)] >= least)) continue;
-      if (!within_bounds(options, part, p, i)) continue;
-      const auto from = static_cast<std::uint32_t>(i);
-      float position[3];
-      for (int k = 0; k < 3; ++k) position[k] = p[gaussian_slot(i, kPositionRow + k)];
-      const float error = errors[i],
-                  scale = std::exp(p[gaussian_slot(i, kLogScaleRow + longest_axis(p, i))]);
-      if (error > 0 && scale > options.min_scale * p[gaussian_slot(i, kDistanceRow)])
-        candidates.emplace_back(-std::log(std::max(random_unit(key, i), 1e-9f)) / error,
-                                static_cast<std::uint32_t>(sources.size()));
-      sources.push_back({part, morton_key(position), from, 0});
+  std::vector<SplitCandidate> of_part;
+  for (std::uint32_t part = 0; part < parts; ++part) {
+    const std::size_t first = first_of(layout, part), n = first_of(layout, part + 1) - first;
+    of_part.assign(n, {});
+    pool.run_ranges(n, kGaussiansPerRange, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t i = first + begin; i < first + end; ++i) {
+        // Unused lanes are transparent.
+        if (!(p[gaussian_slot(i, kOpacityRow)] >= least)) continue;
+        if (!within_bounds(options, part, p, i)) continue;
+        SplitCandidate& candidate = of_part[i - first];
+        float position[3];
+        for (int k = 0; k < 3; ++k) position[k] = p[gaussian_slot(i, kPositionRow + k)];
+        candidate.stays = true;
+        candidate.source = {part, morton_key(position), static_cast<std::uint32_t>(i), 0};
+        const float error = errors[i],
+                    scale = std::exp(p[gaussian_slot(i, kLogScaleRow + longest_axis(p, i))]);
+        if (error > 0 && scale > options.min_scale * p[gaussian_slot(i, kDistanceRow)])
+          candidate.time = -std::log(std::max(random_unit(key, i), 1e-9f)) / error;
+      }
+    });
+    for (const SplitCandidate& candidate : of_part) {
+      if (!candidate.stays) continue;
+      if (std::isfinite(candidate.time))
+        candidates.emplace_back(candidate.time, static_cast<std::uint32_t>(sources.size()));
+      sources.push_back(candidate.source);
     }
+  }
   const std::size_t alive = sources.size(),
                     wanted = options.target > alive ? options.target - alive : 0,
                     splits = std::min(wanted, candidates.size() / 3);
@@ -96,17 +130,19 @@ std::vector<Source> choose_sources(const DensifyOptions& options, std::uint64_t 
     sources.push_back(sources[which]);
     sources.back().half = -1;
   }
-  std::ranges::sort(sources, {},
-                    [](const Source& s) { return std::tuple(s.part, s.key, s.from, -s.half); });
+  const auto place = [](const Source& s) { return std::tuple(s.part, s.key, s.from, -s.half); };
+  sort_sources([&](const Source& a, const Source& b) { return place(a) < place(b); }, pool,
+               &sources);
   return sources;
 }
 
 }  // namespace
 
 void densify(const DensifyOptions& options, std::uint64_t key, GaussianLayout* layout,
-             Buffer<float>* numbers, Buffer<std::uint32_t>* moments, Buffer<float>* errors) {
+             Buffer<float>* numbers, Buffer<std::uint32_t>* moments, Buffer<float>* errors,
+             ThreadPool& pool) {
   const float* const p = numbers->data();
-  const std::vector<Source> sources = choose_sources(options, key, *layout, p, *errors);
+  const std::vector<Source> sources = choose_sources(options, key, *layout, p, *errors, pool);
   std::vector<std::size_t> sizes(1 + layout->actor_ends.size());
   for (const Source& source : sources) ++sizes[source.part];
   const std::vector<std::size_t> filled = sizes;
@@ -115,10 +151,13 @@ void densify(const DensifyOptions& options, std::uint64_t key, GaussianLayout* l
   *layout = layout_of(std::span<const std::size_t>(sizes));
   const std::size_t size = layout->blocks() * kBlockSize;
   // Calls body(source, slot) for each Gaussian.
+  std::vector<std::size_t> ahead;  // of a part: its first slot less its first source
+  for (std::size_t part = 0, first = 0; part < filled.size(); first += filled[part++])
+    ahead.push_back(first_of(*layout, part) - first);
   const auto for_each = [&](const auto& body) {
-    auto source = sources.begin();
-    for (std::size_t part = 0; part < filled.size(); ++part)
-      for (std::size_t i = 0; i < filled[part]; ++i) body(*source++, first_of(*layout, part) + i);
+    pool.run_ranges(sources.size(), kGaussiansPerRange, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t s = begin; s < end; ++s) body(sources[s], ahead[sources[s].part] + s);
+    });
   };
   const auto moved = [&]<class T>(const Buffer<T>& before) {
     const std::size_t others = before.size() - old_size;

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "redrive/base/buffer.h"
+#include "redrive/base/parallel.h"
 #include "redrive/model/gaussian_layout.h"
 
 namespace redrive {
@@ -37,8 +38,10 @@ struct DensifyOptions {
 /// proportional to their summed errors, and removes transparent ones. Sets the errors to 0. Parents
 /// keep their second moments, children start without first moments. numbers: the Gaussians' and
 /// after them others, which stay; moments, errors: the Gaussians' (kernels::GaussianUpdate).
-/// Deterministic in key. Gaussians stay in the world or with their actor.
+/// Deterministic in key, whatever the number of threads. Gaussians stay in the world or with their
+/// actor.
 void densify(const DensifyOptions& options, std::uint64_t key, GaussianLayout* layout,
-             Buffer<float>* numbers, Buffer<std::uint32_t>* moments, Buffer<float>* errors);
+             Buffer<float>* numbers, Buffer<std::uint32_t>* moments, Buffer<float>* errors,
+             ThreadPool& pool);
 
 }  // namespace redrive

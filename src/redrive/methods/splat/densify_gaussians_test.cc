@@ -58,9 +58,10 @@ struct State {
   float row(std::size_t i, int row) const { return numbers[gaussian_slot(i, row)]; }
   float id(std::size_t i) const { return row(i, kColourRow); }
   void set_error(std::size_t i, float error) { errors[i] = error; }
-  void densify(std::size_t target, std::uint64_t key = 7) {
+  void densify(std::size_t target, std::uint64_t key = 7, int threads = 1) {
+    ThreadPool pool(threads);
     GaussianLayout layout{.world = n, .actor_ends = {}};
-    redrive::densify({.target = target}, key, &layout, &numbers, &moments, &errors);
+    redrive::densify({.target = target}, key, &layout, &numbers, &moments, &errors, pool);
     n = layout.world;
   }
   /// Gaussians by their number.
@@ -259,7 +260,8 @@ void expect_kept(float ahead_m, const std::vector<std::pair<Eigen::Vector3f, boo
   DensifyOptions options;
   options.actor_bounds = {&bound, 1};
   options.ahead_m = ahead_m;
-  densify(options, 7, &layout, &numbers, &moments, &errors);
+  ThreadPool pool(1);
+  densify(options, 7, &layout, &numbers, &moments, &errors, pool);
   EXPECT_EQ(layout.world, 16u);
   std::set<float> kept, expected;
   for (std::size_t i = layout.first_block(0) * kGaussianBlock;
@@ -294,6 +296,17 @@ TEST(Densify, KeepsOfAnActorWhatIsOnTheRoadAheadInTheDark) {
                               {{9, 1.9f, -0.5f}, true},
                               {{9, 2.1f, -0.5f}, false},
                               {{2.1f, 0, 0}, false}});
+}
+
+TEST(Densify, ThreadsChangeNoBit) {
+  State a(random_list(50'000)), b(random_list(50'000));
+  a.densify(60'000, 1, /*threads=*/1);
+  b.densify(60'000, 1, /*threads=*/3);
+  EXPECT_EQ(a.n, 60'000u);
+  ASSERT_EQ(a.numbers.size(), b.numbers.size());
+  EXPECT_EQ(std::memcmp(a.numbers.data(), b.numbers.data(), a.numbers.size() * sizeof(float)), 0);
+  EXPECT_TRUE(std::ranges::equal(a.moments.span(), b.moments.span()));
+  EXPECT_LT(mean_step(a), 3) << "in Morton order";
 }
 
 TEST(Densify, IsAFunctionOfTheKey) {

@@ -157,7 +157,8 @@ struct SplatModel final : Trainee, FieldGaussians {
   /// Maximum number of Gaussians that finish_training() adds; training leaves room for them.
   int most_fills() const { return actor_ids.empty() ? 0 : most_gaussians() / 100; }
   /// Changes the number of Gaussians (densify_gaussians.h).
-  void change_number(const DensifyOptions& options, std::uint64_t key, AdamState* adam);
+  void change_number(const DensifyOptions& options, std::uint64_t key, AdamState* adam,
+                     ThreadPool& pool);
   struct WindowStep;
   /// Returns the planes that prepare() found; null: none.
   static const SurfacePlanes* surfaces_of(const StepBuffers& buffers);

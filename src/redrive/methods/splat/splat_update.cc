@@ -117,12 +117,13 @@ void SplatModel::finish_step(kernels::Backend& backend, const StepRequest& reque
   backend.gaussians().fetch();
   backend.gaussians().release();  // frees it before densify copies
   change_number(options, random_key(request.seed, kStreamDensify, static_cast<std::uint64_t>(step)),
-                adam);
+                adam, backend.pool());
 }
 
-void SplatModel::change_number(const DensifyOptions& options, std::uint64_t key, AdamState* adam) {
+void SplatModel::change_number(const DensifyOptions& options, std::uint64_t key, AdamState* adam,
+                               ThreadPool& pool) {
   GaussianLayout layout = this->layout();
-  densify(options, key, &layout, &parameters, &adam->packed, &adam->errors);
+  densify(options, key, &layout, &parameters, &adam->packed, &adam->errors, pool);
   gaussians = static_cast<int>(layout.world);
   actor_ends = std::move(layout.actor_ends);
   renew_version();

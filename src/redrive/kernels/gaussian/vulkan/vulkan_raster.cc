@@ -165,7 +165,8 @@ std::uint64_t VulkanRaster::training_bytes(std::size_t n, std::size_t pixels) {
   // Buffers that allocate(), backward() and GaussianDevice::hold() make.
   constexpr std::uint64_t kPerGaussian = kRecordBytes + kSumFloats * kWord +
                                          (3 * kGaussianRows + 2 + 7) * kWord,
-                          kPerPair = kSumFloats * kWord + 6 * kWord + kStateFloats * kWord + kWord / 4;
+                          kPerPair =
+                              kSumFloats * kWord + 6 * kWord + kStateFloats * kWord + kWord / 4;
   // Images with ranges, which most pixels may have, and of VulkanLoss slopes and a target's window
   // with the pixels beside it.
   constexpr std::uint64_t kPerPixel = (8 + 6 + 2 + 9) * kWord + 2 * (3 + 1 + 1);

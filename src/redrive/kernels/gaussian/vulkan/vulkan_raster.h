@@ -61,7 +61,8 @@ class VulkanRaster final : public RasterPass {
   const DeviceBuffer* numbers_ = nullptr;
   DeviceBuffer own_numbers_, inputs_, control_, records_, depth_key_, drawn_, pair_gaussian_,
       pair_blocks_, slots_, ranges_, rgb_, transmittance_, depth_, range_error_, log_range_,
-      ranged_, last_, states_, segments_, d_rgb_, d_transmittance_, error_, d_range_, shown_, extents_;
+      ranged_, last_, states_, segments_, d_rgb_, d_transmittance_, error_, d_range_, shown_,
+      extents_;
   std::uint32_t control_words_[4] = {};
   bool complete_ = false, on_host_ = false;
 };

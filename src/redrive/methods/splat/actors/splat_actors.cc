@@ -159,7 +159,7 @@ void SplatModel::finish_training(kernels::Backend& backend, const TrainingSet& d
   options.min_opacity = 0;
   options.spare = std::min(fills_needed(hidden),
                            hidden.gaussians.size() + static_cast<std::size_t>(most_fills()));
-  change_number(options, 0, adam);
+  change_number(options, 0, adam, backend.pool());
   fill_holes(backend.gaussians(), views, hidden, all().n, layout().world, options.spare,
              parameters.span().first(blocks_size()));
   renew_version();
