@@ -185,8 +185,8 @@ Revolution make_revolution(int beams, int azimuth_steps) {
 }
 
 /// Times whole images of Gaussians, a revolution of a LiDAR, and steps on one window: with 400,000
-/// Gaussians, with twice as many, and where 50 objects have a quarter of them. Rates count
-/// Gaussians.
+/// Gaussians, with twice as many, by a wide-angle camera, and where 50 objects have a quarter of
+/// them. Rates count Gaussians.
 void time_gaussians(Runner& runner, kernels::Backend& backend, const SyntheticDrive& drive,
                     const Method& method) {
   constexpr double kRead = kGaussianRows * sizeof(float);  // bytes of a Gaussian
@@ -249,6 +249,7 @@ void time_gaussians(Runner& runner, kernels::Backend& backend, const SyntheticDr
   time_scan(64, 2048);
   time_step("400k", drive, kGaussians);
   time_step("800k", drive, 2 * kGaussians);
+  time_step("400k-wide", wide_angle(drive), kGaussians);
   SyntheticDrive with_actors = drive;
   add_actors(50, &with_actors);
   time_step("400k-50-actors", with_actors, kGaussians);

@@ -46,9 +46,9 @@ std::vector<StageCost> step_costs(const StepCounts& of) {
           {"tile sort", 0, (tile_passes * kSortedPair + kWord) * of.pairs, 0.10},
           {"blend", kBlend * kPixelsOfTile * of.pairs,
            (kRecord + 2 * kWord) * of.pairs + 6 * kWord * of.pixels, 0.16},
-          {"loss", loss * of.pixels, (2 * 4 + 2 * 9 + 3 + 3) * kWord * of.pixels, 0.25},
+          {"loss", loss * of.pixels, (2 * 4 + 2 * 9 + 3 + 3) * kWord * of.pixels, 0.10},
           {"blend backward", kBlendBackward * kPixelsOfTile * of.pairs,
-           (kRecord + 2 * kWord + kPairSums) * of.pairs + 8 * kWord * of.pixels, 0.56},
+           (kRecord + 2 * kWord + kPairSums) * of.pairs + 8 * kWord * of.pixels, 0.50},
           {"sums", 16 * of.pairs, kPairSums * (of.pairs + of.drawn), 0.04},
           {"adjoint", kAdjoint * of.drawn, (2 * rows * kWord + kPairSums) * of.drawn, 0.02},
           {"update", kAdam * rows * of.drawn, (5 * rows + 3) * kWord * of.drawn, 0.05}};

@@ -29,13 +29,10 @@ TEST(Roofline, AStepIsSlowerThanItsLeastTime) {
   EXPECT_GT(steps[0].counts.drawn, 50'000);
   EXPECT_GT(steps[1].counts.drawn, steps[0].counts.drawn);
   EXPECT_GT(steps[1].counts.pairs, 2 * steps[0].counts.pairs);
-  double measured = 0;
   for (const StageCost& stage : steps[0].stages) {
-    measured += stage.h200_ms;
     EXPECT_GT(stage.least_ms(kGpus[0]), 0) << stage.stage;
     EXPECT_LT(stage.least_ms(kGpus[0]), stage.h200_ms) << stage.stage;
   }
-  EXPECT_NEAR(measured, 1.44, 0.02);
 }
 
 }  // namespace

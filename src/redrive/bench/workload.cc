@@ -36,6 +36,13 @@ SyntheticDrive make_synthetic_drive() {
   return drive;
 }
 
+SyntheticDrive wide_angle(SyntheticDrive drive) {
+  Camera& camera = drive.scene.rig[0].camera;
+  camera.fx = camera.fy = 150;
+  drive.scene.rig[0].recorded = camera;
+  return drive;
+}
+
 void add_actors(int n, SyntheticDrive* drive) {
   constexpr int kLanes = 4;
   constexpr double kSpeed_m_per_s = 5;

@@ -97,7 +97,7 @@ TEST_F(SurfaceMesh, OfTheGroundIsFlatUpToGrazingViews) {
   const Surface ground = ground_surface([](double, double) { return true; });
   for (int n = 0; n < 10; ++n) {
     const auto pose = [&](double x) { return looking({x, 0, 1.5}, {1, 0, 0}); };
-    images.push_back(see(ground, right_angle_camera(200),
+    images.push_back(see(ground, right_angle_camera(100),
                          ShutterPoses(std::vector<Rigid3d>{pose(n), pose(n + 0.5)})));
   }
   TsdfVolume volume(kVoxel_m, kAmpleMemory);
