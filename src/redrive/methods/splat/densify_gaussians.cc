@@ -151,7 +151,7 @@ void densify(const DensifyOptions& options, std::uint64_t key, GaussianLayout* l
   *layout = layout_of(std::span<const std::size_t>(sizes));
   const std::size_t size = layout->blocks() * kBlockSize;
   // Calls body(source, slot) for each Gaussian.
-  std::vector<std::size_t> ahead;  // of a part: its first slot less its first source
+  std::vector<std::size_t> ahead;  // first slot of a part less its first source
   for (std::size_t part = 0, first = 0; part < filled.size(); first += filled[part++])
     ahead.push_back(first_of(*layout, part) - first);
   const auto for_each = [&](const auto& body) {
