@@ -120,7 +120,8 @@ TEST_F(VulkanMemory, RangesOfSomePixelsAreThoseOfTheirPlane) {
 
 TEST_F(VulkanMemory, StagingGrows) {
   const auto device = vulkan::Device::open("0");
-  const auto queue = vulkan::Queue::make(device.get());
+  ThreadPool pool(1);
+  const auto queue = vulkan::Queue::make(device.get(), &pool);
   // Chunks have 16 MiB; the sizes fill one, need their own, and end one.
   const std::size_t bytes[] = {9 << 20, 9 << 20, 20 << 20, 1, 7 << 20};
   for (int round = 0; round < 2; ++round) {

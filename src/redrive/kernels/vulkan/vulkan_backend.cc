@@ -19,7 +19,7 @@ namespace {
 VulkanBackend::VulkanBackend(std::unique_ptr<vulkan::Device> device, int threads)
     : Backend(threads),
       device_(std::move(device)),
-      queue_(vulkan::Queue::make(device_.get())),
+      queue_(vulkan::Queue::make(device_.get(), &pool())),
       gaussians_(make_vulkan_gaussian_stages(queue_.get(), &pool())) {}
 
 VulkanBackend::~VulkanBackend() = default;

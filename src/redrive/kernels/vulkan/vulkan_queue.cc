@@ -8,12 +8,12 @@ namespace redrive::kernels::vulkan {
 namespace {
 
 constexpr std::uint32_t kStamps = 256;
-constexpr std::size_t kChunk = std::size_t{16} << 20;
+constexpr std::size_t kChunk = std::size_t{16} << 20, kCopiedAtOnce = std::size_t{1} << 20;
 
 }  // namespace
 
-std::unique_ptr<Queue> Queue::make(Device* device) {
-  std::unique_ptr<Queue> queue(new Queue(device));
+std::unique_ptr<Queue> Queue::make(Device* device, ThreadPool* pool) {
+  std::unique_ptr<Queue> queue(new Queue(device, pool));
   queue->create();
   return queue;
 }
@@ -21,10 +21,10 @@ std::unique_ptr<Queue> Queue::make(Device* device) {
 void Queue::create() {
   VkCommandPoolCreateInfo pool{VK_STRUCTURE_TYPE_COMMAND_POOL_CREATE_INFO};
   pool.queueFamilyIndex = device_.family();
-  device_.check(api_.CreateCommandPool(device_.handle(), &pool, nullptr, &pool_),
+  device_.check(api_.CreateCommandPool(device_.handle(), &pool, nullptr, &commands_pool_),
                 "vkCreateCommandPool");
   VkCommandBufferAllocateInfo commands{VK_STRUCTURE_TYPE_COMMAND_BUFFER_ALLOCATE_INFO};
-  commands.commandPool = pool_;
+  commands.commandPool = commands_pool_;
   commands.level = VK_COMMAND_BUFFER_LEVEL_PRIMARY;
   commands.commandBufferCount = 1;
   device_.check(api_.AllocateCommandBuffers(device_.handle(), &commands, &commands_),
@@ -46,7 +46,7 @@ Queue::~Queue() {
   wait_idle();
   if (queries_) api_.DestroyQueryPool(device_.handle(), queries_, nullptr);
   if (timeline_) api_.DestroySemaphore(device_.handle(), timeline_, nullptr);
-  if (pool_) api_.DestroyCommandPool(device_.handle(), pool_, nullptr);
+  if (commands_pool_) api_.DestroyCommandPool(device_.handle(), commands_pool_, nullptr);
 }
 
 void Queue::grow(DeviceBuffer* buffer, std::size_t bytes) {
@@ -60,7 +60,7 @@ void Queue::begin() {
   if (recording_) return;
   device_.check_unbroken();
   wait();
-  device_.check(api_.ResetCommandPool(device_.handle(), pool_, 0), "vkResetCommandPool");
+  device_.check(api_.ResetCommandPool(device_.handle(), commands_pool_, 0), "vkResetCommandPool");
   VkCommandBufferBeginInfo info{VK_STRUCTURE_TYPE_COMMAND_BUFFER_BEGIN_INFO};
   info.flags = VK_COMMAND_BUFFER_USAGE_ONE_TIME_SUBMIT_BIT;
   device_.check(api_.BeginCommandBuffer(commands_, &info), "vkBeginCommandBuffer");
@@ -137,12 +137,19 @@ Queue::Place Queue::stage(std::size_t bytes, Device::Memory memory) {
   return place;
 }
 
+void Queue::copy(void* to, const void* from, std::size_t bytes) {
+  pool_.run_ranges(bytes, kCopiedAtOnce, [&](std::size_t begin, std::size_t end) {
+    std::memcpy(static_cast<std::byte*>(to) + begin, static_cast<const std::byte*>(from) + begin,
+                end - begin);
+  });
+}
+
 void Queue::upload(const DeviceBuffer& to, std::size_t offset, const void* from,
                    std::size_t bytes) {
   if (bytes == 0) return;
   begin();
   const Place place = stage(bytes, Device::Memory::kUpload);
-  std::memcpy(static_cast<std::byte*>(place.buffer->mapped()) + place.offset, from, bytes);
+  copy(static_cast<std::byte*>(place.buffer->mapped()) + place.offset, from, bytes);
   const VkBufferCopy copy{place.offset, offset, bytes};
   api_.CmdCopyBuffer(commands_, place.buffer->handle(), to.handle(), 1, &copy);
   barrier();
@@ -190,11 +197,9 @@ void Queue::wait() {
   info.pSemaphores = &timeline_;
   info.pValues = &submitted_;
   device_.check(api_.WaitSemaphores(device_.handle(), &info, UINT64_MAX), "vkWaitSemaphores");
-  for (const Pending& d : downloads_)
-    std::memcpy(d.to, static_cast<const std::byte*>(d.from.buffer->mapped()) + d.from.offset,
-                d.bytes);
-  downloads_.clear();
   for (Staging& staging : staging_) staging.chunk = staging.used = 0;
+  for (const Pending& d : std::exchange(downloads_, {}))  // copies may be interrupted
+    copy(d.to, static_cast<const std::byte*>(d.from.buffer->mapped()) + d.from.offset, d.bytes);
   if (!stamps_ || names_.size() < 2) return;
   std::vector<std::uint64_t> ticks(names_.size());
   device_.check(api_.GetQueryPoolResults(device_.handle(), queries_, 0,

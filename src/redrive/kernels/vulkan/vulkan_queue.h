@@ -15,6 +15,7 @@
 #include <utility>
 #include <vector>
 
+#include "redrive/base/parallel.h"
 #include "redrive/kernels/vulkan/vulkan_device.h"
 
 namespace redrive::kernels::vulkan {
@@ -22,8 +23,8 @@ namespace redrive::kernels::vulkan {
 /// To use by one thread at a time. Buffers must outlive the commands that use them.
 class Queue {
  public:
-  /// The device must outlive the queue.
-  static std::unique_ptr<Queue> make(Device* device);
+  /// The device and the pool must outlive the queue.
+  static std::unique_ptr<Queue> make(Device* device, ThreadPool* pool);
   ~Queue();
   Queue(const Queue&) = delete;
   Queue& operator=(const Queue&) = delete;
@@ -65,7 +66,7 @@ class Queue {
   }
 
  private:
-  explicit Queue(Device* device) : device_(*device), api_(device->api()) {}
+  Queue(Device* device, ThreadPool* pool) : device_(*device), api_(device->api()), pool_(*pool) {}
   void create();
   void begin();
   void wait();
@@ -78,10 +79,13 @@ class Queue {
     std::size_t offset;
   };
   Place stage(std::size_t bytes, Device::Memory memory);
+  /// memcpy by all threads.
+  void copy(void* to, const void* from, std::size_t bytes);
 
   Device& device_;
   const Api& api_;
-  VkCommandPool pool_ = VK_NULL_HANDLE;
+  ThreadPool& pool_;
+  VkCommandPool commands_pool_ = VK_NULL_HANDLE;
   VkCommandBuffer commands_ = VK_NULL_HANDLE;
   VkSemaphore timeline_ = VK_NULL_HANDLE;
   VkQueryPool queries_ = VK_NULL_HANDLE;
