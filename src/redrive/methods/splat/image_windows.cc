@@ -63,10 +63,17 @@ void find_tiles(const Image8& image, const ImageWindow& window, std::vector<std:
   const kernels::RasterSize size = kernels::raster_size(window.width, window.height);
   const int across = size.stride / kernels::kTileSide;
   tiles->assign(static_cast<std::size_t>(across) * (size.rows / kernels::kTileSide), 0);
-  for (int y = 0; y < window.height; ++y)
-    for (int x = 0; x < window.width; ++x)
-      (*tiles)[y / kernels::kTileSide * across + x / kernels::kTileSide] |=
-          image.used[static_cast<std::size_t>(window.y + y) * image.width + window.x + x];
+  for (int y = 0; y < window.height; ++y) {
+    const std::uint8_t* const row =
+        &image.used[static_cast<std::size_t>(window.y + y) * image.width + window.x];
+    for (int tile = 0; tile < across; ++tile) {
+      const int begin = tile * kernels::kTileSide,
+                end = std::min(begin + kernels::kTileSide, window.width);
+      std::uint8_t any = 0;
+      for (int x = begin; x < end; ++x) any |= row[x];
+      (*tiles)[y / kernels::kTileSide * across + tile] |= any;
+    }
+  }
 }
 
 }  // namespace redrive
