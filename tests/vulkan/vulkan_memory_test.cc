@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // What crosses from the host to the first Vulkan device, and memory that grows.
+#include <algorithm>
 #include <string>
 #include <vector>
 
 #include <gtest/gtest.h>
 
 #include "redrive/base/error.h"
+#include "redrive/base/processes/interruption.h"
 #include "redrive/kernels/backend.h"
 #include "redrive/kernels/self_test_scene.h"
 #include "redrive/kernels/vulkan/vulkan_queue.h"
@@ -116,6 +118,54 @@ TEST_F(VulkanMemory, RangesOfSomePixelsAreThoseOfTheirPlane) {
   }
   EXPECT_EQ(errors[1], errors[0]);
   EXPECT_EQ(uploaded[0] - uploaded[1], 4 * plane.size() - 8 * ranged.size());
+}
+
+/// Sets what Ctrl-C sets, while it lives.
+class Interruption {
+ public:
+  Interruption() { request_stop(); }
+  ~Interruption() { const InterruptibleCall clears; }
+};
+
+TEST_F(VulkanMemory, AnInterruptedPassLeavesNothingBehind) {
+  const auto backend = make_vulkan_backend("0", 1);
+  const SelfTestScene scene;
+  const RasterSize size = scene.size();
+  std::vector<float> u, v;
+  for (int y = 0; y < size.rows; ++y)
+    for (int x = 0; x < size.stride; ++x) {
+      u.push_back(static_cast<float>(x));
+      v.push_back(static_cast<float>(y));
+    }
+  GaussianCamera camera = scene.view();
+  camera.centres = {u, v};
+  const auto rendered = [&] {
+    const Raster raster = backend->gaussians().rasterise(camera, {scene.kCount, scene.numbers}, {});
+    const Buffer<float>& rgb = raster.image().rgb;
+    return std::vector<float>(rgb.data(), rgb.data() + 3 * size.plane());
+  };
+  {
+    const Interruption interruption;
+    EXPECT_THROW(rendered(), Interrupted);
+  }
+  const std::vector<float> after = rendered();
+  EXPECT_EQ(after, rendered());
+  EXPECT_GT(std::ranges::max(after), 0.1f);
+}
+
+TEST_F(VulkanMemory, CopiesAreNotInterrupted) {
+  constexpr std::size_t kBytes = 5 << 20;
+  const auto device = vulkan::Device::open("0");
+  ThreadPool pool(2);
+  const auto queue = vulkan::Queue::make(device.get(), &pool);
+  const vulkan::DeviceBuffer buffer = queue->allocate(kBytes);
+  const std::vector<std::uint8_t> sent(kBytes, 7);
+  std::vector<std::uint8_t> received(kBytes);
+  const Interruption interruption;
+  queue->upload(buffer, 0, sent.data(), kBytes);
+  queue->download(buffer, 0, received.data(), kBytes);
+  queue->finish();
+  EXPECT_TRUE(received == sent);
 }
 
 TEST_F(VulkanMemory, StagingGrows) {

@@ -76,8 +76,8 @@ struct WrittenMask {
 };
 
 /// Returns which pixels of a written image the recorded mask and the resampling leave; nothing
-/// where all are. `resampling`: null where images are written as recorded. InputError for a mask
-/// that cannot be read.
+/// where all are. `resampling`: null where images are written as recorded. InputError if the mask
+/// cannot be read.
 std::optional<WrittenMask> written_mask(const MaskFile& mask, const Resampling* resampling);
 
 }  // namespace redrive

@@ -21,8 +21,8 @@ nlohmann::ordered_json camera_model(const CameraCalibration& camera, const Camer
 
 /// Returns NuRec's word for a type of object: "automobile", "person", ...
 std::string class_of(const std::string& type);
-/// Returns class_of a type that names a person or a vehicle of four wheels, and other types, such
-/// as cones and bicycles, as they are.
+/// Returns class_of(type) for people and vehicles of four wheels, and keeps the words of other
+/// types, such as cones and bicycles.
 std::string class_of_box(const std::string& type);
 
 }  // namespace redrive::ncore

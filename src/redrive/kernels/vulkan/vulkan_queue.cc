@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cstring>
 
+#include "redrive/base/error.h"
+
 namespace redrive::kernels::vulkan {
 namespace {
 
@@ -138,10 +140,14 @@ Queue::Place Queue::stage(std::size_t bytes, Device::Memory memory) {
 }
 
 void Queue::copy(void* to, const void* from, std::size_t bytes) {
-  pool_.run_ranges(bytes, kCopiedAtOnce, [&](std::size_t begin, std::size_t end) {
-    std::memcpy(static_cast<std::byte*>(to) + begin, static_cast<const std::byte*>(from) + begin,
-                end - begin);
-  });
+  try {
+    pool_.run_ranges(bytes, kCopiedAtOnce, [&](std::size_t begin, std::size_t end) {
+      std::memcpy(static_cast<std::byte*>(to) + begin, static_cast<const std::byte*>(from) + begin,
+                  end - begin);
+    });
+  } catch (const Interrupted&) {  // whoever uses the pool next is interrupted
+    std::memcpy(to, from, bytes);
+  }
 }
 
 void Queue::upload(const DeviceBuffer& to, std::size_t offset, const void* from,
@@ -197,9 +203,10 @@ void Queue::wait() {
   info.pSemaphores = &timeline_;
   info.pValues = &submitted_;
   device_.check(api_.WaitSemaphores(device_.handle(), &info, UINT64_MAX), "vkWaitSemaphores");
-  for (Staging& staging : staging_) staging.chunk = staging.used = 0;
-  for (const Pending& d : std::exchange(downloads_, {}))  // copies may be interrupted
+  for (const Pending& d : downloads_)
     copy(d.to, static_cast<const std::byte*>(d.from.buffer->mapped()) + d.from.offset, d.bytes);
+  downloads_.clear();
+  for (Staging& staging : staging_) staging.chunk = staging.used = 0;
   if (!stamps_ || names_.size() < 2) return;
   std::vector<std::uint64_t> ticks(names_.size());
   device_.check(api_.GetQueryPoolResults(device_.handle(), queries_, 0,

@@ -79,7 +79,7 @@ class Queue {
     std::size_t offset;
   };
   Place stage(std::size_t bytes, Device::Memory memory);
-  /// memcpy by all threads.
+  /// Copies as memcpy does, by all threads. Ctrl-C does not interrupt it.
   void copy(void* to, const void* from, std::size_t bytes);
 
   Device& device_;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/kernels/gaussian/vulkan/vulkan_gaussian_stages.h"
 
+#include "redrive/base/error.h"
 #include "redrive/kernels/gaussian/check_gaussian_sizes.h"
 #include "redrive/kernels/gaussian/vulkan/gaussian_device.h"
 #include "redrive/kernels/gaussian/vulkan/vulkan_loss.h"
@@ -19,7 +20,12 @@ class VulkanGaussianStages final : public GaussianStages {
                    const RasterOptions& options) override {
     auto raster = arena_.take<vulkan::VulkanRaster>(
         [this] { return std::make_unique<vulkan::VulkanRaster>(&shared_); });
-    raster->forward(camera, gaussians, options);
+    try {
+      raster->forward(camera, gaussians, options);
+    } catch (const Interrupted&) {
+      queue_.finish();  // what is recorded uses the pass's memory
+      throw;
+    }
     return {std::move(raster), &arena_};
   }
 

@@ -38,8 +38,8 @@ layout(buffer_reference, std430, buffer_reference_align = 16) buffer Params {
   Floats d_rgb, d_transmittance, error, d_range;
   // Sums over pixels by pair, then by Gaussian [n, 16]; derivatives [n] in blocks and errors.
   Floats pair_sums, sums, gradients, errors;
-  // Segments of tiles with more than kSegment pairs, all but their first ones (state_of): pixels'
-  // sums over the pairs before [kStateFloats, 256], and the tile.
+  // A tile's segments after the first one, by state_of: transmittance, colour and range error of
+  // its pixels before the segment [kStateFloats, 256], and the tile.
   Floats states;
   Words segments;
   float fx, fy, cx, cy, numbers_of_lens[8], max_radius2;  // camera/plain_camera.h
@@ -54,8 +54,9 @@ layout(buffer_reference, std430, buffer_reference_align = 16) buffer Params {
 const uint kNotDrawn = 0xffffffffu;
 const uint kNumbers = uint(kGaussianRows), kSumsOfPair = 16u;
 
-// A tile's pairs are blended backward in segments. Segment k > 0 of a tile whose pairs begin at
-// `begin` has state state_of(begin, k): each its own, as many as there are pairs / kSegment.
+// A tile's pairs are blended backward in segments. state_of(begin, k) is the index of segment k > 0
+// of a tile whose pairs begin at `begin`. Indices of tiles differ and are below pairs / kSegment,
+// since floor(begin / S) + ceil(n / S) - 1 <= floor((begin + n) / S).
 const uint kSegment = 256u, kStateFloats = 5u;
 uint state_of(uint begin, uint k) {
   return begin / kSegment + k - 1u;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Blends a tile's Gaussians front to back, a thread for a pixel, and keeps what segments begin with.
+// Blends a tile's Gaussians front to back, a thread for a pixel, and keeps the states in which
+// segments begin.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
