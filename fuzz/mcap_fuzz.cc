@@ -10,7 +10,7 @@
 
 namespace {
 
-class Text : public redrive::rosbag::ByteSource {
+class Text : public redrive::ByteSource {
  public:
   explicit Text(std::string text) : text_(std::move(text)) {}
   std::uint64_t size() const override { return text_.size(); }

@@ -12,6 +12,7 @@
 #include "redrive/recording/formats/kitti/kitti.h"
 #include "redrive/recording/formats/kitti360/kitti360.h"
 #include "redrive/recording/formats/mapping.h"
+#include "redrive/recording/formats/ncore/ncore.h"
 #include "redrive/recording/formats/nuscenes/nuscenes.h"
 #include "redrive/recording/formats/pandaset/pandaset.h"
 #include "redrive/recording/formats/photographs/colmap.h"
@@ -47,6 +48,7 @@ constexpr Format kFormats[] = {
      pandaset::open},
     {"argoverse2", "city_SE3_egovehicle.feather or calibration/egovehicle_SE3_sensor.feather",
      argoverse2::looks_like, argoverse2::open},
+    {"ncore", "stores .ncore4.zarr.itar or .ncore4.zarr", ncore::looks_like, ncore::open},
     {"rosbag", "files .mcap or .db3 of ROS 2", rosbag::looks_like, rosbag::open, rosbag::mapping},
     {"blender", "transforms_train.json", transforms::looks_like_blender, transforms::open_blender},
     {"transforms", "transforms.json", transforms::looks_like, transforms::open},

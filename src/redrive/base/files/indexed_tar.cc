@@ -7,12 +7,14 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/files/xz.h"
+#include "redrive/base/json_field.h"
 
 namespace redrive {
 namespace {
 
 constexpr std::size_t kTarBlock = 512, kMostTarName = 100, kMostTarPrefix = 155;
 constexpr std::uint64_t kMostTarBytes = std::uint64_t{1} << 33;
+constexpr std::size_t kMostIndexBytes = std::size_t{1} << 28;
 
 void put(std::string_view text, std::size_t at, std::string* block) {
   std::ranges::copy(text, block->begin() + static_cast<std::ptrdiff_t>(at));
@@ -92,6 +94,54 @@ void IndexedTarWriter::finish() {
   write("itar" + little_endian(1, 4) + little_endian(offset, 8) + little_endian(index.size(), 4));
   fill_block();
   file_.finish();
+}
+
+IndexedTar::IndexedTar(std::unique_ptr<const ByteSource> bytes, std::filesystem::path path)
+    : bytes_(std::move(bytes)), path_(std::move(path)) {
+  const std::uint64_t size = bytes_->size();
+  const std::string end =
+      size < kTarBlock ? std::string() : bytes_->read(size - kTarBlock, kTarBlock);
+  if (!end.starts_with("itar")) fail("", "", "does not end with an index: it may have been cut");
+  const auto number = [&](std::size_t at, std::size_t count) {
+    std::uint64_t value = 0;
+    for (std::size_t i = 0; i < count; ++i)
+      value |= std::uint64_t{static_cast<unsigned char>(end[at + i])} << (8 * i);
+    return value;
+  };
+  const std::uint64_t version = number(4, 4), offset = number(8, 8), packed = number(16, 4);
+  if (version != 1) fail("version of the index", std::to_string(version), "must be 1");
+  if (offset > size - kTarBlock || packed > size - kTarBlock - offset)
+    fail("index", std::to_string(packed) + " bytes at " + std::to_string(offset),
+         "lies beyond the end of the file");
+  const auto index = unxz_at_most(kMostIndexBytes, bytes_->read(offset, packed));
+  const nlohmann::json all =
+      index ? nlohmann::json::from_cbor(*index, /*strict=*/true, /*allow_exceptions=*/false)
+            : nlohmann::json(nlohmann::json::value_t::discarded);
+  if (all.is_discarded()) fail("index", "", "is damaged");
+  const JsonField root(all, path_);
+  const JsonField items = root.at("items"), offsets = root.at("offset_datas"),
+                  sizes = root.at("sizes");
+  if (!items.json().is_array() || offsets.size() != items.size() || sizes.size() != items.size())
+    fail("index", "", "must have as many names as places and sizes");
+  for (std::size_t i = 0; i < items.size(); ++i) {
+    const std::int64_t at = offsets.at(i).integer(), bytes_of = sizes.at(i).integer();
+    if (at < 0 || bytes_of < 0 || std::uint64_t(at) > offset ||
+        std::uint64_t(bytes_of) > offset - std::uint64_t(at))
+      fail("sizes[" + std::to_string(i) + "]", std::to_string(bytes_of), "lies beyond the index");
+    members_[items.at(i).string()] = {std::uint64_t(at), std::uint64_t(bytes_of)};
+  }
+}
+
+std::string IndexedTar::read(const Member& member, std::size_t most) const {
+  const std::size_t wanted = std::min<std::uint64_t>(member.size, most);
+  std::string bytes = bytes_->read(member.offset, wanted);
+  if (bytes.size() != wanted) fail("", "", "ends within a member");
+  return bytes;
+}
+
+void IndexedTar::fail(const std::string& field, const std::string& value,
+                      const std::string& rule) const {
+  throw InputError(path_, field, value, rule);
 }
 
 }  // namespace redrive

@@ -2,6 +2,8 @@
 // Compression of whole byte strings as .xz files, by liblzma.
 #pragma once
 
+#include <cstddef>
+#include <optional>
 #include <string>
 #include <string_view>
 
@@ -9,5 +11,8 @@ namespace redrive {
 
 /// Returns an .xz file of these bytes; equal bytes give equal files.
 std::string xz(std::string_view bytes);
+
+/// Returns the bytes of an .xz file; nothing if it is damaged or holds more than `most` bytes.
+std::optional<std::string> unxz_at_most(std::size_t most, std::string_view file);
 
 }  // namespace redrive

@@ -9,6 +9,8 @@
 #include "redrive/recording/core/damaged_text.h"
 #include "redrive/recording/core/trajectory.h"
 #include "redrive/recording/core/upper_median.h"
+#include "redrive/recording/core/wording.h"
+#include "redrive/recording/formats/frame_files.h"
 
 namespace redrive {
 namespace {
@@ -30,6 +32,10 @@ std::int64_t time_offset_of(const std::vector<FrameFile>& images,
   }
   return offsets.empty() ? guess_ns : std::llround(upper_median(std::move(offsets)));
 }
+
+constexpr std::int64_t kSameImage_ns = 1'000'000;      // a car at 15 m/s moves by 1.5 cm
+constexpr std::int64_t kBeyondPoses_ns = 250'000'000;  // further from a pose a frame has none
+constexpr std::int64_t kScanToImage_ns = 100'000'000;
 
 }  // namespace
 
@@ -82,6 +88,87 @@ const FramePose& nearest_frame(const std::vector<FramePose>& frames, std::int64_
       (frame != frames.begin() && t_ns - (frame - 1)->t_ns < frame->t_ns - t_ns))
     --frame;
   return *frame;
+}
+
+namespace {
+
+/// Sets time offsets of cameras that are triggered together; others run freely, each image with a
+/// frame of its own.
+void set_offsets(std::vector<TimedImages>* cameras) {
+  std::vector<double> steps;
+  const std::vector<FrameFile>& first = cameras->front().images;
+  for (std::size_t i = 1; i < first.size(); ++i)
+    steps.push_back(static_cast<double>(first[i].frame_id - first[i - 1].frame_id));
+  if (steps.empty()) return;
+  set_time_offsets(std::llround(upper_median(std::move(steps)) / 2), cameras);
+  for (TimedImages& camera : *cameras) {
+    std::vector<double> apart;
+    for (const FrameFile& image : camera.images) {
+      const std::int64_t t_ns = image.frame_id - camera.offset_ns;
+      const auto after = std::ranges::lower_bound(first, t_ns, {}, &FrameFile::frame_id);
+      double least = INFINITY;
+      if (after != first.end()) least = static_cast<double>(after->frame_id - t_ns);
+      if (after != first.begin())
+        least = std::min(least, static_cast<double>(t_ns - (after - 1)->frame_id));
+      apart.push_back(least);
+    }
+    if (apart.empty() || upper_median(std::move(apart)) > double(kSameImage_ns))
+      camera.offset_ns = 0;
+  }
+}
+
+/// Takes frames out that are too far from a pose in time.
+void leave_out_unposed(const std::vector<FramePose>& poses, Recording* recording) {
+  const auto is_far = [&](const FramePose& frame) {
+    return std::abs(nearest_frame(poses, frame.t_ns).t_ns - frame.t_ns) > kBeyondPoses_ns;
+  };
+  const std::size_t count = std::erase_if(recording->frames, is_far);
+  if (count > 0)
+    recording->findings.push_back(
+        {"poses", counted(count, "time") + " of images further than 0.25 s from a pose"});
+}
+
+}  // namespace
+
+void add_timed_cameras(const std::vector<FramePose>& poses, const std::filesystem::path& file,
+                       const PoseFields& fields, std::vector<TimedImages> cameras,
+                       const std::map<std::string, CameraCalibration>& calibrations,
+                       Recording* recording) {
+  std::erase_if(cameras, [](const TimedImages& camera) { return camera.images.empty(); });
+  if (cameras.empty()) require_cameras(*recording);
+  std::ranges::stable_sort(cameras, std::ranges::greater{},
+                           [](const TimedImages& camera) { return camera.images.size(); });
+  set_offsets(&cameras);
+  recording->frames = join_frames(poses, file, &cameras, &recording->damaged, kSameImage_ns);
+  leave_out_unposed(poses, recording);
+  const DamagedList damaged{"poses", &recording->damaged};
+  leave_out_impossible(file, fields, &damaged, &recording->frames);
+  for (TimedImages& camera : cameras) {
+    CameraCalibration calibration = calibrations.at(camera.camera);
+    calibration.time_offset_ns = camera.offset_ns;
+    std::vector<ImageFile> images = images_with_poses(std::move(camera.images), camera.camera,
+                                                      recording->frames, &recording->findings);
+    if (!images.empty()) recording->cameras.push_back({calibration, std::move(images)});
+  }
+  std::ranges::sort(recording->cameras, {},
+                    [](const RecordedCamera& camera) { return camera.calibration.name; });
+  require_cameras(*recording);
+}
+
+void add_timed_scans(std::vector<FrameFile> scans, const std::string& lidar, Recording* recording) {
+  std::size_t without_frame = 0;
+  for (FrameFile& scan : scans) {
+    const FramePose& frame = nearest_frame(recording->frames, scan.frame_id);
+    if (std::abs(frame.t_ns - scan.frame_id) > kScanToImage_ns) {
+      ++without_frame;
+      continue;
+    }
+    scan.frame_id = frame.id;
+    recording->lidar_files.push_back(std::move(scan));
+  }
+  if (without_frame > 0)
+    recording->findings.push_back(
+        {lidar, counted(without_frame, "scan") + " not used: no image within 0.1 s"});
 }
 
 }  // namespace redrive

@@ -4,10 +4,12 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <map>
 #include <string>
 #include <vector>
 
 #include "redrive/recording/core/recording.h"
+#include "redrive/recording/core/trajectory.h"
 
 namespace redrive {
 
@@ -36,5 +38,18 @@ std::vector<FramePose> join_frames(const std::vector<FramePose>& poses,
 
 /// Returns the frame that is nearest in time; `frames`: at least one.
 const FramePose& nearest_frame(const std::vector<FramePose>& frames, std::int64_t t_ns);
+
+/// Adds frames and cameras of a rig of any kind: cameras that are triggered together share frames,
+/// others run freely, each image with a frame of its own. Frames further than 0.25 s from a pose
+/// are left out. `calibrations`: keyed by name, of all cameras. `file`, `fields`: the poses', for
+/// messages. InputError if no image is left.
+void add_timed_cameras(const std::vector<FramePose>& poses, const std::filesystem::path& file,
+                       const PoseFields& fields, std::vector<TimedImages> cameras,
+                       const std::map<std::string, CameraCalibration>& calibrations,
+                       Recording* recording);
+
+/// Adds the scans of a LiDAR, each to the frame nearest to its middle. `scans`: frame_id is the
+/// time of the middle in ns. A finding counts those without an image within 0.1 s.
+void add_timed_scans(std::vector<FrameFile> scans, const std::string& lidar, Recording* recording);
 
 }  // namespace redrive

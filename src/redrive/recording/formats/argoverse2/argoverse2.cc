@@ -110,7 +110,6 @@ void add_cameras(const fs::path& root, const std::vector<FramePose>& poses,
   require_cameras(*recording);
 }
 
-/// Adds scans by the frames that are nearest to their middles.
 void add_scans(const fs::path& root, const std::map<std::string, Rigid3d>& extrinsics,
                Reader* reader, Recording* recording) {
   std::vector<Finding>* findings = &recording->findings;
@@ -130,21 +129,12 @@ void add_scans(const fs::path& root, const std::map<std::string, Rigid3d>& extri
     reader->lidars.push_back(lidar);
   }
   if (recording->lidars.empty()) return;
-  std::size_t without_frame = 0;
   for (FrameFile& scan : scans) {
-    const std::int64_t t_ns = std::min(scan.frame_id, kMaxTime_ns),
-                       middle_ns = t_ns + kRevolution_ns / 2;
-    const FramePose& frame = nearest_frame(recording->frames, middle_ns);
-    if (std::abs(frame.t_ns - middle_ns) > kRevolution_ns) {
-      ++without_frame;
-      continue;
-    }
+    const std::int64_t t_ns = std::min(scan.frame_id, kMaxTime_ns);
     reader->scan_times_ns[scan.path] = t_ns;
-    recording->lidar_files.push_back({frame.id, std::move(scan.path)});
+    scan.frame_id = t_ns + kRevolution_ns / 2;
   }
-  if (without_frame > 0)
-    findings->push_back(
-        {"lidar", counted(without_frame, "scan") + " not used: no image within 0.1 s"});
+  add_timed_scans(std::move(scans), "lidar", recording);
   share_files(recording);
 }
 

@@ -7,8 +7,8 @@
 #include <filesystem>
 #include <memory>
 
+#include "redrive/base/files/byte_source.h"
 #include "redrive/recording/formats/rosbag/bag.h"
-#include "redrive/recording/formats/rosbag/byte_source.h"
 
 namespace redrive::rosbag {
 

@@ -14,7 +14,7 @@
 #include <utility>
 #include <vector>
 
-#include "redrive/recording/formats/rosbag/byte_source.h"
+#include "redrive/base/files/byte_source.h"
 #include "redrive/recording/formats/rosbag/unpack.h"
 
 namespace redrive::rosbag {

@@ -23,10 +23,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::int64_t kSameImage_ns = 1'000'000;      // a car at 15 m/s moves by 1.5 cm
-constexpr std::int64_t kBeyondPoses_ns = 250'000'000;  // further from a pose a frame has none
-constexpr std::int64_t kScanToImage_ns = 100'000'000;
-
 class Reader : public RecordingReader {
  public:
   std::vector<LidarPoint> read_lidar(const FrameFile& file,
@@ -61,42 +57,6 @@ Rig find_rig(const Bag& bag, const Survey& survey, std::vector<Finding>* finding
                          " into its folder, to be edited");
   findings->insert(findings->end(), proposal.findings.begin(), proposal.findings.end());
   return proposal.rig;
-}
-
-/// Sets time offsets of cameras that are triggered together; others run freely, each image with a
-/// frame of its own.
-void set_offsets(std::vector<TimedImages>* cameras) {
-  std::vector<double> steps;
-  const std::vector<FrameFile>& first = cameras->front().images;
-  for (std::size_t i = 1; i < first.size(); ++i)
-    steps.push_back(static_cast<double>(first[i].frame_id - first[i - 1].frame_id));
-  if (steps.empty()) return;
-  set_time_offsets(std::llround(upper_median(std::move(steps)) / 2), cameras);
-  for (TimedImages& camera : *cameras) {
-    std::vector<double> apart;
-    for (const FrameFile& image : camera.images) {
-      const std::int64_t t_ns = image.frame_id - camera.offset_ns;
-      const auto after = std::ranges::lower_bound(first, t_ns, {}, &FrameFile::frame_id);
-      double least = INFINITY;
-      if (after != first.end()) least = static_cast<double>(after->frame_id - t_ns);
-      if (after != first.begin())
-        least = std::min(least, static_cast<double>(t_ns - (after - 1)->frame_id));
-      apart.push_back(least);
-    }
-    if (apart.empty() || upper_median(std::move(apart)) > double(kSameImage_ns))
-      camera.offset_ns = 0;
-  }
-}
-
-/// Takes frames out that are too far from a pose in time.
-void leave_out_unposed(const std::vector<FramePose>& poses, Recording* recording) {
-  const auto is_far = [&](const FramePose& frame) {
-    return std::abs(nearest_frame(poses, frame.t_ns).t_ns - frame.t_ns) > kBeyondPoses_ns;
-  };
-  const std::size_t count = std::erase_if(recording->frames, is_far);
-  if (count > 0)
-    recording->findings.push_back(
-        {"poses", counted(count, "time") + " of images further than 0.25 s from a pose"});
 }
 
 void add_cameras(const Rig& rig, const Survey& survey, const std::vector<FramePose>& poses,
@@ -141,26 +101,8 @@ void add_cameras(const Rig& rig, const Survey& survey, const std::vector<FramePo
     calibrations[camera.name] = calibration;
     cameras.push_back(std::move(images));
   }
-  std::erase_if(cameras, [](const TimedImages& camera) { return camera.images.empty(); });
-  if (cameras.empty()) require_cameras(*recording);
-  std::ranges::stable_sort(cameras, std::ranges::greater{},
-                           [](const TimedImages& camera) { return camera.images.size(); });
-  set_offsets(&cameras);
-  recording->frames =
-      join_frames(poses, bag.folder(), &cameras, &recording->damaged, kSameImage_ns);
-  leave_out_unposed(poses, recording);
-  const DamagedList damaged{"poses", &recording->damaged};
-  leave_out_impossible(bag.folder(), {"stamp", "position"}, &damaged, &recording->frames);
-  for (TimedImages& camera : cameras) {
-    CameraCalibration& calibration = calibrations.at(camera.camera);
-    calibration.time_offset_ns = camera.offset_ns;
-    std::vector<ImageFile> images = images_with_poses(std::move(camera.images), camera.camera,
-                                                      recording->frames, &recording->findings);
-    if (!images.empty()) recording->cameras.push_back({calibration, std::move(images)});
-  }
-  std::ranges::sort(recording->cameras, {},
-                    [](const RecordedCamera& camera) { return camera.calibration.name; });
-  require_cameras(*recording);
+  add_timed_cameras(poses, bag.folder(), {"stamp", "position"}, std::move(cameras), calibrations,
+                    recording);
 }
 
 /// Adds scans by the frames that are nearest to their middles.
@@ -194,19 +136,9 @@ void add_scans(const Rig& rig, const Survey& survey, Reader* reader, Recording* 
   if (const auto seen = survey.scans.find(rig.lidar);
       seen != survey.scans.end() && seen->second.time == rig.scan.time)
     middle_s = seen->second.middle_s;
-  std::size_t without_frame = 0;
-  for (FrameFile& scan : reader->contents->add(topic, "lidar", rig.clock, recording)) {
-    const std::int64_t middle_ns = scan.frame_id + std::llround(1e9 * middle_s);
-    const FramePose& frame = nearest_frame(recording->frames, middle_ns);
-    if (std::abs(frame.t_ns - middle_ns) > kScanToImage_ns) {
-      ++without_frame;
-      continue;
-    }
-    recording->lidar_files.push_back({frame.id, std::move(scan.path)});
-  }
-  if (without_frame > 0)
-    recording->findings.push_back(
-        {"lidar", counted(without_frame, "scan") + " not used: no image within 0.1 s"});
+  std::vector<FrameFile> scans = reader->contents->add(topic, "lidar", rig.clock, recording);
+  for (FrameFile& scan : scans) scan.frame_id += std::llround(1e9 * middle_s);
+  add_timed_scans(std::move(scans), "lidar", recording);
 }
 
 }  // namespace

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/recording/formats/rosbag/byte_source.h"
+#include "redrive/base/files/byte_source.h"
 
 #include <algorithm>
 #include <cerrno>
@@ -11,7 +11,7 @@
 
 #include "redrive/base/error.h"
 
-namespace redrive::rosbag {
+namespace redrive {
 namespace {
 
 namespace fs = std::filesystem;
@@ -57,4 +57,4 @@ std::unique_ptr<ByteSource> open_bytes(const fs::path& path) {
   return std::make_unique<FileBytes>(path);
 }
 
-}  // namespace redrive::rosbag
+}  // namespace redrive

@@ -8,7 +8,7 @@
 #include <memory>
 #include <string>
 
-namespace redrive::rosbag {
+namespace redrive {
 
 /// Bytes that are read where they are needed.
 class ByteSource {
@@ -19,6 +19,7 @@ class ByteSource {
   virtual std::string read(std::uint64_t offset, std::size_t size) const = 0;
 };
 
+/// InputError if the file is missing, unreadable or no regular file.
 std::unique_ptr<ByteSource> open_bytes(const std::filesystem::path& path);
 
-}  // namespace redrive::rosbag
+}  // namespace redrive

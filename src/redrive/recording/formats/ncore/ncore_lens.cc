@@ -1,0 +1,163 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/recording/formats/ncore/ncore_lens.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+
+#include "redrive/base/error.h"
+#include "redrive/camera/camera.h"
+#include "redrive/camera/lenses/ftheta.h"
+#include "redrive/recording/core/upper_median.h"
+#include "redrive/recording/formats/calibration_fields.h"
+
+namespace redrive::ncore {
+namespace {
+
+constexpr std::size_t kMostCoefficients = 64;
+
+/// An array of numbers of any length up to 64.
+std::vector<double> numbers_of(const JsonField& field) {
+  if (!field.json().is_array() || field.size() > kMostCoefficients)
+    field.fail("must be an array of at most 64 numbers");
+  return field.numbers(field.size());
+}
+
+std::vector<double> distortion_of(const JsonField& field, const CameraModelInfo& info,
+                                  const std::vector<std::size_t>& order) {
+  const std::vector<double> values = field.numbers(order.size());
+  for (std::size_t i = 0; i < order.size(); ++i)
+    parameter_from_json(field.at(i), info.distortion[order[i]]);
+  return values;
+}
+
+/// Focal lengths and principal point, which NCore counts from the corner of the first pixel.
+void set_pinhole_numbers(const JsonField& p, CameraCalibration* camera) {
+  const JsonField focal = p.at("focal_length"), centre = p.at("principal_point");
+  const auto at = [](const JsonField& field, std::size_t i) { return field.at(i); };
+  camera->parameters = {focal_length_from_json(at(focal, 0)), focal_length_from_json(at(focal, 1)),
+                        principal_point_from_json(at(centre, 0), camera->width) - 0.5,
+                        principal_point_from_json(at(centre, 1), camera->height) - 0.5};
+}
+
+void set_pinhole(const JsonField& p, CameraCalibration* camera) {
+  for (const double s : p.at("thin_prism_coeffs").numbers(4))
+    if (s != 0) p.at("thin_prism_coeffs").fail("must be 0: a pinhole's thin prism is not modelled");
+  const CameraModelInfo& rational = *find_camera_model("opencv_rational");
+  const std::vector<double> k = distortion_of(p.at("radial_coeffs"), rational, {0, 1, 4, 5, 6, 7}),
+                            t = distortion_of(p.at("tangential_coeffs"), rational, {2, 3});
+  set_pinhole_numbers(p, camera);
+  camera->model = "opencv_pinhole";
+  camera->parameters.insert(camera->parameters.end(), {k[0], k[1], t[0], t[1], k[2]});
+  if (k[3] == 0 && k[4] == 0 && k[5] == 0) return;
+  camera->model = "opencv_rational";
+  camera->parameters.insert(camera->parameters.end(), {k[3], k[4], k[5]});
+}
+
+void set_fisheye(const JsonField& p, CameraCalibration* camera) {
+  const CameraModelInfo& fisheye = *find_camera_model("opencv_fisheye");
+  const std::vector<double> k = distortion_of(p.at("radial_coeffs"), fisheye, {0, 1, 2, 3});
+  set_pinhole_numbers(p, camera);
+  camera->model = "opencv_fisheye";
+  camera->parameters.insert(camera->parameters.end(), k.begin(), k.end());
+}
+
+/// The principal point of this model is counted from the centre of the first pixel.
+void set_ftheta_lens(const JsonField& p, CameraCalibration* camera) {
+  const JsonField centre = p.at("principal_point"), reference = p.at("reference_poly");
+  FThetaIntrinsics lens;
+  lens.cx = principal_point_from_json(centre.at(std::size_t{0}), camera->width);
+  lens.cy = principal_point_from_json(centre.at(1), camera->height);
+  lens.angle_is_reference = reference.string() == "PIXELDIST_TO_ANGLE";
+  if (!lens.angle_is_reference && reference.string() != "ANGLE_TO_PIXELDIST")
+    reference.fail("must be PIXELDIST_TO_ANGLE or ANGLE_TO_PIXELDIST");
+  lens.pixeldist_to_angle = numbers_of(p.at("pixeldist_to_angle_poly"));
+  lens.angle_to_pixeldist = numbers_of(p.at("angle_to_pixeldist_poly"));
+  lens.max_angle_rad = p.at("max_angle").number();
+  if (p.has("linear_cde")) {
+    const std::vector<double> cde = p.at("linear_cde").numbers(3);
+    lens.c = cde[0], lens.d = cde[1], lens.e = cde[2];
+  }
+  set_ftheta(lens, p.file().string(), p.field() + ".", camera);
+}
+
+/// sum_j (sum_i c_ij x^i) y^j with i + j up to the order; coefficients by j, then i.
+double bivariate(const std::vector<double>& c, double x, double y) {
+  std::size_t order = 0;
+  while ((order + 1) * (order + 2) / 2 < c.size()) ++order;
+  double sum = 0, yj = 1;
+  for (std::size_t j = 0, k = 0; j <= order; ++j, yj *= y) {
+    double xi = 1;
+    for (std::size_t i = 0; i + j <= order && k < c.size(); ++i, xi *= x) sum += c[k++] * xi * yj;
+  }
+  return sum;
+}
+
+/// How far pixels are from where a camera without the windshield has them. NCore's
+/// bivariate-windshield: polynomials of asin(x) and asin(y) of unit directions.
+void describe_windshield(const JsonField& glass, const CameraCalibration& calibration,
+                         std::vector<Finding>* findings) {
+  const std::vector<double> h = numbers_of(glass.at("horizontal_poly_inverse")),
+                            v = numbers_of(glass.at("vertical_poly_inverse"));
+  const Camera camera = make_camera(calibration);
+  constexpr int kSteps = 16;
+  std::vector<double> shifts_px;
+  for (int a = 0; a <= kSteps; ++a)
+    for (int b = 0; b <= kSteps; ++b) {
+      const Eigen::Vector2d pixel(double(a) / kSteps * (camera.width - 1),
+                                  double(b) / kSteps * (camera.height - 1));
+      const auto ray = camera.unproject(pixel);
+      if (!ray) continue;
+      const double x = std::asin(std::clamp(ray->x(), -1.0, 1.0)),
+                   y = std::asin(std::clamp(ray->y(), -1.0, 1.0)),
+                   out_x = std::sin(bivariate(h, x, y)), out_y = std::sin(bivariate(v, x, y)),
+                   zz = 1 - out_x * out_x - out_y * out_y;
+      if (!(zz > 0)) continue;
+      if (const auto seen = camera.project({out_x, out_y, std::sqrt(zz)}))
+        shifts_px.push_back((*seen - pixel).norm());
+    }
+  if (shifts_px.empty()) return;
+  char text[160];
+  const double most = *std::ranges::max_element(shifts_px);
+  std::snprintf(text, sizeof text,
+                "looks through a windshield, whose distortion is not modelled: pixels are off by "
+                "%.2g (median) to %.2g px (most)",
+                upper_median(shifts_px), most);
+  findings->push_back({calibration.name, text});
+}
+
+JsonField parameters_of(const JsonField& intrinsics) {
+  return intrinsics.at("camera_model_parameters");
+}
+
+}  // namespace
+
+Shutter parse_shutter(const JsonField& intrinsics) {
+  const JsonField field = parameters_of(intrinsics).at("shutter_type");
+  const std::string type = field.string();
+  if (type == "GLOBAL") return Shutter::kGlobal;
+  if (type == "ROLLING_TOP_TO_BOTTOM") return Shutter::kDown;
+  if (type == "ROLLING_BOTTOM_TO_TOP") return Shutter::kUp;
+  if (type == "ROLLING_LEFT_TO_RIGHT" || type == "ROLLING_RIGHT_TO_LEFT") return Shutter::kSideways;
+  field.fail("must be GLOBAL or a ROLLING_..._TO_...");
+}
+
+void parse_lens(const JsonField& intrinsics, CameraCalibration* camera,
+                std::vector<Finding>* findings) {
+  const JsonField type = intrinsics.at("camera_model_type"), p = parameters_of(intrinsics),
+                  size = p.at("resolution");
+  image_size_from_json(size.at(std::size_t{0}), size.at(1), camera);
+  if (type.string() == "opencv-pinhole")
+    set_pinhole(p, camera);
+  else if (type.string() == "opencv-fisheye")
+    set_fisheye(p, camera);
+  else if (type.string() == "ftheta")
+    set_ftheta_lens(p, camera);
+  else
+    type.fail("must be ftheta, opencv-pinhole or opencv-fisheye");
+  if (p.has("external_distortion_parameters") &&
+      !p.at("external_distortion_parameters").json().is_null())
+    describe_windshield(p.at("external_distortion_parameters"), *camera, findings);
+}
+
+}  // namespace redrive::ncore

@@ -1,0 +1,21 @@
+// SPDX-License-Identifier: Apache-2.0
+// Camera models of NCore: ftheta, opencv-pinhole, opencv-fisheye, behind a windshield or not.
+#pragma once
+
+#include <vector>
+
+#include "redrive/base/json_field.h"
+#include "redrive/recording/core/recording.h"
+
+namespace redrive::ncore {
+
+/// Sets model, parameters and size of a camera. `intrinsics`: attributes of a group of an
+/// intrinsics component. A finding says how far pixels are off where the camera looks through a
+/// windshield, whose distortion is not modelled. InputError: another model, numbers out of range.
+void parse_lens(const JsonField& intrinsics, CameraCalibration* camera,
+                std::vector<Finding>* findings);
+
+enum class Shutter { kGlobal, kDown, kUp, kSideways };
+Shutter parse_shutter(const JsonField& intrinsics);  ///< InputError for an unknown one
+
+}  // namespace redrive::ncore
