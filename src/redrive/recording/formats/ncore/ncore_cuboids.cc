@@ -81,7 +81,7 @@ std::map<std::int64_t, std::vector<Box>> boxes_of_frames(const std::vector<Cuboi
   std::map<std::string, std::int64_t> ids;
   for (const Cuboid& cuboid : cuboids) ids.try_emplace(cuboid.track, 0);
   for (std::int64_t next = 0; auto& [track, id] : ids) id = next++;
-  std::map<std::pair<std::int64_t, std::int64_t>, const Cuboid*> nearest;  // by frame, object
+  std::map<std::pair<std::int64_t, std::int64_t>, const Cuboid*> nearest;  // key: frame, object
   for (const Cuboid& cuboid : cuboids) {
     const FramePose& anchor = nearest_frame(anchors, cuboid.t_ns);
     const std::int64_t off_ns = std::abs(anchor.t_ns - cuboid.t_ns);
