@@ -26,6 +26,7 @@ class MadeReader : public RecordingReader {
       point.intensity = static_cast<std::uint16_t>(c % 256);
       point.t_ns = frame(file.frame_id).t_ns + std::llround((fraction - 0.5) * 1e8) +
                    (file.path == "later" ? 100'000'000 : 0);
+      if (has_ring) point.ring = 3;
       points.push_back(point);
     }
     return points;
@@ -56,6 +57,7 @@ class MadeReader : public RecordingReader {
   Rigid3d body_from_lidar = Rigid3d(Eigen::Translation3d(1, 0, 1.8));
   std::vector<FramePose> frames;
   int columns = kColumns;                                    ///< columns that have returns
+  bool has_ring = false;                                     ///< says the number of its only beam
   Eigen::Quaterniond tilt = Eigen::Quaterniond::Identity();  ///< turns every box
 
  private:

@@ -5,9 +5,11 @@
 #include "redrive/base/error.h"
 #include "redrive/base/evenly_spaced.h"
 #include "redrive/base/progress.h"
+#include "redrive/export/ncore/ncore_beams.h"
 #include "redrive/export/ncore/ncore_sensors.h"
 #include "redrive/recording/core/lidar_point.h"
 #include "redrive/recording/core/wording.h"
+#include "redrive/render/recorded_lidar.h"
 
 namespace redrive::ncore {
 namespace {
@@ -17,6 +19,7 @@ struct RayBundle {
   std::vector<float> direction;  ///< [N, 3], unit, in the sensor's axes at the ray's time
   std::vector<std::uint64_t> t_us;
   std::vector<float> distance_m, intensity;
+  std::vector<std::uint16_t> element;  ///< [N, 2], row and column; empty: not known
   std::int64_t start_us = 0, end_us = 0;
   std::size_t clamped = 0;  ///< intensities above full scale
   bool beyond_poses = false;
@@ -24,9 +27,13 @@ struct RayBundle {
   std::size_t size() const { return t_us.size(); }
 };
 
-RayBundle ray_bundle(const std::vector<LidarPoint>& points, const Rigid3d& sensor_from_body,
-                     float full_scale, const Recording& drive, const Sequence& sequence) {
+RayBundle ray_bundle(std::vector<LidarPoint> points, const Rigid3d& sensor_from_body,
+                     const BeamModel* beams, float full_scale, const Recording& drive,
+                     const Sequence& sequence) {
   RayBundle rays;
+  std::erase_if(points, [&](const LidarPoint& point) {
+    return !((sensor_from_body * point.in_body_m.cast<double>()).norm() > 0);
+  });
   if (points.empty()) return rays;
   const auto [first, last] = std::ranges::minmax(points, {}, &LidarPoint::t_ns);
   rays.beyond_poses = is_beyond_poses(drive, first.t_ns) || is_beyond_poses(drive, last.t_ns);
@@ -36,7 +43,6 @@ RayBundle ray_bundle(const std::vector<LidarPoint>& points, const Rigid3d& senso
   for (const LidarPoint& point : points) {
     const Eigen::Vector3d ray = sensor_from_body * point.in_body_m.cast<double>();
     const double distance_m = ray.norm();
-    if (!(distance_m > 0)) continue;
     for (int k = 0; k < 3; ++k) rays.direction.push_back(static_cast<float>(ray[k] / distance_m));
     rays.t_us.push_back(static_cast<std::uint64_t>(sequence.us(point.t_ns)));
     rays.distance_m.push_back(static_cast<float>(distance_m));
@@ -44,6 +50,7 @@ RayBundle ray_bundle(const std::vector<LidarPoint>& points, const Rigid3d& senso
     rays.intensity.push_back(std::min(intensity, 1.0f));
     rays.clamped += intensity > 1;
   }
+  if (beams) rays.element = beams->elements(points);
   return rays;
 }
 
@@ -54,6 +61,7 @@ void store_rays(const RayBundle& rays, const std::string& frame, ZarrStore* stor
   store->group(bundle, {{"n_rays", n}});
   store->array(bundle + "/direction", "<f4", {n, 3}, rays.direction);
   store->array(bundle + "/timestamp_us", "<u8", {n}, rays.t_us);
+  if (!rays.element.empty()) store->array(bundle + "/model_element", "<u2", {n, 2}, rays.element);
   store->group(returns, {{"n_returns", 1}});
   store->array(returns + "/distance_m", "<f4", {1, n}, rays.distance_m);
   store->array(returns + "/intensity", "<f4", {1, n}, rays.intensity);
@@ -81,6 +89,23 @@ float full_scale_of(const Recording& drive, const std::vector<FrameFile>& files,
   return intensity_scale(largest);
 }
 
+/// The model of a LiDAR's beams; nothing, with a note, where scans do not tell.
+std::optional<BeamModel> beam_model(const Recording& drive, std::size_t lidar,
+                                    const std::string& id, DriveNotes* notes) {
+  std::string why;
+  const auto structure = recorded_structure(drive, &why, lidar);
+  if (structure) why = misfit(*structure).value_or("");
+  if (why.empty() && (structure->sensor.rate_hz <= 0 || structure->sensor.azimuth_steps < 2))
+    why = "times of its returns do not tell how it turns";
+  if (!why.empty()) {
+    notes->left_out.push_back("rows and columns of the rays of " + id + ": " + why);
+    return std::nullopt;
+  }
+  const std::vector<FrameFile> files = drive.scans_of(lidar);
+  return BeamModel(structure->sensor, drive.lidars[lidar].body_from_lidar,
+                   drive.read_lidar(files[files.size() / 2]));
+}
+
 }  // namespace
 
 WrittenSensor write_lidar(const Recording& drive, std::size_t lidar, ThreadPool& pool,
@@ -90,13 +115,16 @@ WrittenSensor write_lidar(const Recording& drive, std::size_t lidar, ThreadPool&
   WrittenSensor written{sequence->sensor_id(sensor.name), sensor.body_from_lidar, {}, {}};
   const std::string component = sequence->component("lidars", written.id);
   const float full_scale = full_scale_of(drive, files, pool);
+  const std::optional<BeamModel> beams = beam_model(drive, lidar, written.id, notes);
+  if (beams) written.model = beams->json();
   const Rigid3d sensor_from_body = sensor.body_from_lidar.inverse(Eigen::Isometry);
   FrameTimes times;
   std::size_t beyond = 0, empty = 0, overlapping = 0, clamped = 0;
   Progress progress("writing LiDAR " + written.id, std::ssize(files));
   const auto make = [&](std::size_t i) {
     if (stop) throw Interrupted();
-    return ray_bundle(drive.read_lidar(files[i]), sensor_from_body, full_scale, drive, *sequence);
+    return ray_bundle(drive.read_lidar(files[i]), sensor_from_body, beams ? &*beams : nullptr,
+                      full_scale, drive, *sequence);
   };
   make_in_order(pool, files.size(), make, [&](const RayBundle& rays) {
     progress.count();

@@ -27,7 +27,7 @@ inline bool is_beyond_poses(const Recording& drive, std::int64_t t_ns) {
 struct WrittenSensor {
   std::string id;
   Rigid3d rig_from_sensor;
-  Json model;       ///< a camera's {"type", "parameters"}
+  Json model;       ///< {"type", "parameters"}; a LiDAR's may be null
   std::string ego;  ///< PNG, white where all of a camera's images are masked; empty: nowhere
 };
 

@@ -52,15 +52,21 @@ void write_poses(const Recording& drive, const std::vector<WrittenSensor>& senso
                             {{"poses", poses}, {"timestamps_us", times}, {"dtype", "float64"}}}});
 }
 
-void write_intrinsics(const std::vector<WrittenSensor>& cameras, Sequence* sequence) {
+void write_intrinsics(const std::vector<WrittenSensor>& cameras,
+                      const std::vector<WrittenSensor>& lidars, Sequence* sequence) {
   ZarrStore& store = sequence->store();
   const std::string component = sequence->component("intrinsics", "default");
   store.group(component + "/cameras");
-  store.group(component + "/lidars");  // without a model of their rays
+  store.group(component + "/lidars");
   for (const WrittenSensor& camera : cameras)
     store.group(component + "/cameras/" + camera.id,
                 {{"camera_model_type", camera.model["type"]},
                  {"camera_model_parameters", camera.model["parameters"]}});
+  for (const WrittenSensor& lidar : lidars)
+    if (!lidar.model.is_null())
+      store.group(component + "/lidars/" + lidar.id,
+                  {{"lidar_model_type", lidar.model["type"]},
+                   {"lidar_model_parameters", lidar.model["parameters"]}});
   const std::string masks = sequence->component("masks", "default");
   store.group(masks + "/cameras");
   for (const WrittenSensor& camera : cameras) {
@@ -134,17 +140,18 @@ DriveNotes write_ncore(const std::filesystem::path& folder, const Recording& dri
   if (early) notes.changed.emplace_back("times count from 10 seconds before the first frame");
   Sequence sequence(folder, sequence_id(drive), early ? first_ns - kFirstFrame_ns : 0);
   sequence.cover(sequence.us(first_ns), sequence.us(drive.frames.back().t_ns));
-  std::vector<WrittenSensor> cameras, sensors;
+  std::vector<WrittenSensor> cameras, lidars;
   for (const RecordedCamera& camera : drive.cameras)
     cameras.push_back(write_camera(camera, drive.frames, pool, stop, &sequence, &notes));
-  sensors = cameras;
   for (std::size_t k = 0; k < drive.lidars.size(); ++k)
     if (!drive.scans_of(k).empty())
-      sensors.push_back(write_lidar(drive, k, pool, stop, &sequence, &notes));
+      lidars.push_back(write_lidar(drive, k, pool, stop, &sequence, &notes));
   if (sequence.first_us() == sequence.last_us())  // NCore interpolates between two poses
     sequence.cover(sequence.first_us(), sequence.last_us() + 1);
   if (!drive.box_files.empty()) write_cuboids(drive, &sequence, &notes);
-  write_intrinsics(cameras, &sequence);
+  write_intrinsics(cameras, lidars, &sequence);
+  std::vector<WrittenSensor> sensors = cameras;
+  sensors.insert(sensors.end(), lidars.begin(), lidars.end());
   write_poses(drive, sensors, &sequence);
   sequence.finish();
   note_not_of_drives(drive, &notes);

@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Sequences of NCore, read by a reader of the test's own.
+#include <set>
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -262,6 +264,53 @@ TEST_F(WriteNcore, RaysEndAtTheRecordedPoints) {
     for (std::size_t i = 0; i < 8 * bits.size(); ++i)
       ASSERT_EQ(bits[i / 8] >> (7 - i % 8) & 1, i < n) << i;
   }
+}
+
+TEST_F(WriteNcore, RowsAndColumnsGiveTheDirections) {
+  reader_->has_ring = true;
+  const WalkedStore store = written();
+  const json about = store.attributes("intrinsics/default/lidars/lidar");
+  EXPECT_EQ(about["lidar_model_type"], "row-offset-spinning");
+  const json& p = about["lidar_model_parameters"];
+  EXPECT_EQ(p["spinning_direction"], "cw");
+  EXPECT_NEAR(p["spinning_frequency_hz"], 10, 0.01);
+  ASSERT_EQ(p["n_rows"], 1);
+  ASSERT_EQ(p["n_columns"], kColumns);
+  for (int j = 1; j < kColumns; ++j) {
+    const double step = p["column_azimuths_rad"][j - 1].get<double>() -
+                        p["column_azimuths_rad"][j].get<double>();
+    EXPECT_NEAR(std::remainder(step, 2 * M_PI), 2 * M_PI / kColumns, 1e-9);
+  }
+  const json times = store.attributes("lidars/lidar/frames")["frames_timestamps_us"];
+  for (const json& time : times) {
+    const std::string bundle = "lidars/lidar/frames/" +
+                               std::to_string(time[1].get<std::int64_t>()) + "/ray_bundle/";
+    const std::size_t n = kColumns;
+    const auto direction = store.array<float>(bundle + "direction", "<f4", {n, 3});
+    const auto element = store.array<std::uint16_t>(bundle + "model_element", "<u2", {n, 2});
+    std::set<int> columns;
+    for (std::size_t i = 0; i < n; ++i) {
+      const int row = element[2 * i], column = element[2 * i + 1];
+      ASSERT_LT(row, 1);
+      ASSERT_LT(column, kColumns);
+      columns.insert(column);
+      const Eigen::Vector3d expected = beam_direction(
+          p["row_elevations_rad"][row],
+          p["column_azimuths_rad"][column].get<double>() +
+              p["row_azimuth_offsets_rad"][row].get<double>());
+      const Eigen::Vector3d ray(direction[3 * i], direction[3 * i + 1], direction[3 * i + 2]);
+      EXPECT_LT((ray - expected).norm(), 1e-3);
+    }
+    EXPECT_EQ(columns.size(), n) << "each ray has its own";
+  }
+}
+
+TEST_F(WriteNcore, BeamsThatAreNotKnownAreNamed) {
+  reader_->columns = 100;
+  const WalkedStore store = written();
+  EXPECT_FALSE(store.members.contains("intrinsics/default/lidars/lidar/.zattrs"));
+  EXPECT_THAT(notes_.left_out,
+              Contains("rows and columns of the rays of lidar: its scans have only 200 returns"));
 }
 
 TEST_F(WriteNcore, EveryLidarIsWritten) {

@@ -117,6 +117,14 @@ void set_offsets(std::vector<TimedImages>* cameras) {
   }
 }
 
+/// Number of a camera's images at the time of a pose: frames at these times have it as it is.
+std::ptrdiff_t count_at_poses(const TimedImages& camera, const std::vector<FramePose>& poses) {
+  constexpr std::int64_t kSameTime_ns = 2000;  // files may count in microseconds
+  return std::ranges::count_if(camera.images, [&](const FrameFile& image) {
+    return std::abs(nearest_frame(poses, image.frame_id).t_ns - image.frame_id) <= kSameTime_ns;
+  });
+}
+
 /// Takes frames out that are too far from a pose in time.
 void leave_out_unposed(const std::vector<FramePose>& poses, Recording* recording) {
   const auto is_far = [&](const FramePose& frame) {
@@ -136,8 +144,9 @@ void add_timed_cameras(const std::vector<FramePose>& poses, const std::filesyste
                        Recording* recording) {
   std::erase_if(cameras, [](const TimedImages& camera) { return camera.images.empty(); });
   if (cameras.empty()) require_cameras(*recording);
-  std::ranges::stable_sort(cameras, std::ranges::greater{},
-                           [](const TimedImages& camera) { return camera.images.size(); });
+  std::ranges::stable_sort(cameras, std::ranges::greater{}, [&](const TimedImages& camera) {
+    return std::pair(camera.images.size(), count_at_poses(camera, poses));
+  });
   set_offsets(&cameras);
   recording->frames = join_frames(poses, file, &cameras, &recording->damaged, kSameImage_ns);
   leave_out_unposed(poses, recording);

@@ -2,7 +2,6 @@
 #include "redrive/recording/lidar/lost_rays.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <numbers>
 #include <optional>
@@ -20,8 +19,7 @@ constexpr double kSameRay = 0.2;        // share of a step between the returns o
 /// A return: how far its beam had turned, in the direction of rotation.
 struct Fired {
   float turned_rad;
-  float sine_of_elevation;
-  std::uint8_t ring;  // the point's ring, then the index of its beam
+  std::uint8_t beam;
   std::int64_t t_ns;
 };
 
@@ -32,44 +30,16 @@ double beam_turn(const LidarSensor& sensor, double azimuth_rad) {
 std::vector<Fired> returns_of(std::span<const LidarPoint> points, const Rigid3d& body_from_lidar,
                               const LidarSensor& sensor) {
   const Eigen::Isometry3f lidar_from_body = body_from_lidar.inverse(Eigen::Isometry).cast<float>();
+  const std::vector<std::uint8_t> beams = beams_of(points, body_from_lidar, sensor);
   std::vector<Fired> returns;
   returns.reserve(points.size());
-  const bool rings = has_rings(points);
-  for (const LidarPoint& point : points) {
-    if (rings && point.ring == kNoRing) continue;
-    const Eigen::Vector3f p = lidar_from_body * point.in_body_m;
-    const float range_m = p.norm();
-    if (!(range_m > 0) || !std::isfinite(range_m)) continue;
-    returns.push_back({static_cast<float>(beam_turn(sensor, std::atan2(p.y(), p.x()))),
-                       p.z() / range_m, point.ring, point.t_ns});
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    if (beams[i] == kNoRing) continue;
+    const Eigen::Vector3f p = lidar_from_body * points[i].in_body_m;
+    returns.push_back({static_cast<float>(beam_turn(sensor, std::atan2(p.y(), p.x()))), beams[i],
+                       points[i].t_ns});
   }
   return returns;
-}
-
-/// Sets the beam of each return: the one whose elevation is nearest to the median of its ring,
-/// since formats may number the rings of each scan anew, or, without a ring, to its own.
-void find_beams_of(const LidarSensor& sensor, std::vector<Fired>* returns) {
-  std::vector<float> sines;
-  for (const LidarBeam& beam : sensor.beams)
-    sines.push_back(static_cast<float>(std::sin(beam.elevation_rad)));
-  const auto nearest = [&](float sine) {
-    const auto above = std::ranges::lower_bound(sines, sine);
-    if (above == sines.begin()) return std::uint8_t{0};
-    const bool below = above == sines.end() || sine - above[-1] < *above - sine;
-    return static_cast<std::uint8_t>(above - sines.begin() - below);
-  };
-  std::array<std::vector<float>, kNoRing> of_ring;
-  for (const Fired& one : *returns)
-    if (one.ring != kNoRing) of_ring[one.ring].push_back(one.sine_of_elevation);
-  std::array<std::uint8_t, kNoRing> beam_of{};
-  for (std::size_t ring = 0; ring < kNoRing; ++ring) {
-    if (of_ring[ring].empty()) continue;
-    const auto middle = of_ring[ring].begin() + std::ssize(of_ring[ring]) / 2;
-    std::ranges::nth_element(of_ring[ring], middle);
-    beam_of[ring] = nearest(*middle);
-  }
-  for (Fired& one : *returns)
-    one.ring = one.ring == kNoRing ? nearest(one.sine_of_elevation) : beam_of[one.ring];
 }
 
 /// Counts the turns of all returns from the first time, by the rate of rotation. Returns the turn
@@ -230,9 +200,8 @@ LostRays lost_rays(std::span<const LidarPoint> points, const Rigid3d& body_from_
     *why = "no ray has a return";
     return out;
   }
-  find_beams_of(sensor, &returns);
   for (Fired& one : returns)
-    one.turned_rad -= static_cast<float>(beam_turn(sensor, sensor.beams[one.ring].azimuth_rad));
+    one.turned_rad -= static_cast<float>(beam_turn(sensor, sensor.beams[one.beam].azimuth_rad));
   const auto phase_rad = sensor.rate_hz > 0
                              ? unwrap_by_time(sensor.rate_hz, &returns)
                              : std::optional(unwrap_by_gap(sensor.azimuth_steps, &returns));
@@ -242,7 +211,7 @@ LostRays lost_rays(std::span<const LidarPoint> points, const Rigid3d& body_from_
   }
   const double usual_rad = kTurn_rad / sensor.azimuth_steps;
   std::vector<std::vector<float>> of_beam(sensor.beams.size());
-  for (const Fired& one : returns) of_beam[one.ring].push_back(one.turned_rad);
+  for (const Fired& one : returns) of_beam[one.beam].push_back(one.turned_rad);
   for (std::vector<float>& beam : of_beam) std::ranges::sort(beam);
   const double step_rad = step_of(of_beam, usual_rad);
   const Columns columns(returns, step_rad, sensor.beams.size());

@@ -2,6 +2,7 @@
 #include "redrive/recording/lidar/scan_structure.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdio>
 #include <map>
@@ -215,6 +216,44 @@ void fit_steps(const std::vector<Scan>& scans, ScanStructure* out) {
 
 bool has_rings(std::span<const LidarPoint> points) {
   return std::ranges::any_of(points, [](const LidarPoint& point) { return point.ring != kNoRing; });
+}
+
+std::vector<std::uint8_t> beams_of(std::span<const LidarPoint> points,
+                                   const Rigid3d& body_from_lidar, const LidarSensor& sensor) {
+  const Eigen::Isometry3f lidar_from_body = body_from_lidar.inverse(Eigen::Isometry).cast<float>();
+  std::vector<float> beam_sines;
+  for (const LidarBeam& beam : sensor.beams)
+    beam_sines.push_back(static_cast<float>(std::sin(beam.elevation_rad)));
+  const auto nearest = [&](float sine) {
+    const auto above = std::ranges::lower_bound(beam_sines, sine);
+    if (above == beam_sines.begin()) return std::uint8_t{0};
+    const bool below = above == beam_sines.end() || sine - above[-1] < *above - sine;
+    return static_cast<std::uint8_t>(above - beam_sines.begin() - below);
+  };
+  const bool rings = has_rings(points);
+  constexpr float kNowhere = 2;  // no sine
+  std::vector<float> sines;
+  std::array<std::vector<float>, kNoRing> of_ring;
+  for (const LidarPoint& point : points) {
+    const Eigen::Vector3f p = lidar_from_body * point.in_body_m;
+    const float range_m = p.norm();
+    const bool is_return = range_m > 0 && std::isfinite(range_m);
+    sines.push_back(is_return && (!rings || point.ring != kNoRing) ? p.z() / range_m : kNowhere);
+    if (rings && sines.back() != kNowhere) of_ring[point.ring].push_back(sines.back());
+  }
+  std::array<std::uint8_t, kNoRing> beam_of{};
+  for (std::size_t ring = 0; ring < kNoRing; ++ring) {
+    if (of_ring[ring].empty()) continue;
+    const auto middle = of_ring[ring].begin() + std::ssize(of_ring[ring]) / 2;
+    std::ranges::nth_element(of_ring[ring], middle);
+    beam_of[ring] = nearest(*middle);
+  }
+  std::vector<std::uint8_t> beams;
+  for (std::size_t i = 0; i < points.size(); ++i)
+    beams.push_back(sines[i] == kNowhere ? kNoRing
+                    : rings              ? beam_of[points[i].ring]
+                                         : nearest(sines[i]));
+  return beams;
 }
 
 std::optional<ScanStructure> estimate_structure(std::span<const std::vector<LidarPoint>> scans,

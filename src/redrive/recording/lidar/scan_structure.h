@@ -31,6 +31,12 @@ bool has_rings(std::span<const LidarPoint> points);
 std::optional<ScanStructure> estimate_structure(std::span<const std::vector<LidarPoint>> scans,
                                                 const Rigid3d& body_from_lidar, std::string* why);
 
+/// Returns for each point the index of its beam: the one whose elevation is nearest to the median
+/// of its ring, since formats may number the rings of each scan anew, or, where no point has a
+/// ring, to its own. kNoRing: a point without a ring beside others, or at the sensor.
+std::vector<std::uint8_t> beams_of(std::span<const LidarPoint> points,
+                                   const Rigid3d& body_from_lidar, const LidarSensor& sensor);
+
 /// Returns why the returns are too far off the beams to know where these were fired; nothing where
 /// they are not.
 std::optional<std::string> misfit(const ScanStructure& structure);

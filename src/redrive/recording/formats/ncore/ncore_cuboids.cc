@@ -14,7 +14,8 @@ namespace redrive::ncore {
 namespace {
 
 constexpr double kMaxSize_m = 100, kMaxCoordinate_m = 1e6;
-constexpr std::int64_t kNear_ns = 100'000'000;
+constexpr std::int64_t kNear_ns = 100'000'000,
+                       kNearAnchor_ns = 60'000'000;  // between scans 0.1 s apart
 
 /// Angles about the fixed axes x, then y, then z.
 Rigid3d pose_of(const std::array<double, 3>& at, const std::array<double, 3>& turn) {
@@ -83,8 +84,11 @@ std::map<std::int64_t, std::vector<Box>> boxes_of_frames(const std::vector<Cuboi
   for (std::int64_t next = 0; auto& [track, id] : ids) id = next++;
   std::map<std::pair<std::int64_t, std::int64_t>, const Cuboid*> nearest;  // key: frame, object
   for (const Cuboid& cuboid : cuboids) {
-    const FramePose& anchor = nearest_frame(anchors, cuboid.t_ns);
-    const std::int64_t off_ns = std::abs(anchor.t_ns - cuboid.t_ns);
+    const auto off = [&](const FramePose& frame) { return std::abs(frame.t_ns - cuboid.t_ns); };
+    const FramePose& near = nearest_frame(anchors, cuboid.t_ns);
+    const FramePose& anchor =
+        off(near) <= kNearAnchor_ns ? near : nearest_frame(frames, cuboid.t_ns);
+    const std::int64_t off_ns = off(anchor);
     if (off_ns > kNear_ns) continue;
     const auto [place, is_new] = nearest.try_emplace({anchor.id, ids.at(cuboid.track)}, &cuboid);
     if (!is_new && off_ns < std::abs(anchor.t_ns - place->second->t_ns)) place->second = &cuboid;

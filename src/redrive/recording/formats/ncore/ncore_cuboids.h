@@ -28,8 +28,8 @@ std::vector<Cuboid> read_cuboids(const Component& component, const Poses& poses,
                                  std::vector<std::string>* impossible);
 
 /// Returns the boxes of frames. Each track has one box for each of `anchors` that it is near, the
-/// nearest. `frames`: the recording's, with poses from the world of the cuboids; `anchors`: some of
-/// them.
+/// nearest, and far from these for each frame. `frames`: the recording's, with poses from the world
+/// of the cuboids; `anchors`: some of them.
 std::map<std::int64_t, std::vector<Box>> boxes_of_frames(const std::vector<Cuboid>& cuboids,
                                                          const std::vector<FramePose>& frames,
                                                          const std::vector<FramePose>& anchors);
