@@ -34,20 +34,19 @@ TEST_F(ReadNcoreBack, CamerasAndPoses) {
     const RecordedCamera &was = recording_.cameras[c], &is = read_.cameras[c];
     EXPECT_EQ(is.calibration.name, was.calibration.name);
     ASSERT_EQ(is.images.size(), was.images.size());
-    EXPECT_TRUE(
-        is.calibration.body_from_sensor.isApprox(was.calibration.body_from_sensor, 1e-12));
+    EXPECT_TRUE(is.calibration.body_from_sensor.isApprox(was.calibration.body_from_sensor, 1e-12));
     EXPECT_NEAR(double(is.calibration.readout_ns), double(was.calibration.readout_ns), 2000);
     for (std::size_t i = 0; i < is.images.size(); ++i) {
       const auto time_of = [i](const Recording& recording, const RecordedCamera& camera) {
-        const auto frame = std::ranges::find(recording.frames, camera.images[i].frame_id,
-                                             &FramePose::id);
+        const auto frame =
+            std::ranges::find(recording.frames, camera.images[i].frame_id, &FramePose::id);
         return frame->t_ns + camera.calibration.time_offset_ns;
       };
       const std::int64_t t_ns = time_of(recording_, was);
       EXPECT_NEAR(double(time_of(read_, is) - t_ns), 0, 1000);
-      EXPECT_LT((pose_at(read_.frames, t_ns).translation() - global_from_body(t_ns).translation())
-                    .norm(),
-                kMicrosecond_m);
+      EXPECT_LT(
+          (pose_at(read_.frames, t_ns).translation() - global_from_body(t_ns).translation()).norm(),
+          kMicrosecond_m);
     }
   }
   // The pinhole is NCore's, its images are the recorded files; the other is resampled.

@@ -277,14 +277,14 @@ TEST_F(WriteNcore, RowsAndColumnsGiveTheDirections) {
   ASSERT_EQ(p["n_rows"], 1);
   ASSERT_EQ(p["n_columns"], kColumns);
   for (int j = 1; j < kColumns; ++j) {
-    const double step = p["column_azimuths_rad"][j - 1].get<double>() -
-                        p["column_azimuths_rad"][j].get<double>();
+    const double step =
+        p["column_azimuths_rad"][j - 1].get<double>() - p["column_azimuths_rad"][j].get<double>();
     EXPECT_NEAR(std::remainder(step, 2 * M_PI), 2 * M_PI / kColumns, 1e-9);
   }
   const json times = store.attributes("lidars/lidar/frames")["frames_timestamps_us"];
   for (const json& time : times) {
-    const std::string bundle = "lidars/lidar/frames/" +
-                               std::to_string(time[1].get<std::int64_t>()) + "/ray_bundle/";
+    const std::string bundle =
+        "lidars/lidar/frames/" + std::to_string(time[1].get<std::int64_t>()) + "/ray_bundle/";
     const std::size_t n = kColumns;
     const auto direction = store.array<float>(bundle + "direction", "<f4", {n, 3});
     const auto element = store.array<std::uint16_t>(bundle + "model_element", "<u2", {n, 2});
@@ -295,9 +295,8 @@ TEST_F(WriteNcore, RowsAndColumnsGiveTheDirections) {
       ASSERT_LT(column, kColumns);
       columns.insert(column);
       const Eigen::Vector3d expected = beam_direction(
-          p["row_elevations_rad"][row],
-          p["column_azimuths_rad"][column].get<double>() +
-              p["row_azimuth_offsets_rad"][row].get<double>());
+          p["row_elevations_rad"][row], p["column_azimuths_rad"][column].get<double>() +
+                                            p["row_azimuth_offsets_rad"][row].get<double>());
       const Eigen::Vector3d ray(direction[3 * i], direction[3 * i + 1], direction[3 * i + 2]);
       EXPECT_LT((ray - expected).norm(), 1e-3);
     }
