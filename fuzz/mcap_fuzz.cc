@@ -8,27 +8,11 @@
 #include "redrive/base/error.h"
 #include "redrive/recording/formats/rosbag/mcap.h"
 
-namespace {
-
-class Text : public redrive::ByteSource {
- public:
-  explicit Text(std::string text) : text_(std::move(text)) {}
-  std::uint64_t size() const override { return text_.size(); }
-  std::string read(std::uint64_t offset, std::size_t size) const override {
-    return offset >= text_.size() ? "" : text_.substr(offset, size);
-  }
-
- private:
-  std::string text_;
-};
-
-}  // namespace
-
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using namespace redrive;
   std::string bytes(reinterpret_cast<const char*>(data), size);
   try {
-    const auto file = rosbag::open_mcap(std::make_unique<Text>(std::move(bytes)), "a.mcap");
+    const auto file = rosbag::open_mcap(std::make_unique<StringBytes>(std::move(bytes)), "a.mcap");
     std::size_t read = 0;
     constexpr std::size_t kMost = 32;
     for (const rosbag::Topic& topic : file->topics())

@@ -26,18 +26,6 @@ void expect(bool condition) {
   if (!condition) __builtin_trap();
 }
 
-class Text : public ByteSource {
- public:
-  explicit Text(std::string_view text) : text_(text) {}
-  std::uint64_t size() const override { return text_.size(); }
-  std::string read(std::uint64_t offset, std::size_t size) const override {
-    return offset >= text_.size() ? "" : std::string(text_.substr(offset, size));
-  }
-
- private:
-  std::string_view text_;
-};
-
 class Files : public ZarrFiles {
  public:
   explicit Files(std::string_view text) {
@@ -134,7 +122,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const std::string_view text(reinterpret_cast<const char*>(data) + 1, size - 1);
   try {
     if (data[0] == 't') {
-      const IndexedTar tar(std::make_unique<Text>(text), "t");
+      const IndexedTar tar(std::make_unique<StringBytes>(std::string(text)), "t");
       for (const auto& [name, member] : tar.members())
         expect(tar.read(member, 1 << 16).size() <= size);
     } else {

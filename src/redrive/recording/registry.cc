@@ -19,6 +19,7 @@
 #include "redrive/recording/formats/photographs/transforms.h"
 #include "redrive/recording/formats/repeated_images.h"
 #include "redrive/recording/formats/rosbag/rosbag.h"
+#include "redrive/recording/formats/waymo/waymo.h"
 
 namespace redrive {
 namespace {
@@ -50,6 +51,7 @@ constexpr Format kFormats[] = {
      argoverse2::looks_like, argoverse2::open},
     {"ncore", "stores .ncore4.zarr.itar or .ncore4.zarr", ncore::looks_like, ncore::open},
     {"rosbag", "files .mcap or .db3 of ROS 2", rosbag::looks_like, rosbag::open, rosbag::mapping},
+    {"waymo", "a segment .tfrecord", waymo::looks_like, waymo::open},
     {"blender", "transforms_train.json", transforms::looks_like_blender, transforms::open_blender},
     {"transforms", "transforms.json", transforms::looks_like, transforms::open},
     {"colmap", "cameras and images, .bin or .txt, in sparse/0, sparse or the folder itself",

@@ -56,8 +56,9 @@ std::string gzip(std::string_view bytes) {
 }
 
 std::optional<std::string> gunzip_at_most(std::size_t most, std::string_view file) {
+  constexpr int kGzipOrZlib = 15 + 32;
   z_stream stream{};
-  REDRIVE_CHECK_OP(inflateInit2(&stream, kGzip), ==, Z_OK);
+  REDRIVE_CHECK_OP(inflateInit2(&stream, kGzipOrZlib), ==, Z_OK);
   const std::unique_ptr<z_stream, decltype(&inflateEnd)> end(&stream, inflateEnd);
   return through(&stream, file, most, inflate);
 }

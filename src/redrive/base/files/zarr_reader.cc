@@ -8,7 +8,6 @@
 #include <limits>
 
 #include <blosc.h>
-#include <zlib.h>
 
 #include "redrive/base/error.h"
 #include "redrive/base/files/files.h"
@@ -100,18 +99,6 @@ Layout parse_layout(const JsonField& about) {
   compressor.at("id").fail("is not read: blosc, zlib, gzip or null");
 }
 
-std::optional<std::string> inflate(std::string_view packed, std::size_t size) {
-  constexpr std::size_t kMostRatio = 1100;  // zlib's format packs 1032 to 1 at best
-  if (size / kMostRatio > packed.size()) return std::nullopt;
-  std::string bytes(size, '\0');
-  uLongf got = size;
-  if (uncompress(reinterpret_cast<Bytef*>(bytes.data()), &got,
-                 reinterpret_cast<const Bytef*>(packed.data()), packed.size()) != Z_OK ||
-      got != size)
-    return std::nullopt;
-  return bytes;
-}
-
 std::optional<std::string> unblosc(std::string_view packed, std::size_t size) {
   std::size_t holds = 0;
   if (blosc_cbuffer_validate(packed.data(), packed.size(), &holds) != 0 || holds != size)
@@ -128,8 +115,7 @@ std::optional<std::string> unpack(const std::string& how, std::string packed, st
   std::optional<std::string> bytes;
   if (how.empty()) bytes = std::move(packed);
   if (how == "blosc") bytes = unblosc(packed, size);
-  if (how == "zlib") bytes = inflate(packed, size);
-  if (how == "gzip") bytes = gunzip_at_most(size, packed);
+  if (how == "zlib" || how == "gzip") bytes = gunzip_at_most(size, packed);
   return bytes && bytes->size() == size ? bytes : std::nullopt;
 }
 

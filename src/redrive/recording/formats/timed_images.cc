@@ -33,7 +33,6 @@ std::int64_t time_offset_of(const std::vector<FrameFile>& images,
   return offsets.empty() ? guess_ns : std::llround(upper_median(std::move(offsets)));
 }
 
-constexpr std::int64_t kSameImage_ns = 1'000'000;      // a car at 15 m/s moves by 1.5 cm
 constexpr std::int64_t kBeyondPoses_ns = 250'000'000;  // further from a pose a frame has none
 constexpr std::int64_t kScanToImage_ns = 100'000'000;
 
@@ -141,14 +140,14 @@ void leave_out_unposed(const std::vector<FramePose>& poses, Recording* recording
 void add_timed_cameras(const std::vector<FramePose>& poses, const std::filesystem::path& file,
                        const PoseFields& fields, std::vector<TimedImages> cameras,
                        const std::map<std::string, CameraCalibration>& calibrations,
-                       Recording* recording) {
+                       std::int64_t same_ns, Recording* recording) {
   std::erase_if(cameras, [](const TimedImages& camera) { return camera.images.empty(); });
   if (cameras.empty()) require_cameras(*recording);
   std::ranges::stable_sort(cameras, std::ranges::greater{}, [&](const TimedImages& camera) {
     return std::pair(camera.images.size(), count_at_poses(camera, poses));
   });
   set_offsets(&cameras);
-  recording->frames = join_frames(poses, file, &cameras, &recording->damaged, kSameImage_ns);
+  recording->frames = join_frames(poses, file, &cameras, &recording->damaged, same_ns);
   leave_out_unposed(poses, recording);
   const DamagedList damaged{"poses", &recording->damaged};
   leave_out_impossible(file, fields, &damaged, &recording->frames);

@@ -27,6 +27,10 @@ void set_time_offsets(std::int64_t same_trigger_ns, std::vector<TimedImages>* ca
 /// triggers are 50 ms apart or more. A car at 15 m/s moves by 7 cm in this time.
 constexpr std::int64_t kOneFrame_ns = 5'000'000;
 
+/// Cameras with times of their own that agree to this share a frame: a car at 15 m/s moves by 1.5
+/// cm.
+constexpr std::int64_t kSameImage_ns = 1'000'000;
+
 /// Makes frames of the images whose times minus their cameras' offsets agree to `same_ns`, numbered
 /// by time. A frame has the pose at the time of its earliest image minus the offset. An image at
 /// the time of another one of its camera is left out and damaged; `file` is for messages.
@@ -41,12 +45,12 @@ const FramePose& nearest_frame(const std::vector<FramePose>& frames, std::int64_
 
 /// Adds frames and cameras of a rig of any kind: cameras that are triggered together share frames,
 /// others run freely, each image with a frame of its own. Frames further than 0.25 s from a pose
-/// are left out. `calibrations`: keyed by name, of all cameras. `file`, `fields`: the poses', for
-/// messages. InputError if no image is left.
+/// are left out. `calibrations`: all cameras', keyed by name. `same_ns`: as join_frames has it.
+/// `file`, `fields`: the poses', for messages. InputError if no image is left.
 void add_timed_cameras(const std::vector<FramePose>& poses, const std::filesystem::path& file,
                        const PoseFields& fields, std::vector<TimedImages> cameras,
                        const std::map<std::string, CameraCalibration>& calibrations,
-                       Recording* recording);
+                       std::int64_t same_ns, Recording* recording);
 
 /// Adds the scans of a LiDAR, each to the frame nearest to its middle. `scans`: frame_id is the
 /// time of the middle in ns. A finding counts those without an image within 0.1 s.

@@ -124,7 +124,7 @@ void add_cameras(const SequenceParts& sequence, const std::vector<FramePose>& po
       recording->findings.push_back({sensor.name, std::string("left out: ") + error.what()});
     }
   add_timed_cameras(poses, sequence.poses.file, {"timestamps_us", "poses"}, std::move(cameras),
-                    calibrations, recording);
+                    calibrations, kSameImage_ns, recording);
   for (RecordedCamera& camera : recording->cameras)
     for (ImageFile& image : camera.images) image.mask = masks.at(camera.calibration.name);
 }

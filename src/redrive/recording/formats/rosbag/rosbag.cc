@@ -102,7 +102,7 @@ void add_cameras(const Rig& rig, const Survey& survey, const std::vector<FramePo
     cameras.push_back(std::move(images));
   }
   add_timed_cameras(poses, bag.folder(), {"stamp", "position"}, std::move(cameras), calibrations,
-                    recording);
+                    kSameImage_ns, recording);
 }
 
 /// Adds scans by the frames that are nearest to their middles.
