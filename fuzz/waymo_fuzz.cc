@@ -36,8 +36,8 @@ void read_frame(const ByteSource& bytes) {
     const waymo::Revolution revolution{frame.t_ns, frame.t_ns + 1, frame.world_from_body};
     const std::vector<FramePose> poses{{0, frame.t_ns, frame.world_from_body}};
     try {
-      for (const LidarPoint& point : waymo::read_scan(bytes, image, laser->second, revolution,
-                                                      poses, "f", nullptr))
+      for (const LidarPoint& point :
+           waymo::read_scan(bytes, image, laser->second, revolution, poses, "f", nullptr))
         expect(point.in_body_m.allFinite());
     } catch (const InputError&) {
     }

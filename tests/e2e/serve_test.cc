@@ -194,9 +194,14 @@ TEST_F(ServeTest, ImagesAreThoseOfRunRenderer) {
   EXPECT_EQ(rendered(request).rgb, expected(request, true, {later, pose}, -30'000'000).rgb);
   request.mutable_camera_intrinsics()->set_shutter_type(5);
   EXPECT_EQ(rendered(request).rgb, expected(request, true, {interpolate(pose, later, 0.5)}).rgb);
+  // Columns: to the left is to the right with the poses exchanged, and neither is by rows.
   request.mutable_camera_intrinsics()->set_shutter_type(2);
-  std::string bytes;
-  EXPECT_EQ(render(request, &bytes).error_code(), grpc::StatusCode::UNIMPLEMENTED);
+  const Image8 to_the_right = rendered(request);
+  EXPECT_NE(to_the_right.rgb, expected(request, true, {pose, later}, 30'000'000).rgb);
+  fill_pose(later, request.mutable_sensor_pose()->mutable_start_pose());
+  fill_pose(pose, request.mutable_sensor_pose()->mutable_end_pose());
+  request.mutable_camera_intrinsics()->set_shutter_type(4);
+  EXPECT_EQ(rendered(request).rgb, to_the_right.rgb);
 }
 
 TEST_F(ServeTest, EncodesAsAsked) {

@@ -118,6 +118,33 @@ class OfRecording(unittest.TestCase):
                 self.rolling.world_from_camera(name, time_ns=middle, row=row), at, atol=1e-9
             )
 
+    def test_columns_of_a_rolling_shutter_have_their_times(self):
+        with tempfile.TemporaryDirectory() as folder:
+            drive = pathlib.Path(folder) / "drive"
+            shutil.copytree(SAMPLES / "street_rolling", drive)
+            file = drive / "sensor/calibration/calibration.json"
+            cameras = json.loads(file.read_text())
+            name = next(iter(self.rolling.cameras))
+            cameras[name]["readout_by_column"] = True
+            file.write_text(json.dumps(cameras))
+            rolling = redrive.open(drive, truth_poses=False)
+            camera = rolling.cameras[name]
+            self.assertTrue(camera.readout_by_column)
+            frame = int(rolling.frames[5])
+            rays = rolling.rays(name, frame)
+            self.assertEqual(rays.times_ns.shape, (camera.height, camera.width))
+            self.assertEqual(rays.origins.shape, (camera.height, camera.width, 3))
+            x = np.arange(camera.width)
+            middle = rolling.times_ns[5] + camera.time_offset_ns
+            late = ((x + 0.5) / camera.width - 0.5) * camera.readout_ns
+            np.testing.assert_allclose(rays.times_ns[7] - middle, late, atol=1)
+            np.testing.assert_array_equal(rays.times_ns[0], rays.times_ns[-1])
+            for column in (0, camera.width - 1):
+                at = rolling.world_from_camera(name, frame, row=column)
+                np.testing.assert_allclose(rays.origins[3, column], at[:3, 3], atol=1e-5)
+                seen = rolling.world_from_body(rays.times_ns[0, column]) @ camera.rig_from_camera
+                np.testing.assert_allclose(seen, at, atol=1e-6)
+
     def test_the_world_has_the_axes_of_the_first_frame(self):
         np.testing.assert_allclose(
             self.street.world_from_body(self.street.times_ns[0]), np.eye(4), atol=1e-8

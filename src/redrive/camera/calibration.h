@@ -31,10 +31,13 @@ struct CameraCalibration {
   int width = 0, height = 0;  ///< pixels
   /// Extrinsics. Camera axes: x right, y down, z forward; body axes: x forward, y left, z up.
   Rigid3d body_from_sensor;
-  std::int64_t time_offset_ns = 0;  ///< exposure of the middle row minus the time of the frame
+  std::int64_t time_offset_ns = 0;  ///< exposure of the middle line minus the time of the frame
   /// Rolling shutter: row v is exposed ((v + 1/2) / height - 1/2) readout_ns after the middle row.
   /// Negative: read from the lowest row up.
   std::int64_t readout_ns = 0;
+  /// A rolling shutter exposes columns instead: column u ((u + 1/2) / width - 1/2) readout_ns after
+  /// the middle column.
+  bool readout_by_column = false;
 
   double fx() const { return parameters.at(0); }
   double fy() const { return parameters.at(1); }

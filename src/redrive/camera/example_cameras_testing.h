@@ -53,6 +53,13 @@ inline std::vector<ExampleCamera> example_cameras() {
   add("inverse f-theta", "ftheta_inverse", {-0.02, 0.06, -0.01, 0.002, 0.001, -0.0008, 2.4}, 110,
       112);
   add("inverse f-theta fold in the image", "ftheta_inverse", {0, -0.12, 0, 0, 0, 0, 3}, 80, 80);
+  add("Usenko", "double_sphere", {-0.2, 0.59}, 110, 112);
+  add("Usenko, sphere's edge in the image", "double_sphere", {0.3, 0.7}, 60, 62);
+  add("Usenko as a unified model", "double_sphere", {0, 0.5}, 90, 90);
+  add("Usenko as a pinhole", "double_sphere", {0, 0}, 250, 250);
+  add("Khomutenko", "eucm", {0.6, 1.1}, 110, 112);
+  add("Khomutenko, sphere's edge in the image", "eucm", {0.8, 0.9}, 70, 72);
+  add("Khomutenko that sees ahead", "eucm", {0.3, 2}, 110, 110);
   for (const CameraModelInfo& model : camera_models())
     add("typical " + std::string(model.name), model.name,
         {model.typical.begin(), model.typical.end()}, 250, 240);

@@ -33,6 +33,8 @@
 #include <vector>
 
 #include "redrive/camera/calibration.h"
+#include "redrive/camera/lenses/double_sphere.h"
+#include "redrive/camera/lenses/eucm.h"
 #include "redrive/camera/lenses/fov.h"
 #include "redrive/camera/lenses/ftheta.h"
 #include "redrive/camera/lenses/mei.h"
@@ -44,7 +46,7 @@
 namespace redrive {
 
 using CameraModel = std::variant<OpenCvPinhole, Mei, OpenCvFisheye, OpenCvRational, Fov,
-                                 ThinPrismFisheye, FTheta, FThetaInverse>;
+                                 ThinPrismFisheye, FTheta, FThetaInverse, DoubleSphere, Eucm>;
 
 /// A model's description, for readers and writers of calibrations.
 struct CameraModelInfo {

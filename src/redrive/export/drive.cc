@@ -24,6 +24,7 @@ Recording drive_of_scene(const Recording& recording, const Scene& scene) {
     camera.calibration.body_from_sensor = rig.body_from_sensor;
     camera.calibration.time_offset_ns = rig.time_offset_ns;
     camera.calibration.readout_ns = rig.readout_ns;
+    camera.calibration.readout_by_column = rig.readout_by_column;
     for (const View& view : scene.views)
       if (view.camera == static_cast<int>(c)) {
         ImageFile image;

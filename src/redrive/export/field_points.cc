@@ -55,7 +55,9 @@ std::vector<PlyPoint> field_points(const Run& run, kernels::Backend& backend, st
       if (!(image.opacity[pixel] >= least_opacity && depth > 0 && depth < scene.far_m) ||
           normal.isZero())
         continue;
-      const Rigid3d pose = poses.at_row(static_cast<int>(pixel) / table.width, table.height);
+      const Rigid3d pose =
+          poses.at_pixel(static_cast<int>(pixel) % table.width,
+                         static_cast<int>(pixel) / table.width, table.width, table.height);
       const Eigen::Vector3d direction(table.direction[3 * entry], table.direction[3 * entry + 1],
                                       table.direction[3 * entry + 2]);
       PlyPoint point{(pose * Eigen::Vector3d(depth * direction)).cast<float>(),

@@ -15,20 +15,19 @@ constexpr float kOpaque = 0.5f;
 
 /// Poses of a camera in the axes of the static world or of an object.
 struct Motion {
-  std::vector<Rigid3d> at_row;  ///< each row of the first image
-  ShutterPoses later;           ///< the later image
-  Rigid3d camera_from_axes;     ///< at its middle row
+  PixelPoses now;            ///< the first image
+  ShutterPoses later;        ///< the later image
+  Rigid3d camera_from_axes;  ///< at its middle line
 };
 
-Motion motion_of(std::span<const PlainPose> now, std::span<const PlainPose> later, int height) {
-  const auto poses = [](std::span<const PlainPose> keys) {
+Motion motion_of(std::span<const PlainPose> now, std::span<const PlainPose> later, bool by_column,
+                 int width, int height) {
+  const auto poses = [by_column](std::span<const PlainPose> keys) {
     std::vector<Rigid3d> rigid_keys;
     for (const PlainPose& key : keys) rigid_keys.push_back(rigid(key));
-    return ShutterPoses(rigid_keys);
+    return ShutterPoses(rigid_keys, by_column);
   };
-  const ShutterPoses from = poses(now);
-  Motion motion{{}, poses(later), Rigid3d::Identity()};
-  for (int y = 0; y < height; ++y) motion.at_row.push_back(from.at_row(y, height));
+  Motion motion{PixelPoses(poses(now), width, height), poses(later), Rigid3d::Identity()};
   motion.camera_from_axes = motion.later.at(0.5).inverse(Eigen::Isometry);
   return motion;
 }
@@ -197,12 +196,14 @@ std::vector<float> optical_flow(const RenderedImage& image, const RayTable& rays
                                 const ShutterPoses& now, const ShutterPoses& later,
                                 ThreadPool& pool) {
   std::map<int, Motion> motions;  // key: number
-  motions.emplace(0, motion_of(now.keys(), later.keys(), image.height));
+  const auto motion = [&](std::span<const PlainPose> from, std::span<const PlainPose> to) {
+    return motion_of(from, to, now.by_column(), image.width, image.height);
+  };
+  motions.emplace(0, motion(now.keys(), later.keys()));
   for (const ShutterPoses::Actor& actor : now.actors()) {
     const auto then = std::ranges::find(later.actors(), actor.number, &ShutterPoses::Actor::number);
     if (then != later.actors().end())
-      motions.emplace(actor.number,
-                      motion_of(actor.actor_from_camera, then->actor_from_camera, image.height));
+      motions.emplace(actor.number, motion(actor.actor_from_camera, then->actor_from_camera));
   }
   std::vector<const Motion*> by_number(1 + motions.rbegin()->first);
   for (const auto& [number, motion] : motions) by_number[number] = &motion;
@@ -220,7 +221,7 @@ std::vector<float> optical_flow(const RenderedImage& image, const RayTable& rays
           (solid ? double(image.depth[pixel]) : kInfinity_m) *
           Eigen::Map<const Eigen::Vector3f>(&rays.direction[3 * i]).cast<double>();
       const auto to = project_shutter(rays.camera, motion.later, motion.camera_from_axes,
-                                      motion.at_row[y] * in_camera);
+                                      motion.now.of(pixel) * in_camera);
       if (!to) continue;
       flow[2 * pixel] = static_cast<float>(to->pixel.x() - x);
       flow[2 * pixel + 1] = static_cast<float>(to->pixel.y() - y);

@@ -40,7 +40,8 @@ inline DepthImage see(const Surface& surface, const Camera& camera,
                    std::vector<std::array<std::uint8_t, 3>>(pixels)};
   for (std::size_t i = 0; i < pixels; ++i) {
     const Rigid3d pose =
-        world_from_camera.at_row(static_cast<int>(i) / camera.width, camera.height);
+        world_from_camera.at_pixel(static_cast<int>(i) % camera.width,
+                                   static_cast<int>(i) / camera.width, camera.width, camera.height);
     const auto hit =
         surface(pose.translation(), pose.linear() * image.directions->of_pixel[i].cast<double>());
     if (!hit) continue;

@@ -46,10 +46,11 @@ void add_blocks(const DepthImage& image, double range_m, double block_m, double 
                 std::unordered_set<std::uint64_t>* keys) {
   const Camera& camera = image.directions->camera;
   for (int y = 0; y < camera.height; y += kPixelStep) {
-    const Rigid3d world_from_camera = image.world_from_camera.at_row(y, camera.height);
     for (int x = 0; x < camera.width; x += kPixelStep) {
       const std::size_t pixel = static_cast<std::size_t>(y) * camera.width + x;
       if (!(image.depth_m[pixel] <= range_m) || !is_usable(image, pixel)) continue;
+      const Rigid3d world_from_camera =
+          image.world_from_camera.at_pixel(x, y, camera.width, camera.height);
       const Eigen::Vector3d point =
           world_from_camera * (static_cast<double>(image.depth_m[pixel]) *
                                image.directions->of_pixel[pixel].cast<double>());

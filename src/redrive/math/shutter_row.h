@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The pose of a camera while it exposes a row of an image, in plain numbers
+// The pose of a camera while it exposes a row or column of an image, in plain numbers
 // (scene/shutter_poses.h).
 #pragma once
 
@@ -12,6 +12,12 @@ namespace redrive {
 /// Returns the exposure time of row v (0: the middle of the first row) as a fraction of the
 /// readout: 0 at the upper edge, 1 at the lower one.
 inline double row_fraction(double v, int height) { return (v + 0.5) / height; }
+
+/// The same for a pixel (u, v) of an image that is exposed row by row, or `by_column`: 0 at the
+/// left edge, 1 at the right one.
+inline double line_fraction(bool by_column, double u, double v, int width, int height) {
+  return by_column ? (u + 0.5) / width : row_fraction(v, height);
+}
 
 /// Returns the pose at `row` in 0..1 from n poses at evenly spaced times, from the upper edge (0)
 /// to the lower one (1), by linear interpolation and slerp between neighbours. A single pose holds

@@ -246,7 +246,8 @@ class CameraTracker {
     if (!static_pixel(*image.image, pixel)) return false;
     const auto direction = camera_.unproject(pixel);
     if (!direction) return false;
-    const Rigid3d pose = image.world_from_camera.at(row_fraction(pixel.y(), camera_.height));
+    const Rigid3d pose =
+        image.world_from_camera.at_pixel(pixel.x(), pixel.y(), camera_.width, camera_.height);
     track->ray[track->n++] = {pose.translation(), pose.linear() * *direction};
     return true;
   }

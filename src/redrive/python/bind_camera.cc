@@ -46,7 +46,7 @@ py::array mapped(const Numbers& in, const char* argument, const Map& map) {
 NamedCamera make_named(const std::string& name, const std::string& model, int width, int height,
                        const std::map<std::string, double>& intrinsics,
                        const py::object& rig_from_camera, std::int64_t time_offset_ns,
-                       std::int64_t readout_ns) {
+                       std::int64_t readout_ns, bool readout_by_column) {
   const CameraModelInfo* const info = find_camera_model(model);
   if (!info) throw UsageError("model", model, "unknown; known are " + camera_model_names());
   std::vector<std::string> names = {"fx", "fy", "cx", "cy"};
@@ -71,6 +71,7 @@ NamedCamera make_named(const std::string& name, const std::string& model, int wi
                                      : rigid_argument("rig_from_camera", rig_from_camera);
   calibration.time_offset_ns = time_offset_ns;
   calibration.readout_ns = readout_ns;
+  calibration.readout_by_column = readout_by_column;
   return NamedCamera(calibration);
 }
 
@@ -84,9 +85,10 @@ void bind_camera(py::module_& module) {
       .def(py::init(&make_named), py::arg("name"), py::arg("model"), py::arg("width"),
            py::arg("height"), py::arg("intrinsics"), py::arg("rig_from_camera") = py::none(),
            py::arg("time_offset_ns") = 0, py::arg("readout_ns") = 0,
+           py::arg("readout_by_column") = false,
            "model: opencv_pinhole, mei, opencv_fisheye, opencv_rational, fov, "
-           "thin_prism_fisheye, ftheta or ftheta_inverse. intrinsics: fx, fy, cx, cy in pixels and "
-           "the model's "
+           "thin_prism_fisheye, ftheta, ftheta_inverse, double_sphere or eucm. intrinsics: fx, "
+           "fy, cx, cy in pixels and the model's "
            "coefficients by name, 0 where left out. rig_from_camera: [4, 4], default: identity.")
       .def_property_readonly(
           "name", [](const NamedCamera& c) { return c.rig.name; }, "str")
@@ -115,6 +117,9 @@ void bind_camera(py::module_& module) {
           "readout_ns", [](const NamedCamera& c) { return c.rig.readout_ns; },
           "int: from the first row's exposure to the last's; 0: global shutter, negative: from "
           "the lowest row up")
+      .def_property_readonly(
+          "readout_by_column", [](const NamedCamera& c) { return c.rig.readout_by_column; },
+          "bool: the shutter rolls from the left column to the right one instead")
       .def(
           "project",
           [](const NamedCamera& c, const Numbers& points) {

@@ -26,14 +26,20 @@ struct RayArrays {
 };
 
 RayArrays arrays_of(ImageRays&& rays) {
-  const py::ssize_t height = length(rays.t_ns.size()),
-                    width = length(rays.is_ray.size()) / std::max<py::ssize_t>(height, 1);
+  const py::ssize_t height = rays.height, width = rays.width, lines = length(rays.t_ns.size());
+  // Steps from row to row and from column to column of what the pixels of a line share.
+  const auto steps = [&](py::ssize_t line) {
+    return rays.by_column ? std::pair<py::ssize_t, py::ssize_t>(0, line)
+                          : std::pair<py::ssize_t, py::ssize_t>(line, 0);
+  };
   RayArrays out;
-  out.origins = repeated(taken(std::move(rays.origin), {height, 3}), {height, width, 3},
-                         {3 * sizeof(float), 0, sizeof(float)});
+  const auto [down, right] = steps(3 * sizeof(float));
+  out.origins = repeated(taken(std::move(rays.origin), {lines, 3}), {height, width, 3},
+                         {down, right, sizeof(float)});
   out.directions = taken(std::move(rays.direction), {height, width, 3});
+  const auto [later_down, later_right] = steps(sizeof(std::int64_t));
   out.times_ns =
-      repeated(taken(std::move(rays.t_ns), {height}), {height, width}, {sizeof(std::int64_t), 0});
+      repeated(taken(std::move(rays.t_ns), {lines}), {height, width}, {later_down, later_right});
   out.valid = taken(std::move(rays.is_ray), {height, width}).attr("view")("bool");
   return out;
 }
@@ -72,13 +78,14 @@ py::array world_from_camera(const Opened& opened, const std::string& camera,
     throw UsageError("frame, time_ns", "", "one of them must be given");
   const int index = opened.camera_index(camera);
   const RigCamera& rig = opened.scene().rig[index];
-  const Rows rows = row ? *row : Rows(py::float_((rig.camera.height - 1) / 2.0));
+  const int lines = rig.readout_by_column ? rig.camera.width : rig.camera.height;
+  const Rows rows = row ? *row : Rows(py::float_((lines - 1) / 2.0));
   if (frame) {
     const ShutterPoses poses = opened.scene().shutter_poses(opened.view_of(index, *frame), {});
-    return poses_at(rows, [&](double y) { return poses.at(row_fraction(y, rig.camera.height)); });
+    return poses_at(rows, [&](double y) { return poses.at(row_fraction(y, lines)); });
   }
   return poses_at(rows, [&](double y) {
-    const double late = row_fraction(y, rig.camera.height) - 0.5;
+    const double late = row_fraction(y, lines) - 0.5;
     return opened.scene().world_from_body(
                *time_ns + std::llround(late * static_cast<double>(rig.readout_ns))) *
            rig.body_from_sensor;
@@ -260,11 +267,11 @@ void bind_scan(py::module_& module) {
 void bind_rays(py::module_& module) {
   py::class_<RayArrays>(module, "Rays", "The rays of an image's pixels, in the world.")
       .def_readonly("origins", &RayArrays::origins,
-                    "[height, width, 3] float32, metres; read-only: the pixels of a row share one")
+                    "[height, width, 3] float32, metres; read-only: the pixels of a line share one")
       .def_readonly("directions", &RayArrays::directions,
                     "[height, width, 3] float32, unit; 0 where the lens has no ray")
       .def_readonly("times_ns", &RayArrays::times_ns,
-                    "[height, width] int64: exposure; read-only: the pixels of a row share one")
+                    "[height, width] int64: exposure; read-only: the pixels of a line share one")
       .def_readonly("valid", &RayArrays::valid, "[height, width] bool: where the lens has a ray");
 }
 

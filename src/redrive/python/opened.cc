@@ -14,9 +14,13 @@ namespace redrive::python {
 namespace {
 
 RigCamera rig_camera(const CameraCalibration& calibration) {
-  return {calibration.name,           make_camera(calibration),
-          make_camera(calibration),   calibration.body_from_sensor,
-          calibration.time_offset_ns, calibration.readout_ns};
+  return {calibration.name,
+          make_camera(calibration),
+          make_camera(calibration),
+          calibration.body_from_sensor,
+          calibration.time_offset_ns,
+          calibration.readout_ns,
+          calibration.readout_by_column};
 }
 
 }  // namespace
@@ -88,28 +92,29 @@ ImageRays Opened::rays(int camera, const View& view) {
   const std::int64_t middle_ns = scene().exposed_ns(view);
   const auto width = static_cast<std::size_t>(table->width),
              height = static_cast<std::size_t>(table->height);
-  ImageRays out;
-  out.origin.resize(3 * height);
+  ImageRays out{table->width, table->height, rig.readout_by_column, {}, {}, {}, {}};
+  const std::size_t lines = out.by_column ? width : height;
+  std::vector<PlainPose> pose;
+  for (std::size_t line = 0; line < lines; ++line) {
+    const double part = row_fraction(static_cast<double>(line), static_cast<int>(lines));
+    pose.push_back(plain(poses.at(part)));
+    out.t_ns.push_back(middle_ns +
+                       std::llround((part - 0.5) * static_cast<double>(rig.readout_ns)));
+    for (const double x : pose.back().translation) out.origin.push_back(static_cast<float>(x));
+  }
   out.direction.resize(3 * width * height);
-  out.t_ns.resize(height);
   out.is_ray.resize(width * height);
   const std::lock_guard working(pool_mutex_);
-  pool_.run_ranges(height, 16, [&](std::size_t begin, std::size_t end) {
-    auto entry = static_cast<std::size_t>(std::ranges::lower_bound(table->pixel, begin * width) -
-                                          table->pixel.begin());
-    for (std::size_t y = begin; y < end; ++y) {
-      const double row = row_fraction(static_cast<int>(y), table->height);
-      const PlainPose pose = plain(poses.at(row));
-      out.t_ns[y] = middle_ns + std::llround((row - 0.5) * static_cast<double>(rig.readout_ns));
-      for (int k = 0; k < 3; ++k) out.origin[3 * y + k] = static_cast<float>(pose.translation[k]);
-      for (; entry < table->pixel.size() && table->pixel[entry] < (y + 1) * width; ++entry) {
-        const std::size_t pixel = table->pixel[entry];
-        double in_camera[3];
-        for (int k = 0; k < 3; ++k) in_camera[k] = table->direction[3 * entry + k];
-        for (int k = 0; k < 3; ++k)
-          out.direction[3 * pixel + k] = static_cast<float>(rotated(pose, in_camera, k));
-        out.is_ray[pixel] = 1;
-      }
+  constexpr std::size_t kRays = 16384;
+  pool_.run_ranges(table->pixel.size(), kRays, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t entry = begin; entry < end; ++entry) {
+      const std::size_t pixel = table->pixel[entry],
+                        line = out.by_column ? pixel % width : pixel / width;
+      double in_camera[3];
+      for (int k = 0; k < 3; ++k) in_camera[k] = table->direction[3 * entry + k];
+      for (int k = 0; k < 3; ++k)
+        out.direction[3 * pixel + k] = static_cast<float>(rotated(pose[line], in_camera, k));
+      out.is_ray[pixel] = 1;
     }
   });
   return out;

@@ -31,9 +31,11 @@ struct NamedCamera {
 
 /// Rays of an image.
 struct ImageRays {
-  std::vector<float> origin;         ///< [height, 3] metres, in the world
+  int width = 0, height = 0;
+  bool by_column = false;            ///< a line is a column, else a row
+  std::vector<float> origin;         ///< [lines, 3] metres, in the world
   std::vector<float> direction;      ///< [height, width, 3] unit; 0 where a pixel has none
-  std::vector<std::int64_t> t_ns;    ///< [height]
+  std::vector<std::int64_t> t_ns;    ///< [lines]
   std::vector<std::uint8_t> is_ray;  ///< [height, width]
 };
 

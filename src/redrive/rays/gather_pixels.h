@@ -32,6 +32,7 @@ struct TrainingImage {
   std::uint32_t view = 0,
                 camera = 0;  ///< indices in the scene; `camera` is also the index of the ray table
   std::size_t first_pose = 0, poses = 0;  ///< range in PixelSpans::poses, for pose_at_row
+  bool by_column = false;                 ///< ShutterPoses::by_column
   Exposure exposure;
   std::span<const std::uint8_t> rgb, alpha, used;  ///< Image8
 };
@@ -139,12 +140,16 @@ inline DrawnPixel pixel_from_error_map(const PixelSpans& from, std::span<const f
 /// Writes origin, direction and pixel angle of ray i of n: entry k of the table, rotated in double,
 /// so that the direction's length stays 1 to float's rounding.
 inline void write_ray(const RayTableSpans& table, std::size_t k, const PlainPose* poses,
-                      std::size_t n_poses, std::size_t i, std::size_t n, const GatheredRays& out) {
-  PlainPose of_row;
-  if (n_poses > 1)
-    of_row = pose_at_row(
-        poses, n_poses, row_fraction(static_cast<int>(table.pixel[k]) / table.width, table.height));
-  const PlainPose& world_from_camera = n_poses > 1 ? of_row : *poses;
+                      std::size_t n_poses, bool by_column, std::size_t i, std::size_t n,
+                      const GatheredRays& out) {
+  PlainPose of_line;
+  if (n_poses > 1) {
+    const int pixel = static_cast<int>(table.pixel[k]);
+    of_line = pose_at_row(poses, n_poses,
+                          line_fraction(by_column, pixel % table.width, pixel / table.width,
+                                        table.width, table.height));
+  }
+  const PlainPose& world_from_camera = n_poses > 1 ? of_line : *poses;
   const double in_camera[3] = {table.direction[3 * k], table.direction[3 * k + 1],
                                table.direction[3 * k + 2]};
   for (int d = 0; d < 3; ++d) {
@@ -167,7 +172,8 @@ inline CellSample gather_pixel(const PixelSpans& from, const PixelDraw& draw,
           : pixel_from_error_map(from, errors, random_bits(draw.error_key, i - epoch_rays), &cell);
   const TrainingImage& image = from.images[drawn.image];
   const RayTableSpans& table = from.tables[image.camera];
-  write_ray(table, drawn.entry, &from.poses[image.first_pose], image.poses, i, n, out);
+  write_ray(table, drawn.entry, &from.poses[image.first_pose], image.poses, image.by_column, i, n,
+            out);
   out.exposure[i] = image.exposure;
   out.view[i] = image.view;
   const std::uint32_t pixel = table.pixel[drawn.entry];

@@ -116,7 +116,8 @@ void view_rays(const RayTable& table, const ShutterPoses& world_from_camera,
   const RayTableSpans spans = spans_of(table);
   const std::vector<PlainPose>& keys = world_from_camera.keys();
   for (std::size_t i = 0; i < entries.size(); ++i)
-    write_ray(spans, entries[i], keys.data(), keys.size(), i, entries.size(), out);
+    write_ray(spans, entries[i], keys.data(), keys.size(), world_from_camera.by_column(), i,
+              entries.size(), out);
 }
 
 UsedPixels::UsedPixels(const RayTable& table, const std::vector<std::uint8_t>& used)
@@ -154,7 +155,8 @@ PixelSampler::PixelSampler(const Scene& scene, const std::vector<Image8>& images
     REDRIVE_CHECK_OP(image.height, ==, table.height);
     const int index = static_cast<int>(images_.size());
     images_.push_back({static_cast<std::uint32_t>(i), static_cast<std::uint32_t>(view.camera), 0, 0,
-                       scene.exposure(view), image.rgb, image.alpha, image.used});
+                       scene.rig[view.camera].readout_by_column, scene.exposure(view), image.rgb,
+                       image.alpha, image.used});
     std::vector<float> share(image.rgb.size() / 3);
     for (const std::uint32_t pixel : table.pixel)
       share[pixel] = pixel_sampling_weight(image.alpha, image.used, pixel);

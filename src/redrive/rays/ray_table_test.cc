@@ -101,6 +101,16 @@ TEST_F(RaysTest, RollingShutterRowsStartAtTheirExposurePose) {
   }
 }
 
+TEST_F(RaysTest, OrItsColumns) {
+  const RayTable table = make_ray_table(scene_.rig[1].camera);
+  const auto at = [](double x) { return Rigid3d(Eigen::Translation3d(x, 0, 0)); };
+  const ShutterPoses poses({at(0), at(24)}, /*by_column=*/true);  // 24 columns
+  RayBatch rays;
+  view_rays(table, poses, entries_from(0, table.pixel.size()), &rays);
+  ASSERT_EQ(rays.n, 24 * 16);
+  for (int i = 0; i < rays.n; ++i) EXPECT_EQ(rays.origin[i], static_cast<float>(i % 24 + 0.5)) << i;
+}
+
 class SamplerTest : public RaysTest {
  protected:
   SamplerTest() : RaysTest(holdout()) {}

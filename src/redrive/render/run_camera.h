@@ -24,6 +24,7 @@ inline CameraCalibration calibration_of(const Run& run, const RigCamera& rig) {
   out.body_from_sensor = rig.body_from_sensor;
   out.time_offset_ns = rig.time_offset_ns;
   out.readout_ns = rig.readout_ns;
+  out.readout_by_column = rig.readout_by_column;
   return out;
 }
 

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <bit>
+#include <map>
 #include <tuple>
 #include <utility>
 #include <variant>
@@ -44,14 +45,12 @@ bool is_on_object(const Eigen::Vector3d& in_box, const Eigen::Vector3d& size_m) 
 /// Gives pixels that show an object's shadow or light to the static world.
 void leave_out_shadows(const RayTable& rays, const ShutterPoses& poses, const Scene& traffic,
                        RenderedImage* image) {
-  std::vector<std::vector<Rigid3d>> box_from_camera(1 +
-                                                    traffic.actors.size());  // keys: number, row
+  std::map<int, PixelPoses> box_from_camera;  // key: number
   for (const ShutterPoses::Actor& actor : poses.actors()) {
     std::vector<Rigid3d> keys;
     for (const PlainPose& key : actor.actor_from_camera) keys.push_back(rigid(key));
-    const ShutterPoses moving(keys);
-    for (int y = 0; y < image->height; ++y)
-      box_from_camera[actor.number].push_back(moving.at_row(y, image->height));
+    box_from_camera.try_emplace(actor.number, ShutterPoses(keys, poses.by_column()), image->width,
+                                image->height);
   }
   std::vector<std::uint16_t> ids(image->ids.size());
   for (std::size_t i = 0; i < rays.pixel.size(); ++i) {
@@ -61,7 +60,7 @@ void leave_out_shadows(const RayTable& rays, const ShutterPoses& poses, const Sc
     const Eigen::Vector3d in_camera =
         double(image->depth[pixel]) *
         Eigen::Map<const Eigen::Vector3f>(&rays.direction[3 * i]).cast<double>();
-    if (is_on_object(box_from_camera[number][pixel / image->width] * in_camera,
+    if (is_on_object(box_from_camera.at(number).of(pixel) * in_camera,
                      traffic.actors[number - 1].size_m))
       ids[pixel] = number;
   }
@@ -110,8 +109,8 @@ RenderedImage RunRenderer::image(const ImageRequest& request, const Scene& traff
   RenderedImage image;
   image.labelled = request.labelled;
   const ShutterPoses poses =
-      traffic.with_actors(ShutterPoses(request.world_from_camera), request.camera,
-                          request.exposed_ns - request.camera.time_offset_ns);
+      traffic.with_actors(ShutterPoses(request.world_from_camera, request.camera.readout_by_column),
+                          request.camera, request.exposed_ns - request.camera.time_offset_ns);
   run_->field()->render_to(*backend_, *table, poses, request.exposure, &image);
   if (image.labelled) leave_out_shadows(*table, poses, traffic, &image);
   return image;

@@ -193,9 +193,13 @@ std::vector<RigCamera> poses_rig(const ViewRequests& poses, const Scene& scene, 
   if (poses.cameras.empty()) return scene.rig;
   std::vector<RigCamera> rig;
   for (const CameraCalibration& calibration : poses.cameras) {
-    RigCamera camera{calibration.name,           make_camera(calibration),
-                     make_camera(calibration),   calibration.body_from_sensor,
-                     calibration.time_offset_ns, calibration.readout_ns};
+    RigCamera camera{calibration.name,
+                     make_camera(calibration),
+                     make_camera(calibration),
+                     calibration.body_from_sensor,
+                     calibration.time_offset_ns,
+                     calibration.readout_ns,
+                     calibration.readout_by_column};
     if (like_run && scene.undistort && camera.camera.info().perspective)
       camera.camera = camera.camera.undistorted();
     if (like_run) camera.camera = camera.camera.downscaled(scene.downscale);

@@ -94,9 +94,10 @@ ImageRow camera_image_row(const Run& run, kernels::Backend& backend, int camera,
     for (const Rigid3d& world_from_body : run.scene.body_during(view))
       keys.push_back(shifted_camera(run.scene.global_from_world, world_from_body,
                                     rig.body_from_sensor, axes, Eigen::Vector3d(x_m, 0, 0)));
-    return render_image(backend, *run.field(), table,
-                        run.scene.with_actors(ShutterPoses(keys), rig, frame.t_ns),
-                        run.scene.exposure(view));
+    return render_image(
+        backend, *run.field(), table,
+        run.scene.with_actors(ShutterPoses(keys, rig.readout_by_column), rig, frame.t_ns),
+        run.scene.exposure(view));
   };
   const RenderedImage reproduced = render_shifted(ShiftAxes::kBody, 0);
 

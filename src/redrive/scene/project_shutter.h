@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Projection into images whose rows have their own poses.
+// Projection into images whose rows or columns have their own poses.
 #pragma once
 
 #include <optional>
@@ -11,22 +11,22 @@ namespace redrive {
 
 struct ShutterPixel {
   Eigen::Vector2d pixel;      ///< continuous, may lie outside the image
-  Eigen::Vector3d in_camera;  ///< the point when its row was exposed
+  Eigen::Vector3d in_camera;  ///< the point when its pixel was exposed
 };
 
 /// Returns where the camera sees a point of the world, or nothing outside the valid region of its
-/// model. `camera_from_world`: at the middle row.
+/// model. `camera_from_world`: at the middle line.
 inline std::optional<ShutterPixel> project_shutter(const Camera& camera,
                                                    const ShutterPoses& world_from_camera,
                                                    const Rigid3d& camera_from_world,
                                                    const Eigen::Vector3d& in_world) {
   Eigen::Vector3d in_camera = camera_from_world * in_world;
   auto pixel = camera.project(in_camera);
-  // The row determines the pose and the pose the row, which moves by less each time.
+  // The line determines the pose and the pose the line, which moves by less each time.
   for (int i = 0; i < 3 && pixel && world_from_camera.is_rolling(); ++i) {
-    in_camera =
-        world_from_camera.at(row_fraction(pixel->y(), camera.height)).inverse(Eigen::Isometry) *
-        in_world;
+    in_camera = world_from_camera.at_pixel(pixel->x(), pixel->y(), camera.width, camera.height)
+                    .inverse(Eigen::Isometry) *
+                in_world;
     pixel = camera.project(in_camera);
   }
   if (!pixel) return std::nullopt;

@@ -66,9 +66,13 @@ std::size_t leave_out_unseen(const std::vector<const RecordedCamera*>& cameras,
 
 RigCamera make_rig_camera(const CameraCalibration& calibration, const SceneOptions& options) {
   constexpr int kColumns = 40;  // photographs may have a camera each
-  RigCamera camera{calibration.name,           {},
-                   make_camera(calibration),   calibration.body_from_sensor,
-                   calibration.time_offset_ns, calibration.readout_ns};
+  RigCamera camera{calibration.name,
+                   {},
+                   make_camera(calibration),
+                   calibration.body_from_sensor,
+                   calibration.time_offset_ns,
+                   calibration.readout_ns,
+                   calibration.readout_by_column};
   if (const double percent = percent_without_ray(camera.recorded, kColumns);
       percent > kMostWithoutRay)
     throw InputError("calibration", calibration.name, "",
@@ -76,7 +80,7 @@ RigCamera make_rig_camera(const CameraCalibration& calibration, const SceneOptio
   if (options.undistort && calibration.readout_ns != 0)
     throw UsageError(
         "--undistort", calibration.name,
-        "has a rolling shutter, whose rows have times of their own: resampling mixes them");
+        "has a rolling shutter, whose lines have times of their own: resampling mixes them");
   if (options.undistort && !camera.recorded.info().perspective)
     throw UsageError("--undistort", calibration.name,
                      "is a fisheye (" + calibration.model +
@@ -232,8 +236,8 @@ Rigid3d Scene::world_from_camera(const View& view) const {
 }
 
 ShutterPoses Scene::shutter_poses(const View& view, const std::vector<MovingObject>& with) const {
-  return add_actors(ShutterPoses(camera_during(view)), with, exposed_ns(view),
-                    rig[view.camera].readout_ns);
+  return add_actors(ShutterPoses(camera_during(view), rig[view.camera].readout_by_column), with,
+                    exposed_ns(view), rig[view.camera].readout_ns);
 }
 
 ShutterPoses Scene::with_actors(ShutterPoses poses, const RigCamera& camera,

@@ -29,6 +29,7 @@ struct RigCamera {
   std::int64_t time_offset_ns =
       0;                        ///< exposure of the middle row minus the time of the frame's pose
   std::int64_t readout_ns = 0;  ///< CameraCalibration::readout_ns
+  bool readout_by_column = false;
 };
 
 struct Frame {

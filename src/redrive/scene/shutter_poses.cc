@@ -6,9 +6,16 @@
 
 namespace redrive {
 
-ShutterPoses::ShutterPoses(const std::vector<Rigid3d>& keys) {
+ShutterPoses::ShutterPoses(const std::vector<Rigid3d>& keys, bool by_column)
+    : by_column_(by_column) {
   REDRIVE_CHECK(!keys.empty());
   for (const Rigid3d& key : keys) keys_.push_back(plain(key));
+}
+
+PixelPoses::PixelPoses(const ShutterPoses& poses, int width, int height)
+    : width_(static_cast<std::size_t>(width)), by_column_(poses.by_column()) {
+  const int lines = by_column_ ? width : height;
+  for (int line = 0; line < lines; ++line) lines_.push_back(poses.at(row_fraction(line, lines)));
 }
 
 std::vector<ShutterPoses::Actor> seen_actors(const std::vector<MovingObject>& actors,

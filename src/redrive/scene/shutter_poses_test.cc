@@ -15,35 +15,46 @@ double apart(const Rigid3d& a, const Rigid3d& b) {
   return (a.matrix() - b.matrix()).cwiseAbs().maxCoeff();
 }
 
-// Row v is exposed at time + ((v + 0.5) / height - 0.5) readout.
-TEST(ShutterPoses, EachRowHasItsOwnTime) {
+// Line v of n is exposed at time + ((v + 0.5) / n - 0.5) readout.
+TEST(ShutterPoses, EachLineHasItsOwnTime) {
   const TemporaryFolder folder;
   Recording recording = make_test_recording(folder.path);
   constexpr std::int64_t kReadout_ns = 40'000'000, kOffset_ns = 7'000'000;
-  recording.cameras[1].calibration.readout_ns = kReadout_ns;
-  recording.cameras[1].calibration.time_offset_ns = kOffset_ns;
-  Scene scene = make_scene(recording, {});
-  for (const bool again : {false, true}) {  // as corrections set them
-    if (again) scene.correct(PoseCorrections(scene));
-    for (const View& view : scene.views) {
-      const ShutterPoses poses = scene.shutter_poses(view);
-      EXPECT_EQ(poses.is_rolling(), view.camera == 1);
-      const int height = scene.rig[view.camera].camera.height;
-      EXPECT_LT(apart(poses.at(0.5), scene.world_from_camera(view)), 1e-4)
-          << "the readout contains a corner of the path";
-      if (view.camera == 0) continue;
-      for (int y = 0; y < height; ++y) {
-        const std::int64_t t_ns = scene.frames[view.frame].t_ns + kOffset_ns +
-                                  std::llround(((y + 0.5) / height - 0.5) * double(kReadout_ns));
-        const Rigid3d expected = scene.global_from_world.inverse() *
-                                 pose_at(recording.frames, t_ns) *
-                                 recording.cameras[1].calibration.body_from_sensor;
-        // Between keys 5 ms apart the path is straight except at its corners, the frames:
-        // 0.1 rad in 67 ms.
-        EXPECT_LT(apart(poses.at_row(y, height), expected), 5e-3) << view.frame << ", row " << y;
+  CameraCalibration& calibration = recording.cameras[1].calibration;
+  calibration.readout_ns = kReadout_ns;
+  calibration.time_offset_ns = kOffset_ns;
+  for (const bool by_column : {false, true}) {
+    calibration.readout_by_column = by_column;
+    Scene scene = make_scene(recording, {});
+    for (const bool again : {false, true}) {  // as corrections set them
+      if (again) scene.correct(PoseCorrections(scene));
+      for (const View& view : scene.views) {
+        const ShutterPoses poses = scene.shutter_poses(view);
+        EXPECT_EQ(poses.is_rolling(), view.camera == 1);
+        const auto& [width, height] =
+            std::pair(scene.rig[view.camera].camera.width, scene.rig[view.camera].camera.height);
+        EXPECT_LT(apart(poses.at(0.5), scene.world_from_camera(view)), 1e-4)
+            << "the readout contains a corner of the path";
+        if (view.camera == 0) continue;
+        const PixelPoses of_pixels(poses, width, height);
+        for (int y = 0; y < height; ++y)
+          for (int x = 0; x < width; ++x) {
+            const double part = by_column ? (x + 0.5) / width : (y + 0.5) / height;
+            const std::int64_t t_ns = scene.frames[view.frame].t_ns + kOffset_ns +
+                                      std::llround((part - 0.5) * double(kReadout_ns));
+            const Rigid3d expected = scene.global_from_world.inverse() *
+                                     pose_at(recording.frames, t_ns) * calibration.body_from_sensor;
+            // Between keys 5 ms apart the path is straight except at its corners, the frames:
+            // 0.1 rad in 67 ms.
+            EXPECT_LT(apart(poses.at_pixel(x, y, width, height), expected), 5e-3)
+                << view.frame << ", pixel " << x << ' ' << y;
+            EXPECT_LT(apart(of_pixels.of(static_cast<std::size_t>(y * width + x)), expected), 5e-3);
+          }
+        EXPECT_GT(apart(poses.at_pixel(0, 0, width, height),
+                        poses.at_pixel(width - 1, height - 1, width, height)),
+                  0.3)
+            << "the camera hardly moves during the readout";
       }
-      EXPECT_GT(apart(poses.at_row(0, height), poses.at_row(height - 1, height)), 0.3)
-          << "the camera hardly moves during the readout";
     }
   }
 }
@@ -54,7 +65,7 @@ TEST(ShutterPoses, ASinglePoseHoldsForAllRows) {
   const ShutterPoses poses = pose;
   EXPECT_FALSE(poses.is_rolling());
   EXPECT_EQ(apart(poses.at(0.9), pose), 0);
-  EXPECT_EQ(apart(poses.at_row(3, 10), pose), 0);
+  EXPECT_EQ(apart(poses.at_pixel(2, 3, 10, 10), pose), 0);
 }
 
 TEST(ShutterPoses, InterpolatesBetweenKeys) {

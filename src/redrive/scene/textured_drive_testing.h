@@ -56,7 +56,7 @@ inline Image8 draw_street(const Camera& camera, const ShutterPoses& world_from_c
                           bool textured = true) {
   Image8 image{camera.width, camera.height, {}};
   for (int y = 0; y < camera.height; ++y) {
-    const Rigid3d pose = world_from_camera.at_row(y, camera.height);
+    const Rigid3d pose = world_from_camera.at_pixel(0, y, camera.width, camera.height);
     for (int x = 0; x < camera.width; ++x) {
       double value = textured ? 0 : 0.5;
       for (int s = 0; s < 4 && textured; ++s) {  // the pixel's area

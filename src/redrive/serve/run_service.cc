@@ -162,20 +162,17 @@ void expose(const ImageQuery& query, ImageRequest* request) {
   const PosePair& poses = query.local_from_sensor;
   const bool moves = poses.start.matrix() != poses.end.matrix();
   const std::int64_t readout_ns = query.end_ns - query.start_ns;
+  request->camera.readout_by_column =
+      query.lens.shutter == Shutter::kLeftToRight || query.lens.shutter == Shutter::kRightToLeft;
   switch (query.lens.shutter) {
-    case Shutter::kLeftToRight:
     case Shutter::kRightToLeft:
-      if (moves)
-        refuse(StatusCode::kUnimplemented,
-               "shutter_type = " + std::to_string(static_cast<int>(query.lens.shutter)) +
-                   ": shutters that roll from side to side are not modelled while they move");
-      break;
     case Shutter::kBottomToTop:
       if (!moves) break;
       request->world_from_camera = {poses.end, poses.start};
       request->camera.readout_ns = -readout_ns;
       return;
     case Shutter::kUnknown:
+    case Shutter::kLeftToRight:
     case Shutter::kTopToBottom:
       if (!moves) break;
       request->world_from_camera = {poses.start, poses.end};
@@ -243,9 +240,11 @@ std::vector<SceneCamera> RunService::cameras(const std::string& scene) {
     std::vector<SceneCamera> cameras;
     for (const RigCamera& rig : open->run->scene.rig) {
       SceneCamera one{{calibration_of(*open->run, rig)}, {}};
-      one.lens.shutter = rig.readout_ns == 0  ? Shutter::kGlobal
-                         : rig.readout_ns > 0 ? Shutter::kTopToBottom
-                                              : Shutter::kBottomToTop;
+      one.lens.shutter = rig.readout_ns == 0 ? Shutter::kGlobal
+                         : rig.readout_ns > 0
+                             ? rig.readout_by_column ? Shutter::kLeftToRight : Shutter::kTopToBottom
+                         : rig.readout_by_column ? Shutter::kRightToLeft
+                                                 : Shutter::kBottomToTop;
       if (const auto* fisheye = std::get_if<OpenCvFisheye>(&rig.camera.model))
         one.lens.max_angle_rad = fisheye->max_angle_rad;
       one.lens.ftheta = ftheta_intrinsics(one.lens.camera);

@@ -66,7 +66,7 @@ class ReprojectionCost final : public ceres::SizedCostFunction<2, 6, 6, 6, 1, 1,
         motion_(motion),
         offset_s_(camera.offset_s),
         readout_s_(camera.readout_s),
-        after_middle_(camera.from_middle_row(pixel.y())),
+        after_middle_(camera.from_middle_line(pixel)),
         pixel_(pixel),
         sigma_px_(sigma_px) {
     const Rigid3d& pose = motion.world_from_body;

@@ -183,17 +183,23 @@ TEST(CostFunctions, RowsHaveTheirOwnTimes) {
     return (a.world_from_body.matrix() - b.world_from_body.matrix()).norm() +
            std::abs(a.weight - b.weight);
   };
-  EXPECT_EQ(apart(model.row_motion(1, 7, 12), model.image_motion(1, 7)),
+  EXPECT_EQ(apart(model.pixel_motion(1, 7, {0, 12}), model.image_motion(1, 7)),
             0);  // all rows at one time
   camera.readout_s = 0.03;
-  EXPECT_LT(apart(model.row_motion(1, 7, (height - 1) / 2), model.image_motion(1, 7)), 1e-9);
-  EXPECT_LT(apart(model.row_motion(1, 7, -0.5), model.motion_at(t_ns + 4'000'000 - 15'000'000)),
-            1e-9);
-  EXPECT_EQ(model.row_motion(1, 7, -0.5).segment, 6);  // before its frame
+  EXPECT_LT(apart(model.pixel_motion(1, 7, {0, (height - 1) / 2}), model.image_motion(1, 7)), 1e-9);
   EXPECT_LT(
-      apart(model.row_motion(1, 7, height - 0.5), model.motion_at(t_ns + 4'000'000 + 15'000'000)),
+      apart(model.pixel_motion(1, 7, {0, -0.5}), model.motion_at(t_ns + 4'000'000 - 15'000'000)),
       1e-9);
+  EXPECT_EQ(model.pixel_motion(1, 7, {0, -0.5}).segment, 6);  // before its frame
+  EXPECT_LT(apart(model.pixel_motion(1, 7, {0, height - 0.5}),
+                  model.motion_at(t_ns + 4'000'000 + 15'000'000)),
+            1e-9);
   EXPECT_EQ(model.corrected_calibration(1).readout_ns, 30'000'000);
+  camera.initial.readout_by_column = true;
+  EXPECT_LT(apart(model.pixel_motion(1, 7, {-0.5, height}),
+                  model.motion_at(t_ns + 4'000'000 - 15'000'000)),
+            1e-9);
+  EXPECT_TRUE(model.corrected_calibration(1).readout_by_column);
 }
 
 TEST(CostFunctions, PointsOutOfViewHaveZeroJacobians) {

@@ -73,7 +73,7 @@ ExposureMotions::ExposureMotions(const RigModel& model) : model_(model) {
 
 LocalMotion ExposureMotions::of(const Observation& seen) const {
   if (model_.cameras[seen.camera].readout_s == 0) return motions_[seen.camera][seen.frame];
-  return model_.row_motion(seen.camera, seen.frame, seen.pixel.y());
+  return model_.pixel_motion(seen.camera, seen.frame, seen.pixel);
 }
 
 std::optional<InverseDepthPoint> fit_inverse_depth_point(const RigModel& model,

@@ -267,8 +267,8 @@ Sums compare(const RigModel& model, const ContrastData& source,
         continue;
       auto path = path_of(lens, poses, in_world[lidar.sample(y, x)].cast<double>());
       if (!path) continue;
-      const double row = images.recorded_pixel(camera, path->now).y();
-      path->shift(model.cameras[camera].from_middle_row(row) * model.cameras[camera].readout_s);
+      const RigModelCamera& of = model.cameras[camera];
+      path->shift(of.from_middle_line(images.recorded_pixel(camera, path->now)) * of.readout_s);
       const auto contrast = against_path(lidar, {x, y}, *path);
       if (!contrast) continue;
       ++sums.cells;

@@ -137,10 +137,10 @@ LocalMotion RigModel::image_motion(int camera, int frame) const {
   return motion_at(initial_frames[frame].t_ns + std::llround(cameras[camera].offset_s * 1e9));
 }
 
-LocalMotion RigModel::row_motion(int camera, int frame, double v) const {
+LocalMotion RigModel::pixel_motion(int camera, int frame, const Eigen::Vector2d& pixel) const {
   const RigModelCamera& c = cameras[camera];
   return motion_at(initial_frames[frame].t_ns +
-                   std::llround((c.offset_s + c.from_middle_row(v) * c.readout_s) * 1e9));
+                   std::llround((c.offset_s + c.from_middle_line(pixel) * c.readout_s) * 1e9));
 }
 
 Eigen::Vector3d RigModel::raised(const Eigen::Vector3d& in_body, std::size_t lidar) const {

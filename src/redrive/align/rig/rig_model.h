@@ -28,15 +28,19 @@ struct RigModelCamera {
   CameraCalibration initial;
   Camera camera;
   Vector6d extrinsics = Vector6d::Zero();  ///< (eta, epsilon), in the axes of the sensor
-  double offset_s = 0;   ///< exposure of the middle row minus the time of the frame's pose
-  double readout_s = 0;  ///< from the upper edge to the lower one
+  double offset_s = 0;   ///< exposure of the middle line minus the time of the frame's pose
+  double readout_s = 0;  ///< from the upper edge to the lower one, or from the left to the right
   Eigen::Vector3d intrinsics = Eigen::Vector3d::Zero();  ///< f (1 + x), c + (y, z) pixels
 
   double initial_offset_s() const { return 1e-9 * static_cast<double>(initial.time_offset_ns); }
   double initial_readout_s() const { return 1e-9 * static_cast<double>(initial.readout_ns); }
-  /// Exposure of row v of the recorded image after the middle row, as a fraction of the readout:
-  /// -1/2 at the upper edge, 1/2 at the lower one.
-  double from_middle_row(double v) const { return row_fraction(v, camera.height) - 0.5; }
+  /// Exposure of a pixel of the recorded image after the middle line, as a fraction of the readout:
+  /// -1/2 at the first edge, 1/2 at the last one.
+  double from_middle_line(const Eigen::Vector2d& pixel) const {
+    return line_fraction(initial.readout_by_column, pixel.x(), pixel.y(), camera.width,
+                         camera.height) -
+           0.5;
+  }
 };
 
 /// The motion around a time t without corrections: (t + s) -> world_from_body [exp(angular_velocity
@@ -64,7 +68,7 @@ struct RigModel {
   /// Returns the motion at an image's middle row, or its row v, with the camera's present offset
   /// and readout.
   LocalMotion image_motion(int camera, int frame) const;
-  LocalMotion row_motion(int camera, int frame, double v) const;
+  LocalMotion pixel_motion(int camera, int frame, const Eigen::Vector2d& pixel) const;
 
   /// The smooth motion itself, corrections included.
   LocalMotion smooth_motion_at(std::int64_t t_ns) const;

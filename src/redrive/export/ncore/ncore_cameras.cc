@@ -36,12 +36,12 @@ EncodedImage recorded_image(const std::filesystem::path& path, const CameraCalib
   return image;
 }
 
-/// NCore exposes row v of h at start + v / (h - 1) of the frame's time.
+/// NCore exposes row v of h, or column v, at start + v / (h - 1) of the frame's time.
 void set_times(const CameraCalibration& camera, std::int64_t frame_ns, const Sequence& sequence,
                EncodedImage* image) {
+  const int lines = camera.readout_by_column ? camera.width : camera.height;
   const std::int64_t middle_ns = frame_ns + camera.time_offset_ns,
-                     half_ns =
-                         std::abs(camera.readout_ns) / 2 * (camera.height - 1) / camera.height;
+                     half_ns = std::abs(camera.readout_ns) / 2 * (lines - 1) / lines;
   image->start_us = sequence.us(middle_ns - half_ns);
   image->end_us = sequence.us(middle_ns + half_ns);
 }

@@ -15,10 +15,11 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-const char* shutter_name(std::int64_t readout_ns) {
-  return readout_ns == 0  ? "GLOBAL"
-         : readout_ns > 0 ? "ROLLING_TOP_TO_BOTTOM"
-                          : "ROLLING_BOTTOM_TO_TOP";
+const char* shutter_name(const CameraCalibration& camera) {
+  if (camera.readout_ns == 0) return "GLOBAL";
+  const bool ahead = camera.readout_ns > 0;
+  if (camera.readout_by_column) return ahead ? "ROLLING_LEFT_TO_RIGHT" : "ROLLING_RIGHT_TO_LEFT";
+  return ahead ? "ROLLING_TOP_TO_BOTTOM" : "ROLLING_BOTTOM_TO_TOP";
 }
 
 std::string in_lower_case(const std::string& type) {
@@ -38,7 +39,7 @@ bool has_model(const CameraCalibration& camera) {
 Json camera_model(const CameraCalibration& camera, const Camera& lens) {
   const std::vector<double>& p = camera.parameters;
   Json parameters = {{"resolution", {camera.width, camera.height}},
-                     {"shutter_type", shutter_name(camera.readout_ns)},
+                     {"shutter_type", shutter_name(camera)},
                      {"external_distortion_parameters", nullptr},
                      {"principal_point", {camera.cx() + 0.5, camera.cy() + 0.5}},
                      {"focal_length", {camera.fx(), camera.fy()}}};

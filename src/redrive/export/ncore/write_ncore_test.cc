@@ -422,6 +422,9 @@ TEST(NcoreTerms, PrincipalPointsCountFromTheCornerOrTheCentre) {
     EXPECT_EQ(json["parameters"]["principal_point"][0], 319.5 + shift) << model;
     EXPECT_EQ(json["parameters"]["shutter_type"], "ROLLING_BOTTOM_TO_TOP");
     EXPECT_EQ(json["parameters"].contains("reference_poly"), shift == 0);
+    camera.readout_by_column = true;
+    EXPECT_EQ(ncore::camera_model(camera, make_camera(camera))["parameters"]["shutter_type"],
+              "ROLLING_RIGHT_TO_LEFT");
   }
   EXPECT_FALSE(ncore::has_model({"C", "mei", {}, 1, 1, Rigid3d::Identity()}));
 }

@@ -65,7 +65,8 @@ std::vector<ShownReturn> find_shown_returns(const TrainingSet& data, const Retur
   const View& view = scene.views[of_view];
   const RigCamera& rig = scene.rig[view.camera];
   const std::int64_t t_ns = scene.exposed_ns(view, Poses::kRecorded);
-  const Projection pixel_of{rig.camera, ShutterPoses(scene.camera_during(view, Poses::kRecorded))};
+  const Projection pixel_of{
+      rig.camera, ShutterPoses(scene.camera_during(view, Poses::kRecorded), rig.readout_by_column)};
   const Rigid3d body_from_world =
       scene.world_from_body(view, Poses::kRecorded).inverse(Eigen::Isometry);
   const LidarReturns& lidar = data.lidar;
@@ -135,7 +136,9 @@ std::vector<ShownReturn> find_shown_returns(const TrainingSet& data, const Retur
 std::vector<RangePixel> range_pixels(const Scene& scene, const View& view,
                                      std::span<const ShownReturn> returns, ThreadPool& pool) {
   constexpr std::size_t kGrain = 2048;
-  const Projection pixel_of{scene.rig[view.camera].camera, ShutterPoses(scene.camera_during(view))};
+  const RigCamera& rig = scene.rig[view.camera];
+  const Projection pixel_of{rig.camera,
+                            ShutterPoses(scene.camera_during(view), rig.readout_by_column)};
   const Rigid3d world_from_body = scene.world_from_body(view);
   std::vector<std::optional<RangePixel>> each(returns.size());
   pool.run_ranges(returns.size(), kGrain, [&](std::size_t begin, std::size_t end) {

@@ -123,8 +123,13 @@ void find_returns(const TrainingSet& data, std::span<const ImageWindow* const> w
 kernels::GaussianCamera camera_of(const PlainCamera& whole, const ImageWindow& window,
                                   const ShutterPoses& poses,
                                   std::span<const kernels::GaussianPart> parts) {
-  return {window_of(whole, window.x, window.y, window.width, window.height), poses.keys(),
-          static_cast<float>(window.y), static_cast<float>(whole.height), parts};
+  const bool by_column = poses.by_column();
+  return {.camera = window_of(whole, window.x, window.y, window.width, window.height),
+          .world_from_camera = poses.keys(),
+          .first_row = static_cast<float>(by_column ? window.x : window.y),
+          .image_rows = static_cast<float>(by_column ? whole.width : whole.height),
+          .parts = parts,
+          .by_column = by_column};
 }
 
 /// Writes row y of an image; pixels that are not in the table are outside the valid region.

@@ -69,5 +69,40 @@ TEST(SplatRender, MemoryOfAnotherImageChangesNoPixel) {
     }
 }
 
+// Each line is nearly the same as in an image of a camera that stands where the line is exposed.
+TEST(SplatRender, ShuttersRollByRowOrByColumn) {
+  KnownScene known;
+  const auto backend = fast_backend();
+  SplatModel model;
+  model.configure(known.scene);
+  set_gaussians(known_gaussians(120), &model);
+  const RayTable rays = make_ray_table(known.scene.rig[0].camera);
+  const Rigid3d first = known.scene.world_from_camera(known.scene.views[0]),
+                last = first * Eigen::Translation3d(0.4, 0.1, 0);
+  const auto difference = [&](bool by_column, bool rendered_by_column) {
+    const ShutterPoses poses({first, last}, by_column);
+    const RenderedImage image =
+        model.render(*backend, rays, ShutterPoses({first, last}, rendered_by_column), {});
+    const int lines = by_column ? image.width : image.height;
+    double sum = 0;
+    for (int line = 0; line < lines; ++line) {
+      const RenderedImage still =
+          model.render(*backend, rays, ShutterPoses(poses.at((line + 0.5) / lines)), {});
+      for (int i = 0; i < (by_column ? image.height : image.width); ++i) {
+        const int pixel = by_column ? i * image.width + line : line * image.width + i;
+        for (int c = 0; c < 3; ++c)
+          sum += std::abs(image.rgb[3 * pixel + c] - still.rgb[3 * pixel + c]);
+      }
+    }
+    return sum / static_cast<double>(image.rgb.size());
+  };
+  for (const bool by_column : {false, true}) {
+    const double right = difference(by_column, by_column),
+                 wrong = difference(by_column, !by_column);
+    EXPECT_LT(right, 0.02) << by_column;
+    EXPECT_GT(wrong, 3 * right) << by_column;
+  }
+}
+
 }  // namespace
 }  // namespace redrive::known_splats

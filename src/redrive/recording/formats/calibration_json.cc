@@ -18,7 +18,7 @@ namespace {
 
 constexpr double kMaxSensorDistance_m = 50;  // further from the body's origin: not in metres
 constexpr double kMaxTimeOffset_s = 1;       // beyond: another frame's image
-constexpr const char* kElevation = "elevation_offset_deg";
+constexpr const char *kElevation = "elevation_offset_deg", *kByColumn = "readout_by_column";
 constexpr double kMaxElevation_deg = 2;        // beyond: not an error of a calibration
 constexpr double kPositionTolerance_m = 0.01;  // rounding of pos_meter and RT in files
 
@@ -137,6 +137,11 @@ CameraCalibration camera_from_json(const JsonField& sensor, const std::string& n
     if (std::abs(readout_s) > kMaxReadout_s) readout.fail("expected seconds between -0.2 and 0.2");
     camera.readout_ns = std::llround(readout_s * 1e9);
   }
+  if (sensor.has(kByColumn)) {
+    if (!sensor.at(kByColumn).json().is_boolean())
+      sensor.at(kByColumn).fail("true or false was expected");
+    camera.readout_by_column = sensor.at(kByColumn).json().get<bool>();
+  }
   if (sensor.has("time_offset_s")) {
     const JsonField offset = sensor.at("time_offset_s");
     const double offset_s = offset.number();
@@ -210,6 +215,8 @@ void update_calibration(const CameraCalibration& camera, nlohmann::json* entry) 
   sensor["time_offset_s"] = static_cast<double>(camera.time_offset_ns) * 1e-9;
   if (camera.readout_ns != 0 || sensor.contains("readout_s"))
     sensor["readout_s"] = static_cast<double>(camera.readout_ns) / 1e9;
+  if (camera.readout_by_column || sensor.contains(kByColumn))
+    sensor[kByColumn] = camera.readout_by_column;
 }
 
 void update_lidar(double elevation_rad, nlohmann::json* sensors) {

@@ -99,7 +99,10 @@ TEST(Calibration, ReadsReadoutInSeconds) {
   document["F_CAM"]["readout_s"] = 0.03;
   const auto cameras = parsed_calibration(document);
   EXPECT_EQ(cameras[0].readout_ns, 30'000'000);
+  EXPECT_FALSE(cameras[0].readout_by_column);
   EXPECT_EQ(cameras[1].readout_ns, 0);
+  EXPECT_THAT(calibration_message("/readout_by_column", 1),
+              AllOf(HasSubstr("F_CAM.readout_by_column"), HasSubstr("true or false")));
   EXPECT_THAT(calibration_message("/readout_s", 0.3),
               AllOf(HasSubstr("F_CAM.readout_s"), HasSubstr("0.3")));
   EXPECT_THAT(calibration_message("/readout_s", "slow"),

@@ -61,6 +61,7 @@ Json camera_to_json(const RecordedCamera& camera) {
           {"body_from_sensor", pose_to_json(c.body_from_sensor)},
           {"time_offset_ns", c.time_offset_ns},
           {"readout_ns", c.readout_ns},
+          {"readout_by_column", c.readout_by_column},
           {"images", ids},
           {"held_out_images", held_out}};
 }
@@ -92,6 +93,11 @@ RecordedCamera camera_from_json(const JsonField& json, const fs::path& root) {
                                     "expected nanoseconds, at most 1e9");
   c.readout_ns = integer_within(json.at("readout_ns"), -kMostReadout_ns, kMostReadout_ns,
                                 "expected nanoseconds, at most 2e8");
+  if (json.has("readout_by_column")) {  // files of before have rows
+    const JsonField by_column = json.at("readout_by_column");
+    if (!by_column.json().is_boolean()) by_column.fail("expected true or false");
+    c.readout_by_column = by_column.json().get<bool>();
+  }
   for (const char* const key : {"images", "held_out_images"}) {
     const JsonField ids = json.at(key);
     if (!ids.json().is_array()) ids.fail("expected a list of frames");

@@ -51,7 +51,8 @@ Recording recorded() {
                         .height = 480,
                         .body_from_sensor = turned(1.5, 0.1),
                         .time_offset_ns = -12'345'678,
-                        .readout_ns = 30'000'001};
+                        .readout_ns = 30'000'001,
+                        .readout_by_column = true};
   for (const std::int64_t id : {3, 4, 6}) {
     ImageFile image;
     image.frame_id = id;
@@ -95,6 +96,7 @@ TEST(RecordingJson, BringsBackEveryBit) {
   EXPECT_EQ(camera.body_from_sensor.matrix(), was.body_from_sensor.matrix());
   EXPECT_EQ(camera.time_offset_ns, was.time_offset_ns);
   EXPECT_EQ(camera.readout_ns, was.readout_ns);
+  EXPECT_EQ(camera.readout_by_column, was.readout_by_column);
   EXPECT_EQ(after.lidars.at(0).body_from_lidar.matrix(), before.lidars[0].body_from_lidar.matrix());
   EXPECT_EQ(after.lidars[0].elevation_rad, 0.003);
   EXPECT_EQ(after.lidars[0].gain, 1.7);

@@ -27,7 +27,7 @@ class LidarPointsTest : public ::testing::Test {
   /// The point that pixel (x, y) shows at `range_m`.
   Vector3d seen(int frame, int x, int y, double range_m) const {
     const Camera& camera = scene_.rig[0].camera;
-    return scene_.shutter_poses(scene_.views[frame]).at_row(y, camera.height) *
+    return scene_.shutter_poses(scene_.views[frame]).at_pixel(0, y, camera.width, camera.height) *
            Vector3d(range_m * *camera.unproject(Eigen::Vector2d(x, y)));
   }
   void add(const Vector3d& in_world, std::int64_t t_ns) { measured_.push_back({in_world, t_ns}); }

@@ -32,8 +32,12 @@ bool interpolated(FillPixel pixel) {
 
 kernels::GaussianCamera camera_of(const FillView& view,
                                   std::span<const kernels::GaussianPart> parts) {
-  return {make_plain_camera(view.camera), view.poses.keys(), 0,
-          static_cast<float>(view.camera.height), parts};
+  const bool by_column = view.poses.by_column();
+  return {.camera = make_plain_camera(view.camera),
+          .world_from_camera = view.poses.keys(),
+          .image_rows = static_cast<float>(by_column ? view.camera.width : view.camera.height),
+          .parts = parts,
+          .by_column = by_column};
 }
 
 bool has_objects(const FillView& view) {
@@ -240,7 +244,7 @@ GaussianList gaussians_of(const FillView& view, const FillImage& image, std::siz
       const auto ray = view.camera.unproject({x, y}), beside = view.camera.unproject({x + 1, y});
       if (!ray || !beside) continue;
       const double depth_m = 1 / double(value[3]);
-      const Rigid3d world_from_camera = view.poses.at_row(y, image.height);
+      const Rigid3d world_from_camera = view.poses.at_pixel(x, y, image.width, image.height);
       const Point point{(world_from_camera * (depth_m * ray->normalized())).cast<float>(),
                         Eigen::Vector3f(value[0], value[1], value[2]).cwiseMax(0).cwiseMin(1),
                         world_from_camera.translation().cast<float>()};

@@ -81,14 +81,14 @@ MaskFile find_mask(const SequenceParts& sequence, const std::string& camera, Con
 }
 
 CameraCalibration calibration_of(const SequenceParts& sequence, const Component& sensor,
-                                 Shutter* shutter, std::vector<Finding>* findings) {
+                                 int* direction, std::vector<Finding>* findings) {
   const std::string group = "cameras/" + sensor.name;
   const nlohmann::json attributes = sequence.intrinsics.attributes(group);
   const JsonField intrinsics(attributes, sequence.intrinsics.file(group));
   CameraCalibration calibration;
   calibration.name = sensor.name;
   parse_lens(intrinsics, &calibration, findings);
-  *shutter = parse_shutter(intrinsics);
+  *direction = parse_shutter(intrinsics, &calibration);
   const auto place = sequence.poses.between(sensor.name, "rig");
   if (!place)
     throw InputError(sequence.poses.file, "('" + sensor.name + "', 'rig')", "",
@@ -104,19 +104,15 @@ void add_cameras(const SequenceParts& sequence, const std::vector<FramePose>& po
   std::map<std::string, CameraCalibration> calibrations;
   std::map<std::string, MaskFile> masks;
   for (const Component& sensor : sequence.of_kind("cameras")) try {
-      Shutter shutter = Shutter::kGlobal;
+      int direction = 0;
       CameraCalibration calibration =
-          calibration_of(sequence, sensor, &shutter, &recording->findings);
-      const bool rolling = shutter == Shutter::kDown || shutter == Shutter::kUp;
-      TimedImages images{
-          sensor.name, 0,
-          contents->add_images(sensor, rolling, &calibration.readout_ns, &recording->damaged)};
-      // NCore exposes row v of h at start + v / (h - 1) of the frame's time.
-      calibration.readout_ns = (shutter == Shutter::kUp ? -1 : 1) * calibration.readout_ns *
-                               calibration.height / std::max(1, calibration.height - 1);
-      if (shutter == Shutter::kSideways)
-        recording->findings.push_back(
-            {sensor.name, "its shutter rolls from side to side: taken as global at its middle"});
+          calibration_of(sequence, sensor, &direction, &recording->findings);
+      TimedImages images{sensor.name, 0,
+                         contents->add_images(sensor, direction != 0, &calibration.readout_ns,
+                                              &recording->damaged)};
+      // NCore exposes line v of h at start + v / (h - 1) of the frame's time.
+      const int lines = calibration.readout_by_column ? calibration.width : calibration.height;
+      calibration.readout_ns = direction * calibration.readout_ns * lines / std::max(1, lines - 1);
       masks[sensor.name] = find_mask(sequence, sensor.name, contents, &recording->findings);
       calibrations[sensor.name] = calibration;
       cameras.push_back(std::move(images));

@@ -132,13 +132,13 @@ JsonField parameters_of(const JsonField& intrinsics) {
 
 }  // namespace
 
-Shutter parse_shutter(const JsonField& intrinsics) {
+int parse_shutter(const JsonField& intrinsics, CameraCalibration* camera) {
   const JsonField field = parameters_of(intrinsics).at("shutter_type");
   const std::string type = field.string();
-  if (type == "GLOBAL") return Shutter::kGlobal;
-  if (type == "ROLLING_TOP_TO_BOTTOM") return Shutter::kDown;
-  if (type == "ROLLING_BOTTOM_TO_TOP") return Shutter::kUp;
-  if (type == "ROLLING_LEFT_TO_RIGHT" || type == "ROLLING_RIGHT_TO_LEFT") return Shutter::kSideways;
+  camera->readout_by_column = type == "ROLLING_LEFT_TO_RIGHT" || type == "ROLLING_RIGHT_TO_LEFT";
+  if (type == "GLOBAL") return 0;
+  if (type == "ROLLING_TOP_TO_BOTTOM" || type == "ROLLING_LEFT_TO_RIGHT") return 1;
+  if (type == "ROLLING_BOTTOM_TO_TOP" || type == "ROLLING_RIGHT_TO_LEFT") return -1;
   field.fail("must be GLOBAL or a ROLLING_..._TO_...");
 }
 

@@ -15,7 +15,8 @@ namespace redrive::ncore {
 void parse_lens(const JsonField& intrinsics, CameraCalibration* camera,
                 std::vector<Finding>* findings);
 
-enum class Shutter { kGlobal, kDown, kUp, kSideways };
-Shutter parse_shutter(const JsonField& intrinsics);  ///< InputError for an unknown one
+/// Direction of a rolling shutter: readout_by_column, and 1 or -1; 0: global. InputError for
+/// another.
+int parse_shutter(const JsonField& intrinsics, CameraCalibration* camera);
 
 }  // namespace redrive::ncore

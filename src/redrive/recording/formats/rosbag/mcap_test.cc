@@ -11,19 +11,6 @@ using ::testing::HasSubstr;
 using testing::input_error;
 using testing::McapWriter;
 
-/// A file in memory.
-class McapText : public ByteSource {
- public:
-  explicit McapText(std::string text) : text_(std::move(text)) {}
-  std::uint64_t size() const override { return text_.size(); }
-  std::string read(std::uint64_t offset, std::size_t size) const override {
-    return offset >= text_.size() ? "" : text_.substr(offset, size);
-  }
-
- private:
-  std::string text_;
-};
-
 std::string data_of(int i) {
   return "message " + std::to_string(i) + std::string(600, char('a' + i % 26));
 }
@@ -38,7 +25,7 @@ std::string file_with(McapWriter::Options options) {
 }
 
 std::unique_ptr<BagFile> opened_mcap(const std::string& text) {
-  return open_mcap(std::make_unique<McapText>(text), "a.mcap");
+  return open_mcap(std::make_unique<StringBytes>(text), "a.mcap");
 }
 
 std::string findings_of(const BagFile& file) {

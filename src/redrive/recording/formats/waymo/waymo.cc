@@ -179,13 +179,7 @@ void add_cameras(const fs::path& file, const std::vector<std::pair<std::int64_t,
     const CameraContext& camera = context.cameras.at(number);
     CameraCalibration calibration = camera.calibration;
     const double readout_ns = upper_median(readouts_ns.at(number));
-    if (camera.shutter == Shutter::kDown) calibration.readout_ns = std::llround(readout_ns);
-    if (camera.shutter == Shutter::kUp) calibration.readout_ns = -std::llround(readout_ns);
-    if (camera.shutter == Shutter::kSideways)
-      recording->findings.push_back(
-          {calibration.name, "its shutter rolls from side to side in " +
-                                 std::to_string(std::lround(1e-6 * readout_ns)) +
-                                 " ms: taken as global at its middle"});
+    calibration.readout_ns = camera.direction * std::llround(readout_ns);
     std::ranges::stable_sort(images.images, {}, &FrameFile::frame_id);
     calibrations[calibration.name] = calibration;
     timed.push_back(std::move(images));

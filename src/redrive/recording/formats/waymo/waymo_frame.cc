@@ -94,10 +94,9 @@ void parse_camera(const ProtoReader& message, Context* context) {
       case 5: calibration.height = side("height"); break;
       case 6: {
         const std::int64_t way = of.integer(field, "rolling_shutter_direction");
-        camera.shutter = way == 1               ? Shutter::kDown
-                         : way == 3             ? Shutter::kUp
-                         : way == 2 || way == 4 ? Shutter::kSideways
-                                                : Shutter::kGlobal;
+        // 1 down, 2 to the right, 3 up, 4 to the left, 5 global
+        camera.direction = way == 1 || way == 2 ? 1 : way == 3 || way == 4 ? -1 : 0;
+        calibration.readout_by_column = way == 2 || way == 4;
         break;
       }
       default: break;

@@ -18,11 +18,9 @@ namespace redrive::waymo {
 /// Farthest place in the world and in the body.
 constexpr double kMaxCoordinate_m = 1e7;
 
-enum class Shutter { kGlobal, kDown, kUp, kSideways };
-
 struct CameraContext {
-  CameraCalibration calibration;  ///< without times
-  Shutter shutter = Shutter::kGlobal;
+  CameraCalibration calibration;  ///< without times, but for readout_by_column
+  int direction = 0;              ///< sign of readout_ns; 0: a global shutter
 };
 
 struct LaserContext {

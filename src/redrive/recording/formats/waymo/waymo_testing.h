@@ -116,7 +116,7 @@ class MadeSegment {
       set(body_from_camera(name == 1 ? 0 : 0.5), camera->mutable_extrinsic());
       camera->set_width(kWidth);
       camera->set_height(kHeight);
-      camera->set_rolling_shutter_direction(name == 1 ? 1 : 2);
+      camera->set_rolling_shutter_direction(name == 1 ? 1 : 4);  // down; to the left
     }
     auto* top = context->add_laser_calibrations();
     top->set_name(1);
