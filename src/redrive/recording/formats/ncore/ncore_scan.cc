@@ -70,10 +70,7 @@ std::vector<LidarPoint> read_scan(const Contents::Scan& scan, const Rigid3d& bod
   for (std::size_t i = 0; i < n; ++i) {
     std::size_t k = i;  // index of the first return
     while (k < ranges_m.size() && std::isnan(ranges_m[k])) k += n;
-    if (k >= ranges_m.size()) {
-      unusable.add_missing();
-      continue;
-    }
+    if (k >= ranges_m.size()) continue;  // a lost ray
     const Eigen::Vector3d direction(directions[3 * i], directions[3 * i + 1],
                                     directions[3 * i + 2]);
     const double intensity = intensities.empty() || std::isnan(intensities[k]) ? 0 : intensities[k];

@@ -95,7 +95,7 @@ TEST_P(NcoreStores, HaveTheReturnsOfEachRay) {
     const FrameFile& file = recording.lidar_files[static_cast<std::size_t>(f)];
     std::size_t left_out = 0;
     const std::vector<LidarPoint> points = recording.read_lidar(file, &left_out);
-    EXPECT_EQ(left_out, 4u);
+    EXPECT_EQ(left_out, 0u) << "lost rays are no damage";
     EXPECT_EQ(recording.reader->lidar_point_count(file), std::uint64_t{MadeNcore::kRays});
     auto point = points.begin();
     for (int i = 0; i < MadeNcore::kRays; ++i) {

@@ -60,28 +60,46 @@ class RevolutionTimes {
   Eigen::Vector3d from_, way_;
 };
 
+/// A range image unpacked.
+struct Pixels {
+  std::string name;                      ///< for messages
+  std::vector<double> inclinations_rad;  ///< one for each row
+  std::size_t columns = 0, channels = 0;
+  std::vector<float> values;  ///< [rows, columns, channels]
+  std::vector<float> poses;   ///< [rows, columns, 6]; empty: none
+};
+
+Pixels unpack(const ByteSource& bytes, const RangeImage& image, const LaserContext& laser,
+              const std::filesystem::path& file) {
+  Pixels out;
+  out.name = "range image of " + laser_name(image.laser);
+  const auto fail = [&](const std::string& rule) { throw InputError(file, out.name, "", rule); };
+  Matrix ranges = parse_matrix(bytes, image.first, file, out.name);
+  if (ranges.dims.size() != 3 || ranges.dims[2] < 2) fail("must have rows, columns and 4 channels");
+  const auto rows = static_cast<std::size_t>(ranges.dims[0]);
+  out.columns = static_cast<std::size_t>(ranges.dims[1]);
+  out.channels = static_cast<std::size_t>(ranges.dims[2]);
+  out.values = std::move(ranges.values);
+  out.inclinations_rad = inclinations_of(laser, rows);
+  if (rows > kMostRows || out.inclinations_rad.size() != rows)
+    fail("has " + std::to_string(rows) + " rows, its calibration " +
+         std::to_string(out.inclinations_rad.size()));
+  if (image.poses.size() == 0) return out;
+  Matrix placed = parse_matrix(bytes, image.poses, file, out.name + "'s poses");
+  if (placed.dims != std::vector<std::int64_t>{ranges.dims[0], ranges.dims[1], 6})
+    fail("must have a pose of 6 numbers for each pixel");
+  out.poses = std::move(placed.values);
+  return out;
+}
+
 }  // namespace
 
 std::vector<LidarPoint> read_scan(const ByteSource& bytes, const RangeImage& image,
                                   const LaserContext& laser, const Revolution& revolution,
                                   const std::vector<FramePose>& poses,
                                   const std::filesystem::path& file, std::size_t* left_out) {
-  const std::string name = "range image of " + laser_name(image.laser);
-  const Matrix ranges = parse_matrix(bytes, image.first, file, name);
-  const auto fail = [&](const std::string& rule) { throw InputError(file, name, "", rule); };
-  if (ranges.dims.size() != 3 || ranges.dims[2] < 2) fail("must have rows, columns and 4 channels");
-  const auto rows = static_cast<std::size_t>(ranges.dims[0]),
-             columns = static_cast<std::size_t>(ranges.dims[1]),
-             channels = static_cast<std::size_t>(ranges.dims[2]);
-  const std::vector<double> inclinations = inclinations_of(laser, rows);
-  if (rows > kMostRows || inclinations.size() != rows)
-    fail("has " + std::to_string(rows) + " rows, its calibration " +
-         std::to_string(inclinations.size()));
-  Matrix placed;
-  if (image.poses.size() > 0) placed = parse_matrix(bytes, image.poses, file, name + "'s poses");
-  if (image.poses.size() > 0 &&
-      placed.dims != std::vector<std::int64_t>{ranges.dims[0], ranges.dims[1], 6})
-    fail("must have a pose of 6 numbers for each pixel");
+  const Pixels pixels = unpack(bytes, image, laser, file);
+  const std::size_t rows = pixels.inclinations_rad.size(), columns = pixels.columns;
   // Rows of the image turn about the body's z axis, where the sensor's x axis may look anywhere.
   const Eigen::Matrix3d turn = laser.body_from_laser.linear();
   const double heading_rad = std::atan2(turn(1, 0), turn(0, 0));
@@ -94,16 +112,18 @@ std::vector<LidarPoint> read_scan(const ByteSource& bytes, const RangeImage& ima
         heading_rad;
     for (std::size_t row = 0; row < rows; ++row) {
       const std::size_t pixel = row * columns + column;
-      const float range_m = ranges.values[pixel * channels],
-                  intensity = ranges.values[pixel * channels + 1];
-      if (!(range_m > 0)) {
+      const float range_m = pixels.values[pixel * pixels.channels],
+                  intensity = pixels.values[pixel * pixels.channels + 1];
+      if (range_m <= 0) continue;  // a lost ray
+      if (std::isnan(range_m)) {
         unusable.add_missing();
         continue;
       }
       const auto refuse = [&](const char* what, double value, const char* rule) {
         unusable.add_impossible(InputError(file,
-                                           name + ", " + what + " of row " + std::to_string(row) +
-                                               " column " + std::to_string(column),
+                                           pixels.name + ", " + what + " of row " +
+                                               std::to_string(row) + " column " +
+                                               std::to_string(column),
                                            std::to_string(value), rule));
       };
       if (!(range_m <= kMaxRange_m)) {
@@ -115,14 +135,14 @@ std::vector<LidarPoint> read_scan(const ByteSource& bytes, const RangeImage& ima
         continue;
       }
       const Eigen::Vector3d in_body =
-          laser.body_from_laser * (range_m * beam_direction(inclinations[row], azimuth));
+          laser.body_from_laser * (range_m * beam_direction(pixels.inclinations_rad[row], azimuth));
       LidarPoint point{.in_body_m = in_body.cast<float>(),
                        .intensity = intensity_in_16_bits(std::tanh(intensity)),
                        .ring = static_cast<std::uint8_t>(row < kNoRing ? row : kNoRing),
                        .t_ns = revolution.begin_ns};
       Rigid3d world_from_body = revolution.world_from_body;
-      if (!placed.values.empty()) {
-        world_from_body = pose_of(&placed.values[6 * pixel]);
+      if (!pixels.poses.empty()) {
+        world_from_body = pose_of(&pixels.poses[6 * pixel]);
         if (!(world_from_body.translation().norm() <= kMaxCoordinate_m) ||
             !world_from_body.linear().allFinite()) {
           refuse("pose", world_from_body.translation().norm(), "must be within 1e7 m");
