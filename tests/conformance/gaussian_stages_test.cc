@@ -458,21 +458,24 @@ TEST_P(GaussianStagesTest, AnotherImageBetweenForwardAndBackwardChangesNothing) 
 
 TEST_P(GaussianStagesTest, AWindowIsAPartOfTheImage) {
   const auto backend = make();
-  const GaussianCase c(kMei, true, false);
   GaussianStages& stages = backend->gaussians();
-  const Raster whole = stages.rasterise(c.view(), c.gaussians(), c.options());
-  GaussianCamera window = c.view();
-  window.camera.cx -= 32;
-  window.camera.cy -= 16;
-  window.camera.width = 33;
-  window.camera.height = 20;
-  window.first_row = 16;
-  const Raster part = stages.rasterise(window, c.gaussians(), c.options());
-  for (int y = 0; y < 20; ++y)
-    for (int x = 0; x < 33; ++x)
-      ASSERT_NEAR(part.image().rgb[y * part.image().size.stride + x],
-                  whole.image().rgb[(y + 16) * c.size.stride + x + 32], 1e-3)
-          << x << " " << y;
+  for (const bool by_column : {false, true}) {
+    GaussianCase c(kMei, true, false);
+    c.by_column = by_column;
+    const Raster whole = stages.rasterise(c.view(), c.gaussians(), c.options());
+    GaussianCamera window = c.view();
+    window.camera.cx -= 32;
+    window.camera.cy -= 16;
+    window.camera.width = 33;
+    window.camera.height = 20;
+    window.first_row = by_column ? 32 : 16;
+    const Raster part = stages.rasterise(window, c.gaussians(), c.options());
+    for (int y = 0; y < 20; ++y)
+      for (int x = 0; x < 33; ++x)
+        ASSERT_NEAR(part.image().rgb[y * part.image().size.stride + x],
+                    whole.image().rgb[(y + 16) * c.size.stride + x + 32], 1e-3)
+            << x << " " << y;
+  }
 }
 
 /// A window of a photograph with a masked disc and transparent pixels.
