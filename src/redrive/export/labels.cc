@@ -108,11 +108,12 @@ std::vector<std::uint32_t> run_lengths(const std::vector<std::uint16_t>& ids, in
   return runs;
 }
 
-std::optional<PixelBox> projected_box(const Camera& camera, const ShutterPoses::Actor& actor,
+std::optional<PixelBox> projected_box(const Camera& camera, bool by_column,
+                                      const ShutterPoses::Actor& actor,
                                       const Eigen::Vector3d& size_m) {
   std::vector<Rigid3d> keys;
   for (const PlainPose& key : actor.actor_from_camera) keys.push_back(rigid(key));
-  const ShutterPoses poses(keys);
+  const ShutterPoses poses(keys, by_column);
   const Rigid3d camera_from_actor = poses.at(0.5).inverse(Eigen::Isometry);
   PixelBox box{1e9, 1e9, -1e9, -1e9};
   for (int corner = 0; corner < 8; ++corner) {
@@ -139,11 +140,11 @@ nlohmann::json annotations_of(const RenderedImage& image, const Camera& camera,
     const auto actor = std::ranges::find(poses.actors(), seen.number, &ShutterPoses::Actor::number);
     const PixelBox rendered{double(seen.left), double(seen.top), seen.right + 1.0,
                             seen.bottom + 1.0},
-        whole =
-            whole_box(rendered,
-                      actor == poses.actors().end() ? std::nullopt
-                                                    : projected_box(camera, *actor, object.size_m),
-                      image.width, image.height);
+        whole = whole_box(rendered,
+                          actor == poses.actors().end()
+                              ? std::nullopt
+                              : projected_box(camera, poses.by_column(), *actor, object.size_m),
+                          image.width, image.height);
     const double within = clipped(whole, image.width, image.height).area();
     out.push_back(
         {{"track_id", object.id},

@@ -33,7 +33,8 @@ std::vector<std::uint32_t> run_lengths(const std::vector<std::uint16_t>& ids, in
 
 /// Returns the box around the projected corners of a moving object's box, which may reach beyond
 /// the image; nothing where the lens does not see all of them.
-std::optional<PixelBox> projected_box(const Camera& camera, const ShutterPoses::Actor& actor,
+std::optional<PixelBox> projected_box(const Camera& camera, bool by_column,
+                                      const ShutterPoses::Actor& actor,
                                       const Eigen::Vector3d& size_m);
 
 /// Returns COCO's annotations of a labelled image, one for each moving object with a visible pixel:

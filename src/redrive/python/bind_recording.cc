@@ -372,8 +372,8 @@ void bind_methods(py::class_<Opened, std::shared_ptr<Opened>>& recording) {
            py::arg("frame") = py::none(), py::kw_only(), py::arg("time_ns") = py::none(),
            py::arg("row") = py::none(),
            "[4, 4] float64 while a row is exposed, [n, 4, 4] for an array of rows; default: the "
-           "middle one. The image is that of a frame, or one whose middle row is exposed at "
-           "time_ns.")
+           "middle one. With readout_by_column row is a column. The image is that of a frame, or "
+           "one whose middle line is exposed at time_ns.")
       .def(
           "rays",
           [](Opened& o, const std::string& camera, std::int64_t frame) {

@@ -7,14 +7,13 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/files/xz.h"
-#include "redrive/base/json_field.h"
 
 namespace redrive {
 namespace {
 
 constexpr std::size_t kTarBlock = 512, kMostTarName = 100, kMostTarPrefix = 155;
 constexpr std::uint64_t kMostTarBytes = std::uint64_t{1} << 33;
-constexpr std::size_t kMostIndexBytes = std::size_t{1} << 28;
+constexpr std::size_t kMostIndexBytes = std::size_t{1} << 27;
 
 void put(std::string_view text, std::size_t at, std::string* block) {
   std::ranges::copy(text, block->begin() + static_cast<std::ptrdiff_t>(at));
@@ -50,6 +49,47 @@ std::string tar_header(const std::string& name, std::uint64_t size) {
   put({sum_text, 7}, 148, &block);
   return block;
 }
+
+/// Takes {"items": [text], "offset_datas": [number], "sizes": [number]} and refuses all else,
+/// before it takes memory or nests.
+struct IndexParser : nlohmann::json_sax<nlohmann::json> {
+  std::vector<std::string> items;
+  std::vector<std::uint64_t> offsets, sizes;
+
+  bool start_object(std::size_t) override { return ++depth_ == 1; }
+  bool end_object() override { return --depth_ == 0; }
+  bool start_array(std::size_t) override { return ++depth_ == 2; }
+  bool end_array() override { return --depth_ == 1; }
+  bool key(std::string& name) override {
+    key_ = name;
+    return true;
+  }
+  bool string(std::string& text) override {
+    if (depth_ != 2 || key_ != "items" || items.size() >= kMostMembers) return false;
+    items.push_back(text);
+    return true;
+  }
+  bool number_unsigned(std::uint64_t number) override {
+    std::vector<std::uint64_t>& to = key_ == "sizes" ? sizes : offsets;
+    if (depth_ != 2 || (key_ != "sizes" && key_ != "offset_datas") || to.size() >= kMostMembers)
+      return false;
+    to.push_back(number);
+    return true;
+  }
+  bool null() override { return false; }
+  bool boolean(bool) override { return false; }
+  bool number_integer(std::int64_t) override { return false; }
+  bool number_float(double, const std::string&) override { return false; }
+  bool binary(nlohmann::json::binary_t&) override { return false; }
+  bool parse_error(std::size_t, const std::string&, const nlohmann::json::exception&) override {
+    return false;
+  }
+
+ private:
+  static constexpr std::size_t kMostMembers = std::size_t{1} << 22;
+  int depth_ = 0;
+  std::string key_;
+};
 
 std::string little_endian(std::uint64_t value, std::size_t bytes) {
   std::string text;
@@ -114,21 +154,16 @@ IndexedTar::IndexedTar(std::unique_ptr<const ByteSource> bytes, std::filesystem:
     fail("index", std::to_string(packed) + " bytes at " + std::to_string(offset),
          "lies beyond the end of the file");
   const auto index = unxz_at_most(kMostIndexBytes, bytes_->read(offset, packed));
-  const nlohmann::json all =
-      index ? nlohmann::json::from_cbor(*index, /*strict=*/true, /*allow_exceptions=*/false)
-            : nlohmann::json(nlohmann::json::value_t::discarded);
-  if (all.is_discarded()) fail("index", "", "is damaged");
-  const JsonField root(all, path_);
-  const JsonField items = root.at("items"), offsets = root.at("offset_datas"),
-                  sizes = root.at("sizes");
-  if (!items.json().is_array() || offsets.size() != items.size() || sizes.size() != items.size())
+  IndexParser parsed;
+  if (!index || !nlohmann::json::sax_parse(*index, &parsed, nlohmann::json::input_format_t::cbor))
+    fail("index", "", "is damaged");
+  if (parsed.offsets.size() != parsed.items.size() || parsed.sizes.size() != parsed.items.size())
     fail("index", "", "must have as many names as places and sizes");
-  for (std::size_t i = 0; i < items.size(); ++i) {
-    const std::int64_t at = offsets.at(i).integer(), bytes_of = sizes.at(i).integer();
-    if (at < 0 || bytes_of < 0 || std::uint64_t(at) > offset ||
-        std::uint64_t(bytes_of) > offset - std::uint64_t(at))
+  for (std::size_t i = 0; i < parsed.items.size(); ++i) {
+    const std::uint64_t at = parsed.offsets[i], bytes_of = parsed.sizes[i];
+    if (at > offset || bytes_of > offset - at)
       fail("sizes[" + std::to_string(i) + "]", std::to_string(bytes_of), "lies beyond the index");
-    members_[items.at(i).string()] = {std::uint64_t(at), std::uint64_t(bytes_of)};
+    members_[parsed.items[i]] = {at, bytes_of};
   }
 }
 

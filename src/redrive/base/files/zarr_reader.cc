@@ -286,8 +286,10 @@ ZarrReader::Numbers ZarrReader::numbers(const std::string& array) const {
   std::vector<std::size_t> counts;
   for (std::size_t d = 0; d < layout.shape.size(); ++d)
     counts.push_back((layout.shape[d] + layout.chunk[d] - 1) / layout.chunk[d]);
-  if (Layout::product(counts) > kMostChunks)
-    fail(key, std::to_string(Layout::product(counts)) + " chunks", "must be at most 2^16");
+  const std::size_t chunks = Layout::product(counts);
+  if (chunks > kMostChunks) fail(key, std::to_string(chunks) + " chunks", "must be at most 2^16");
+  if (chunks > 1 && chunks > 4 * kMostValues / Layout::product(layout.chunk))
+    fail(key, std::to_string(chunks) + " chunks", "are too many of this size");
   std::vector<std::size_t> place(counts.size());
   const std::size_t chunk_bytes = Layout::product(layout.chunk) * layout.item;
   do {

@@ -89,9 +89,10 @@ inline RasterBounds raster_bounds(const GaussianCamera& camera) {
   const auto [top, bottom] = std::ranges::minmax(camera.centres.v);
   return {left, right, top, bottom};
 }
-/// Returns the u or v of the pose from which the search for a Gaussian's own pose starts.
-inline float first_line(const GaussianCamera& camera, const RasterBounds& bounds) {
-  return camera.by_column ? 0.5f * (bounds.left + bounds.right)
+/// Returns the u or v of the pose from which the search for a Gaussian's own pose starts; by column
+/// the middle of the whole image, so that windows agree.
+inline float first_line(const GaussianCamera& camera) {
+  return camera.by_column ? 0.5f * camera.image_rows - camera.first_row - 0.5f
                           : 0.5f * static_cast<float>(camera.camera.height);
 }
 

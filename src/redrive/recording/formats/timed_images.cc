@@ -93,7 +93,7 @@ namespace {
 
 /// Sets time offsets of cameras that are triggered together; others run freely, each image with a
 /// frame of its own.
-void set_offsets(std::vector<TimedImages>* cameras) {
+void set_offsets(std::int64_t same_ns, std::vector<TimedImages>* cameras) {
   std::vector<double> steps;
   const std::vector<FrameFile>& first = cameras->front().images;
   for (std::size_t i = 1; i < first.size(); ++i)
@@ -111,8 +111,7 @@ void set_offsets(std::vector<TimedImages>* cameras) {
         least = std::min(least, static_cast<double>(t_ns - (after - 1)->frame_id));
       apart.push_back(least);
     }
-    if (apart.empty() || upper_median(std::move(apart)) > double(kSameImage_ns))
-      camera.offset_ns = 0;
+    if (apart.empty() || upper_median(std::move(apart)) > double(same_ns)) camera.offset_ns = 0;
   }
 }
 
@@ -146,7 +145,7 @@ void add_timed_cameras(const std::vector<FramePose>& poses, const std::filesyste
   std::ranges::stable_sort(cameras, std::ranges::greater{}, [&](const TimedImages& camera) {
     return std::pair(camera.images.size(), count_at_poses(camera, poses));
   });
-  set_offsets(&cameras);
+  set_offsets(same_ns, &cameras);
   recording->frames = join_frames(poses, file, &cameras, &recording->damaged, same_ns);
   leave_out_unposed(poses, recording);
   const DamagedList damaged{"poses", &recording->damaged};

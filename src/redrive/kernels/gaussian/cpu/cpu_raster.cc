@@ -42,8 +42,8 @@ void sort_by_distance(std::uint64_t* keys, std::uint64_t* memory, std::size_t n)
   }
 }
 
-Segment make_segment(const GaussianCamera& camera, const RasterBounds& bounds,
-                     std::span<const PlainPose> poses, std::size_t begin, std::size_t end) {
+Segment make_segment(const GaussianCamera& camera, std::span<const PlainPose> poses,
+                     std::size_t begin, std::size_t end) {
   Segment segment{.begin = begin, .end = end, .shutter = {}, .keys = {}};
   segment.keys = shutter_keys(poses);
   ShutterKeys& shutter = segment.shutter;
@@ -52,7 +52,7 @@ Segment make_segment(const GaussianCamera& camera, const RasterBounds& bounds,
   for (int k = 0; k < 9 && !poses.empty(); ++k)
     shutter.rotation[k] = static_cast<float>(poses[0].rotation[3 * (k % 3) + k / 3]);
   shutter.by_column = camera.by_column;
-  shutter.first = first_line(camera, bounds);
+  shutter.first = first_line(camera);
   shutter.row_scale = static_cast<float>(shutter.n - 1) / camera.image_rows;
   shutter.row_offset = (camera.first_row + 0.5f) * shutter.row_scale;
   return segment;
@@ -261,7 +261,7 @@ void CpuRaster::set_grid() {
   grid_.along_v = tile_axis(low_v, high_v, tiles_y);
 }
 
-void CpuRaster::set_segments(const RasterBounds& bounds) {
+void CpuRaster::set_segments() {
   const GaussianCamera& camera = camera_;
   const std::size_t blocks = gaussian_blocks(gaussians_.n);
   segments_.clear();
@@ -269,10 +269,10 @@ void CpuRaster::set_segments(const RasterBounds& bounds) {
   const auto begin_of = [&](std::size_t part) {
     return part < camera.parts.size() ? camera.parts[part].first_block : blocks;
   };
-  segments_.push_back(make_segment(camera, bounds, camera.world_from_camera, 0, begin_of(0)));
+  segments_.push_back(make_segment(camera, camera.world_from_camera, 0, begin_of(0)));
   for (std::size_t part = 0; part < camera.parts.size(); ++part)
-    segments_.push_back(make_segment(camera, bounds, camera.parts[part].part_from_camera,
-                                     begin_of(part), begin_of(part + 1)));
+    segments_.push_back(make_segment(camera, camera.parts[part].part_from_camera, begin_of(part),
+                                     begin_of(part + 1)));
 }
 
 void CpuRaster::project() {
@@ -282,7 +282,7 @@ void CpuRaster::project() {
   grown(&visible_, blocks);
   grown(&keys_, blocks * kGaussianBlock);
   const RasterBounds bounds = raster_bounds(camera_);
-  set_segments(bounds);
+  set_segments();
   ProjectionJob job;
   job.camera = camera_.camera;
   job.gaussians = gaussians_.numbers.data();

@@ -52,7 +52,7 @@ class CpuRaster final : public HostRaster {
   /// Sets grid_.
   void set_grid();
   /// Sets segments_: the world, then the parts.
-  void set_segments(const RasterBounds& bounds);
+  void set_segments();
   /// Sets records_, visible_, keys_ and n_visible_.
   void project();
   /// Sets pairs_, by tile and in each by distance, and first_.

@@ -133,7 +133,7 @@ struct RefRaster final : HostRaster {
       Drawn d{.id = id, .part = part};
       for (int row = 0; row < kDistanceRow; ++row)
         d.rows[row] = static_cast<double>(gaussians.numbers[gaussian_slot(id, row)]);
-      d.at.mean[camera.by_column ? 0 : 1] = double(first_line(camera, bounds));
+      d.at.mean[camera.by_column ? 0 : 1] = double(first_line(camera));
       const int iterations = poses.size() > 1 ? 3 : 1;
       bool seen = true;
       for (int i = 0; i < iterations; ++i) {

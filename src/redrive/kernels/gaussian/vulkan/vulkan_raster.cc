@@ -68,7 +68,7 @@ void set_camera(const GaussianCamera& from, const RasterSize& size, ShaderParame
   p->n_keys = static_cast<std::uint32_t>(n_keys);
   p->by_column = from.by_column;
   p->bounds_means = !from.centres.u.empty();
-  p->first_line = first_line(from, bounds);
+  p->first_line = first_line(from);
   p->row_scale = static_cast<float>(n_keys - 1) / from.image_rows;
   p->row_offset = (from.first_row + 0.5f) * p->row_scale;
   p->pixels = bounds;

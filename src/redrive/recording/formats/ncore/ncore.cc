@@ -113,7 +113,12 @@ void add_cameras(const SequenceParts& sequence, const std::vector<FramePose>& po
       // NCore exposes line v of h at start + v / (h - 1) of the frame's time.
       const int lines = calibration.readout_by_column ? calibration.width : calibration.height;
       calibration.readout_ns = direction * calibration.readout_ns * lines / std::max(1, lines - 1);
-      masks[sensor.name] = find_mask(sequence, sensor.name, contents, &recording->findings);
+      masks[sensor.name] = {};
+      try {
+        masks[sensor.name] = find_mask(sequence, sensor.name, contents, &recording->findings);
+      } catch (const InputError& error) {
+        recording->findings.push_back({sensor.name, std::string("mask not used: ") + error.what()});
+      }
       calibrations[sensor.name] = calibration;
       cameras.push_back(std::move(images));
     } catch (const InputError& error) {
@@ -134,8 +139,13 @@ void add_lidars(const SequenceParts& sequence, Reader* reader, Recording* record
           {sensor.name, "not used: no fixed poses lead from the LiDAR to the rig"});
       continue;
     }
-    std::vector<FrameFile> scans =
-        reader->contents->add_scans(sensor, reader->places.size(), &recording->damaged);
+    std::vector<FrameFile> scans;
+    try {
+      scans = reader->contents->add_scans(sensor, reader->places.size(), &recording->damaged);
+    } catch (const InputError& error) {
+      recording->findings.push_back({sensor.name, std::string("left out: ") + error.what()});
+      continue;
+    }
     if (!scans.empty() && return_count(reader->contents->scan(scans.front().path)) > 1)
       recording->findings.push_back({sensor.name, "of each ray the first return is used"});
     recording->lidars.push_back({sensor.name, *place});
@@ -150,7 +160,12 @@ void add_boxes(const SequenceParts& sequence, const std::vector<FramePose>& pose
   const auto component = choose(sequence.components, "cuboids", findings);
   if (!component) return;
   std::vector<std::string> impossible;
-  std::vector<Cuboid> cuboids = read_cuboids(*component, sequence.poses, &impossible);
+  std::vector<Cuboid> cuboids;
+  try {
+    cuboids = read_cuboids(*component, sequence.poses, &impossible);
+  } catch (const InputError& error) {
+    findings->push_back({"boxes", std::string("none: ") + error.what()});
+  }
   if (!impossible.empty())
     findings->push_back({"boxes", counted(impossible.size(), "cuboid") +
                                       " without a size, a place, a time or a name, left out: " +

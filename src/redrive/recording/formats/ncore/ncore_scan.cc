@@ -54,6 +54,10 @@ std::vector<LidarPoint> read_scan(const Contents::Scan& scan, const Rigid3d& bod
                                   std::size_t* left_out) {
   const std::string returns = "ray_bundle_returns/", bundle = "ray_bundle/";
   const std::size_t n = ray_count(scan), echoes = return_count(scan);
+  const auto says = [&](const char* group, const char* attribute) {
+    return scan.store->attributes(scan.group + "/" + group).contains(attribute);
+  };
+  if (n == 0 && says("ray_bundle", "n_rays")) return {};
   if (n == 0 || echoes == 0)
     throw InputError(scan.store->path(), scan.group, "", "does not say its rays and returns");
   const std::vector<double> directions = array_of(scan, bundle + "direction", 0, n, 3),
@@ -93,7 +97,7 @@ std::vector<LidarPoint> read_scan(const Contents::Scan& scan, const Rigid3d& bod
       LidarPoint point;
       point.in_body_m = (body_from_lidar * (ranges_m[k] * direction)).cast<float>();
       point.intensity = intensity_in_16_bits(static_cast<float>(intensity));
-      if (!elements.empty() && elements[2 * i] < kNoRing)
+      if (!elements.empty() && elements[2 * i] >= 0 && elements[2 * i] < kNoRing)
         point.ring = static_cast<std::uint8_t>(elements[2 * i]);
       point.t_ns = 1000 * static_cast<std::int64_t>(times_us[i]);
       points.push_back(point);

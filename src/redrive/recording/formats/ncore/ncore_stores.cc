@@ -35,19 +35,25 @@ std::vector<fs::path> find_stores(Recording* recording) {
   for (const fs::path& file : list_folder(root)) {
     if (is_store_name(file)) stores.push_back(file);
     if (!has_extension(file, {".json"}) || is_folder(file)) continue;
-    const auto listed = listed_stores(file);
+    std::optional<std::vector<std::string>> listed;
+    try {
+      listed = listed_stores(file);
+    } catch (const InputError& error) {
+      recording->findings.push_back({file.filename().string(), error.what()});
+    }
     if (!listed) continue;
     if (!lists.empty())
       throw InputError(root, "", "",
                        "has several sequences: " + lists.front().filename().string() + " and " +
                            file.filename().string());
     lists.push_back(file);
-    for (const std::string& path : *listed) {
-      if (lies_outside(root / path, root)) recording->outside_file = root / path;
-      if (!is_there(root / path))
-        missing.push_back(path);
-      else if (std::ranges::find(stores, root / path) == stores.end())
-        stores.push_back(root / path);
+    for (const std::string& text : *listed) {
+      const fs::path path = root / fs::path(text).lexically_normal();
+      if (lies_outside(path, root)) recording->outside_file = path;
+      if (!is_there(path))
+        missing.push_back(text);
+      else if (std::ranges::find(stores, path) == stores.end())
+        stores.push_back(path);
     }
   }
   for (const fs::path& path : missing)
@@ -70,14 +76,14 @@ bool is_store_name(const fs::path& path) {
 Components open_components(Recording* recording) {
   Components components;
   std::string sequence;
-  std::vector<std::string> other_versions;
+  std::vector<std::string> other_versions, repeated;
   for (const fs::path& path : find_stores(recording)) {
     const auto store = std::make_shared<const ZarrReader>(path);
     const nlohmann::json about = store->attributes("");
     const JsonField root(about, path / ".zattrs");
     if (root.at("version").string() != "v4") root.at("version").fail("must be v4");
     const std::string id = root.at("sequence_id").string();
-    if (components.empty()) sequence = id;
+    if (sequence.empty()) sequence = id;
     if (id != sequence)
       root.at("sequence_id").fail("is another sequence than the one beside it, " + sequence);
     for (const std::string& kind : store->names(""))
@@ -88,12 +94,19 @@ Components open_components(Recording* recording) {
             attributes.contains("component_version") && attributes["component_version"].is_string()
                 ? attributes["component_version"].get<std::string>()
                 : "";
-        if (version == "v1")
-          components[kind].push_back(component);
-        else
+        std::vector<Component>& of_kind = components[kind];
+        if (version != "v1")
           other_versions.push_back(component.path + " (" + version + ")");
+        else if (std::ranges::find(of_kind, name, &Component::name) != of_kind.end())
+          repeated.push_back(component.path + " of " + path.filename().string());
+        else
+          of_kind.push_back(component);
       }
   }
+  std::erase_if(components, [](const auto& kind) { return kind.second.empty(); });
+  if (!repeated.empty())
+    recording->findings.push_back(
+        {"components", "not used, another store has them: " + first_few(repeated)});
   if (components.empty())
     throw InputError(recording->root, "", "", "has no store with a component of version v1");
   if (!other_versions.empty())

@@ -37,6 +37,7 @@ fs::path segment_of(const fs::path& root) {
   std::vector<fs::path> files;
   for (const fs::path& path : list_folder(root))
     if (is_segment(path)) files.push_back(path);
+  if (files.empty()) throw InputError(root, "", "", "has no segment that is not hidden");
   if (files.size() > 1)
     throw InputError(root, "", "",
                      "has " + std::to_string(files.size()) + " segments: give one of them, " +
@@ -85,9 +86,9 @@ class Reader : public RecordingReader {
     return read_scan(contents->bytes(), scan.image, context.lasers.at(scan.image.laser),
                      scan.revolution, poses, file.path, left_out);
   }
-  /// Sizes are known once an image is unpacked.
   std::uint64_t lidar_point_count(const FrameFile& file) const override {
-    return contents->scan(file.path).image.first.size();
+    const Contents::Scan& scan = contents->scan(file.path);
+    return scan.image.first.size() == 0 ? 0 : pixels.at(scan.image.laser);
   }
   std::vector<Box> read_boxes(const FrameFile& file) const override {
     return boxes.at(file.frame_id);
@@ -96,8 +97,24 @@ class Reader : public RecordingReader {
   std::shared_ptr<Contents> contents;
   Context context;
   std::vector<FramePose> poses;
+  std::map<int, std::uint64_t> pixels;             ///< pixels of a laser's range images, by laser
   std::map<std::int64_t, std::vector<Box>> boxes;  ///< key: frame; for Recording::box_files
 };
+
+/// Returns the calibrations of the first frame that has them. InputError if none of a few has.
+Context first_context(const ByteSource& bytes, const std::vector<ByteSpan>& records,
+                      const fs::path& file, std::vector<Finding>* findings) {
+  constexpr std::size_t kLooked = 10;
+  for (std::size_t i = 0; i < std::min(kLooked, records.size()); ++i) try {
+      std::vector<Finding> found;
+      Context context = parse_context(bytes, records[i], file, &found);
+      if (context.cameras.empty()) continue;
+      findings->insert(findings->end(), found.begin(), found.end());
+      return context;
+    } catch (const InputError&) {  // named when its frame is read
+    }
+  throw InputError(file, "context.camera_calibrations", "", "the first frames have none");
+}
 
 /// Reads the frames that can be; `id` of a record is its place in the file.
 std::vector<std::pair<std::int64_t, Frame>> read_frames(const ByteSource& bytes,
@@ -115,7 +132,7 @@ std::vector<std::pair<std::int64_t, Frame>> read_frames(const ByteSource& bytes,
                                 &recording->damaged);
       if (frame.context_name != context_name)
         throw InputError(file, "context.name", frame.context_name,
-                         "the first frame is of " + context_name);
+                         "other frames are of " + context_name);
       zones += frame.no_label_zones > 0;
       frames.emplace_back(id, std::move(frame));
     });
@@ -188,10 +205,21 @@ void add_cameras(const fs::path& file, const std::vector<std::pair<std::int64_t,
                     kOneFrame_ns, recording);
 }
 
+/// Number of pixels of a range image; 1 for a damaged one, which is named when it is read.
+std::uint64_t pixel_count(const ByteSource& bytes, const RangeImage& image, const fs::path& path) {
+  try {
+    const Matrix matrix = parse_matrix(bytes, image.first, path, laser_name(image.laser));
+    return std::max<std::uint64_t>(1, matrix.values.size() / std::uint64_t(matrix.dims.back()));
+  } catch (const InputError&) {
+    return 1;
+  }
+}
+
 void add_lidars(const std::vector<std::pair<std::int64_t, Frame>>& frames, Reader* reader,
                 Recording* recording) {
   std::map<int, std::vector<FrameFile>> scans;
   bool has_second = false;
+  std::size_t without_first = 0;
   for (std::size_t i = 0; i < frames.size(); ++i) {
     const auto& [id, frame] = frames[i];
     const std::int64_t next_ns =
@@ -199,11 +227,16 @@ void add_lidars(const std::vector<std::pair<std::int64_t, Frame>>& frames, Reade
     const Revolution revolution{frame.t_ns, std::min(next_ns, frame.t_ns + 2 * kRevolution_ns),
                                 frame.world_from_body};
     for (const RangeImage& image : frame.range_images) {
-      if (image.first.size() == 0) continue;
+      if (image.first.size() == 0) {
+        ++without_first;
+        continue;
+      }
       char number[24];
       std::snprintf(number, sizeof number, "%06lld.range", static_cast<long long>(id));
       const fs::path path = recording->root / laser_name(image.laser) / number;
       reader->contents->add(path, Contents::Scan{image, revolution});
+      std::uint64_t& pixels = reader->pixels[image.laser];
+      if (pixels == 0) pixels = pixel_count(reader->contents->bytes(), image, path);
       scans[image.laser].push_back({frame.t_ns + kRevolution_ns / 2, path});
       has_second |= image.has_second;
     }
@@ -219,6 +252,9 @@ void add_lidars(const std::vector<std::pair<std::int64_t, Frame>>& frames, Reade
     recording->lidars.push_back({name, reader->context.lasers.at(laser).body_from_laser});
     add_timed_scans(std::move(files), name, recording);
   }
+  if (without_first > 0)
+    recording->findings.push_back(
+        {"lidar", counted(without_first, "scan") + " without a range image of first returns"});
   if (has_second) recording->findings.push_back({"lidar", "of each ray the first return is used"});
 }
 
@@ -257,7 +293,7 @@ bool looks_like(const fs::path& root) {
   std::error_code error;
   fs::directory_iterator it(root, error);
   for (const fs::directory_iterator end; !error && it != end; it.increment(error))
-    if (is_segment(it->path())) return true;
+    if (is_segment(it->path()) && !it->path().filename().native().starts_with('.')) return true;
   return false;
 }
 
@@ -271,7 +307,7 @@ Recording open(const fs::path& root, PoseSource source) {
   const std::vector<ByteSpan> records = list_records(*bytes, file, &recording.damaged);
   if (records.empty()) throw InputError(file, "", "", "has no frame");
   const auto reader = std::make_shared<Reader>();
-  reader->context = parse_context(*bytes, records.front(), file, &recording.findings);
+  reader->context = first_context(*bytes, records, file, &recording.findings);
   const auto frames = read_frames(*bytes, records, file, reader->context.name, &recording);
   if (frames.empty()) throw InputError(file, "", "", "has no frame with a pose");
   reader->poses = all_poses(frames);

@@ -212,7 +212,7 @@ TEST_F(Waymo, FilesThatAreCutOrOthers) {
 
 TEST_F(Waymo, NamesWhatCannotBe) {
   made_.frames[1].mutable_context()->set_name("other");
-  EXPECT_THAT(opened().damaged, damaged("frames", "the first frame is of made"));
+  EXPECT_THAT(opened().damaged, damaged("frames", "other frames are of made"));
   made_ = {};
   made_.frames[0]
       .mutable_context()
