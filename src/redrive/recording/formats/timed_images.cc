@@ -136,6 +136,21 @@ void leave_out_unposed(const std::vector<FramePose>& poses, Recording* recording
 
 }  // namespace
 
+void add_posed_cameras(std::vector<TimedImages> cameras,
+                       const std::map<std::string, CameraCalibration>& calibrations,
+                       Recording* recording) {
+  for (TimedImages& camera : cameras) {
+    CameraCalibration calibration = calibrations.at(camera.camera);
+    calibration.time_offset_ns = camera.offset_ns;
+    std::vector<ImageFile> images = images_with_poses(std::move(camera.images), camera.camera,
+                                                      recording->frames, &recording->findings);
+    if (!images.empty()) recording->cameras.push_back({calibration, std::move(images)});
+  }
+  std::ranges::sort(recording->cameras, {},
+                    [](const RecordedCamera& camera) { return camera.calibration.name; });
+  require_cameras(*recording);
+}
+
 void add_timed_cameras(const std::vector<FramePose>& poses, const std::filesystem::path& file,
                        const PoseFields& fields, std::vector<TimedImages> cameras,
                        const std::map<std::string, CameraCalibration>& calibrations,
@@ -150,16 +165,7 @@ void add_timed_cameras(const std::vector<FramePose>& poses, const std::filesyste
   leave_out_unposed(poses, recording);
   const DamagedList damaged{"poses", &recording->damaged};
   leave_out_impossible(file, fields, &damaged, &recording->frames);
-  for (TimedImages& camera : cameras) {
-    CameraCalibration calibration = calibrations.at(camera.camera);
-    calibration.time_offset_ns = camera.offset_ns;
-    std::vector<ImageFile> images = images_with_poses(std::move(camera.images), camera.camera,
-                                                      recording->frames, &recording->findings);
-    if (!images.empty()) recording->cameras.push_back({calibration, std::move(images)});
-  }
-  std::ranges::sort(recording->cameras, {},
-                    [](const RecordedCamera& camera) { return camera.calibration.name; });
-  require_cameras(*recording);
+  add_posed_cameras(std::move(cameras), calibrations, recording);
 }
 
 void add_timed_scans(std::vector<FrameFile> scans, const std::string& lidar, Recording* recording) {

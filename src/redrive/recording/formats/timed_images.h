@@ -43,6 +43,12 @@ std::vector<FramePose> join_frames(const std::vector<FramePose>& poses,
 /// Returns the frame that is nearest in time; `frames`: at least one.
 const FramePose& nearest_frame(const std::vector<FramePose>& frames, std::int64_t t_ns);
 
+/// Adds cameras whose images have frames in `recording`. `calibrations`: all cameras', keyed by
+/// name. InputError if no image is left.
+void add_posed_cameras(std::vector<TimedImages> cameras,
+                       const std::map<std::string, CameraCalibration>& calibrations,
+                       Recording* recording);
+
 /// Adds frames and cameras of a rig of any kind: cameras that are triggered together share frames,
 /// others run freely, each image with a frame of its own. Frames further than 0.25 s from a pose
 /// are left out. `calibrations`: all cameras', keyed by name. `same_ns`: as join_frames has it.

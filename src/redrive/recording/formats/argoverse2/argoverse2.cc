@@ -98,16 +98,7 @@ void add_cameras(const fs::path& root, const std::vector<FramePose>& poses,
   const DamagedList damaged{"poses", &recording->damaged};
   leave_out_impossible(root / kPoses, {"timestamp_ns", "tx_m, ty_m, tz_m"}, &damaged,
                        &recording->frames);
-  for (TimedImages& camera : cameras) {
-    CameraCalibration calibration = calibrations.at(camera.camera);
-    calibration.time_offset_ns = camera.offset_ns;
-    std::vector<ImageFile> images = images_with_poses(std::move(camera.images), camera.camera,
-                                                      recording->frames, &recording->findings);
-    if (!images.empty()) recording->cameras.push_back({calibration, std::move(images)});
-  }
-  std::ranges::sort(recording->cameras, {},
-                    [](const RecordedCamera& camera) { return camera.calibration.name; });
-  require_cameras(*recording);
+  add_posed_cameras(std::move(cameras), calibrations, recording);
 }
 
 void add_scans(const fs::path& root, const std::map<std::string, Rigid3d>& extrinsics,
