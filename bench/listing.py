@@ -4,8 +4,9 @@
 
     bench/listing.py build/release/redrive FOLDER [FRAMES]
 
-Writes FOLDER/aimotive, FOLDER/kitti and FOLDER/nuscenes unless they are there. Each has all its
-cameras: four, two and six. Prints the median of five runs.
+Writes FOLDER/aimotive, FOLDER/kitti, FOLDER/nuscenes and FOLDER/bag unless they are there. Each has
+all its cameras: four, two, six and five. The bag, an MCAP, has 50 GB of images and scans as holes of
+a sparse file. Prints the median of five runs.
 """
 import json
 import math
@@ -139,6 +140,141 @@ def write_nuscenes(root, frames):
         write(root / f"v1.0-mini/{name}.json", json.dumps(records, indent=0))
 
 
+class Cdr:
+    """The bytes of a ROS 2 message, little-endian."""
+
+    def __init__(self):
+        self.bytes = bytearray(b"\0\1\0\0")
+
+    def add(self, kind, *values):
+        size = struct.calcsize(kind)
+        for value in values:
+            self.bytes += bytes(-(len(self.bytes) - 4) % size) + struct.pack("<" + kind, value)
+        return self
+
+    def text(self, text):
+        self.add("I", len(text) + 1)
+        self.bytes += text.encode() + b"\0"
+        return self
+
+    def header(self, t_ns, frame):
+        return self.add("i", t_ns // 10**9).add("I", t_ns % 10**9).text(frame)
+
+
+class Mcap:
+    """A file in chunks of 4 MB without compression and CRC; holes stand for what nobody reads."""
+
+    def __init__(self, path):
+        path.parent.mkdir(parents=True)
+        self.file = open(path, "wb")
+        self.file.write(b"\x89MCAP0\r\n")
+        self.record(1, self.text("ros2") + self.text(""))
+        self.channels, self.chunks, self.messages = [], [], 0
+        self.parts, self.size, self.index = [], 0, {}
+
+    @staticmethod
+    def text(text):
+        return struct.pack("<I", len(text)) + text.encode()
+
+    def record(self, opcode, content):
+        self.file.write(struct.pack("<BQ", opcode, len(content)) + content)
+
+    def channel(self, topic, kind):
+        number = len(self.channels) + 1
+        schema = struct.pack("<H", number) + self.text(kind) + self.text("") + self.text("")
+        self.channels.append(((3, schema), (4, struct.pack("<HH", number, number) + self.text(topic)
+                                            + self.text("cdr") + self.text(""))))
+        return number
+
+    def message(self, channel, t_ns, head, hole=0):
+        """`hole`: bytes behind `head`."""
+        self.index.setdefault(channel, []).append((t_ns, self.size))
+        start = struct.pack("<BQHIQQ", 5, 22 + len(head) + hole, channel, 0, t_ns, t_ns) + head
+        self.parts.append((start, hole))
+        self.size += len(start) + hole
+        self.messages += 1
+        if self.size > 4_000_000:
+            self.end_chunk()
+
+    def end_chunk(self):
+        if not self.size:
+            return
+        start = self.file.tell()
+        length = 8 + 8 + 8 + 4 + 4 + 8 + self.size
+        self.file.write(struct.pack("<BQQQQIIQ", 6, length, 0, 0, self.size, 0, 0, self.size))
+        for head, hole in self.parts:
+            self.file.write(head)
+            self.file.seek(hole, 1)
+        offsets, index_start = {}, self.file.tell()
+        for channel, entries in self.index.items():
+            offsets[channel] = self.file.tell()
+            packed = b"".join(struct.pack("<QQ", *entry) for entry in entries)
+            self.record(7, struct.pack("<HI", channel, len(packed)) + packed)
+        packed = b"".join(struct.pack("<HQ", *item) for item in offsets.items())
+        self.chunks.append(struct.pack("<QQQQI", 0, 0, start, 9 + length, len(packed)) + packed
+                           + struct.pack("<Q", self.file.tell() - index_start) + self.text("")
+                           + struct.pack("<QQ", self.size, self.size))
+        self.parts, self.size, self.index = [], 0, {}
+
+    def finish(self):
+        self.end_chunk()
+        self.record(15, struct.pack("<I", 0))
+        start = self.file.tell()
+        for schema, channel in self.channels:
+            self.record(*schema)
+            self.record(*channel)
+        for chunk in self.chunks:
+            self.record(8, chunk)
+        self.record(11, struct.pack("<QHIIIIQQI", self.messages, len(self.channels),
+                                    len(self.channels), 0, 0, len(self.chunks), 0, 0, 0))
+        self.record(2, struct.pack("<QQI", start, 0, 0))
+        self.file.write(b"\x89MCAP0\r\n")
+        self.file.close()
+
+
+def write_bag(root, frames, total_bytes=50 * 10**9):
+    bag = Mcap(root / "drive.mcap")
+    cameras = ["front", "left", "right", "rear", "top"]
+    hole = total_bytes // (frames * (len(cameras) + 1))
+    side = int(math.sqrt(hole / 3))
+    images = [bag.channel(f"/{c}/image_raw", "sensor_msgs/msg/Image") for c in cameras]
+    infos = [bag.channel(f"/{c}/camera_info", "sensor_msgs/msg/CameraInfo") for c in cameras]
+    scans = bag.channel("/lidar/points", "sensor_msgs/msg/PointCloud2")
+    tf, tf_static = (bag.channel(name, "tf2_msgs/msg/TFMessage") for name in ("/tf", "/tf_static"))
+
+    def transforms(t_ns, links):
+        out = Cdr().add("I", len(links))
+        for parent, child, place, turn in links:
+            out.header(t_ns, parent).text(child).add("d", *place, *turn)
+        return bytes(out.bytes)
+
+    ahead = [-0.5, 0.5, -0.5, 0.5]
+    bag.message(tf_static, 10**18, transforms(10**18, [
+        ("base_link", c, [1.5, 0.1 * i, 1.4], ahead) for i, c in enumerate(cameras)] + [
+        ("base_link", "lidar", [1, 0, 1.8], [0, 0, 0, 1])]))
+    for f in range(frames):
+        t_ns = 10**18 + 10**8 * f
+        for _ in range(5):
+            bag.message(tf, t_ns, transforms(t_ns, [("map", "base_link", [8e-9 * (t_ns - 10**18), 0, 0],
+                                                     [0, 0, 0, 1])]))
+            t_ns += 2 * 10**7
+        t_ns -= 10**8
+        for camera, image, info in zip(cameras, images, infos):
+            head = Cdr().header(t_ns, camera).add("I", side, side).text("rgb8").add("B", 0)
+            head.add("I", 3 * side, 3 * side * side)
+            bag.message(image, t_ns, bytes(head.bytes), 3 * side * side)
+            out = Cdr().header(t_ns, camera).add("I", side, side).text("plumb_bob").add("I", 5)
+            out.add("d", *[0] * 5, side, 0, side / 2, 0, side, side / 2, 0, 0, 1, *[0] * 21)
+            bag.message(info, t_ns, bytes(out.add("I", *[0] * 6).add("B", 0).bytes))
+        points = hole // 32
+        head = Cdr().header(t_ns, "lidar").add("I", 1, points, 4)
+        for i, name in enumerate(("x", "y", "z", "intensity")):
+            head.text(name).add("I", 4 * i).add("B", 7).add("I", 1)
+        head.add("B", 0).add("I", 32, 32 * points, 32 * points)
+        bag.message(scans, t_ns, bytes(head.bytes), 32 * points + 1)
+    bag.finish()
+
+
 def main():
     program, folder = sys.argv[1], pathlib.Path(sys.argv[2])
     frames = int(sys.argv[3]) if len(sys.argv) > 3 else 10_000
@@ -146,6 +282,7 @@ def main():
         folder / "aimotive": write_aimotive,
         folder / "kitti/2011_09_26_drive_0001_sync": write_kitti,
         folder / "nuscenes": write_nuscenes,
+        folder / "bag": write_bag,
     }
     for recording, make in recordings.items():
         if not recording.exists():

@@ -128,7 +128,7 @@ class EndToEndNuScenes : public EndToEnd {
           }
           const std::array<float, 5> record = {in_lidar.x(), in_lidar.y(), in_lidar.z(),
                                                column[ring] ? 20.0f : 0.0f,
-                                               static_cast<float>(ring)};
+                                               static_cast<float>(32 - column.size() + ring)};
           bytes.append(reinterpret_cast<const char*>(record.data()), sizeof record);
         }
       }

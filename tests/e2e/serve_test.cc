@@ -253,6 +253,31 @@ TEST_F(ServeTest, RendersFThetaLenses) {
       most = std::max(most, std::abs(int{image.rgb[i]} - int{expected.rgb[i]}));
     EXPECT_LE(most, 1) << reference;
   }
+  // A glass that leaves rays as they are, or turns them by a pixel, within 50 degrees from the
+  // axis.
+  sensorsim::Windshield* const glass = lens->mutable_bivariate_windshield_model_param();
+  for (const double k : {0.0, 1.0, 0.0}) glass->add_horizontal_poly(k);
+  for (const double k : {0.0, 0.0, 1.0}) glass->add_vertical_poly(k);
+  const auto difference = [&](const Image8& image) {
+    constexpr double kMost_rad = 0.87;
+    double sum = 0, n = 0;
+    for (int y = 0; y < image.height; ++y)
+      for (int x = 0; x < image.width; ++x) {
+        if (std::hypot(x + 0.5 - cx, y + 0.5 - cy) > kMost_rad * kFocal_px) continue;
+        for (int k = 0; k < 3; ++k, ++n) {
+          const auto i = static_cast<std::size_t>(3 * (y * image.width + x) + k);
+          sum += std::abs(int{image.rgb[i]} - int{expected.rgb[i]});
+        }
+      }
+    return sum / n;
+  };
+  EXPECT_LT(difference(rendered(request)), 0.1);
+  glass->set_horizontal_poly(0, 1 / kFocal_px);
+  EXPECT_GT(difference(rendered(request)), 1);
+  glass->mutable_horizontal_poly()->RemoveLast();
+  std::string bytes;
+  EXPECT_THAT(render(request, &bytes).error_message(),
+              HasSubstr("bivariate_windshield_model_param.horizontal_poly = 2 numbers"));
 }
 
 TEST_F(ServeTest, RefusesByName) {

@@ -60,6 +60,11 @@ inline std::vector<ExampleCamera> example_cameras() {
   add("Khomutenko", "eucm", {0.6, 1.1}, 110, 112);
   add("Khomutenko, sphere's edge in the image", "eucm", {0.8, 0.9}, 70, 72);
   add("Khomutenko that sees ahead", "eucm", {0.3, 2}, 110, 110);
+  std::vector<double> glass(find_camera_model("ftheta_windshield")->typical.begin(),
+                            find_camera_model("ftheta_windshield")->typical.end());
+  add("windshield", "ftheta_windshield", glass, 175, 172);
+  glass[6] = -0.6;  // h_20
+  add("windshield fold in the image", "ftheta_windshield", glass, 120, 120);
   for (const CameraModelInfo& model : camera_models())
     add("typical " + std::string(model.name), model.name,
         {model.typical.begin(), model.typical.end()}, 250, 240);

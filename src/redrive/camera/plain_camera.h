@@ -14,7 +14,7 @@ namespace redrive {
 struct Camera;
 
 struct PlainCamera {
-  static constexpr int kMostNumbers = 8, kSpherical = -1;
+  static constexpr int kMostNumbers = 29, kSpherical = -1;
 
   int model = 0;                         ///< index into CameraModel; kSpherical: SphericalCamera
   bool perspective = true;               ///< whether the model sees only what is in front of it

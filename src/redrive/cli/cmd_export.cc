@@ -173,6 +173,10 @@ int export_aimotive(const ExportCommandOptions& options) {
   return export_drive(options, write_aimotive);
 }
 
+int export_nuscenes(const ExportCommandOptions& options) {
+  return export_drive(options, write_nuscenes);
+}
+
 int export_ncore(const ExportCommandOptions& options) { return export_drive(options, write_ncore); }
 
 int export_ply(const ExportCommandOptions& options) {
@@ -326,6 +330,10 @@ constexpr Format kFormats[] = {
      "a folder with a drive in aiMotive's layout: all cameras, poses, LiDAR and boxes (runs and "
      "recordings of drives)",
      export_aimotive},
+    {"nuscenes",
+     "a folder with a scene in nuScenes' layout: all cameras as pinholes, poses, LiDAR and boxes "
+     "(runs and recordings of drives)",
+     export_nuscenes},
     {"ncore",
      "a folder with a sequence of NVIDIA's NCore, version 4, for NuRec, 3dgrut and gsplat: all "
      "cameras and LiDARs, poses and boxes (runs and recordings of drives)",

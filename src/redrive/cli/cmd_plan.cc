@@ -29,9 +29,9 @@ namespace {
 
 /// Options of train that change what it costs.
 constexpr const char* kPlannedOptions[] = {
-    "cameras",       "frames",    "downscale",   "holdout-every", "masks",      "method", "preset",
-    "max-gaussians", "max-steps", "max-seconds", "lidar-rays",    "set",        "memory", "backend",
-    "isa",           "device",    "threads",     "truth-poses",   "max-damaged"};
+    "cameras", "frames",        "downscale", "holdout-every", "train-every", "masks",      "method",
+    "preset",  "max-gaussians", "max-steps", "max-seconds",   "lidar-rays",  "set",        "memory",
+    "backend", "isa",           "device",    "threads",       "truth-poses", "max-damaged"};
 constexpr double kCalibrationPixels = 4e6;  // pixels to measure on: some seconds of work
 constexpr std::int64_t kLeastCalibrationImages = 6;
 
@@ -122,7 +122,7 @@ Run middle_of(const Run& whole, TrainOptions options, const Recording& recording
                      last = frames[std::size_t(before + n - 1)].id;
   options.frames = std::to_string(first) + ":" + std::to_string(last) + ":" +
                    std::to_string(parse_frame_range(options.frames).step);
-  options.holdout_every = 0;
+  options.holdout_every = options.train_every = 0;
   Run run = run_of(options, recording);
   std::erase_if(run.recording.lidar_files, [&](const FrameFile& file) {
     return file.frame_id < first || file.frame_id > last;

@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include <nlohmann/json.hpp>
 
@@ -40,7 +41,15 @@ struct DriveFormat {
                       const std::atomic<bool>& stop);
 };
 constexpr DriveFormat kDriveFormats[] = {{"aimotive", write_aimotive},
-                                         {"kitti360", write_kitti360}};
+                                         {"kitti360", write_kitti360},
+                                         {"nuscenes", write_nuscenes},
+                                         {"ncore", write_ncore}};
+
+std::vector<std::string> names_of_formats() {
+  std::vector<std::string> names;
+  for (const DriveFormat& format : kDriveFormats) names.emplace_back(format.name);
+  return names;
+}
 
 /// Values of --labels; each has those before, too.
 const std::vector<std::string> kLabels{"none", "masks", "flow", "guesses"};
@@ -145,8 +154,10 @@ Action configure_simulate(CLI::App& command) {
                   "drive (as driven), sideways:N (N metres to its left), speed:F (F times as fast "
                   "along the same way), or a file of poses, egomotion.json as align writes it")
       ->capture_default_str();
-  command.add_option("--to", options->format, "layout of the drive: aimotive or kitti360")
-      ->check(one_of("--to", {kDriveFormats[0].name, kDriveFormats[1].name}))
+  command
+      .add_option("--to", options->format,
+                  "layout of the drive: aimotive, kitti360, nuscenes or ncore")
+      ->check(one_of("--to", names_of_formats()))
       ->capture_default_str();
   command
       .add_option("--sensor", simulate.lidar.sensor,

@@ -37,7 +37,7 @@ OtherScene scene_of(const Run& run, const std::string& name, const EvalOptions& 
     throw UsageError("--cameras", name, "was trained on; eval without the option scores it");
   SceneOptions own = scene_options(run.options);
   own.cameras = {name};
-  own.holdout_every = 0;
+  own.holdout_every = own.train_every = 0;
   own.shown_only = false;  // keeps the run's frames
   own.frame_step = 1;
   const Scene made = make_scene(run.recording, own);

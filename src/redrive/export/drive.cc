@@ -6,6 +6,7 @@
 #include "redrive/base/error.h"
 #include "redrive/recording/core/frame_range.h"
 #include "redrive/recording/core/trajectory.h"
+#include "redrive/scene/lidar/lidar_returns.h"
 
 namespace redrive {
 
@@ -50,6 +51,26 @@ Rigid3d global_from_box_at(const Box& box, const std::vector<FramePose>& frames,
     pose.translation() +=
         1e-9 * static_cast<double>(t_ns - box.t_ns) * velocity_in_global(box, frames);
   return pose;
+}
+
+std::vector<LidarPoint> new_points(const Recording& drive, const FrameFile& scan,
+                                   const FrameFile* before, std::size_t* repeated) {
+  std::vector<LidarPoint> points = drive.read_lidar(scan);
+  if (!before) return points;
+  const std::vector<std::uint8_t> is_repeated = mark_repeated(points, drive.read_lidar(*before));
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < points.size(); ++i)
+    if (!is_repeated[i]) points[kept++] = points[i];
+  if (repeated) *repeated += points.size() - kept;
+  points.resize(kept);
+  return points;
+}
+
+Rigid3d spinning_axes(const Rigid3d& body_from_lidar) {
+  constexpr double kNear = 0.9;
+  if (body_from_lidar.linear()(0, 0) > kNear && body_from_lidar.linear()(2, 2) > kNear)
+    return body_from_lidar;
+  return Rigid3d(Eigen::Translation3d(body_from_lidar.translation()));
 }
 
 void note_not_of_drives(const Recording& drive, DriveNotes* notes) {

@@ -38,6 +38,15 @@ void add_photos(const RecordedCamera& camera, const Name& name, PhotoSet* set) {
 Eigen::Vector3d velocity_in_global(const Box& box, const std::vector<FramePose>& frames);
 Rigid3d global_from_box_at(const Box& box, const std::vector<FramePose>& frames, std::int64_t t_ns);
 
+/// Returns the points of a scan without those that the scan before has, too, and adds their number
+/// to `repeated`. `before`: null: there is none.
+std::vector<LidarPoint> new_points(const Recording& drive, const FrameFile& scan,
+                                   const FrameFile* before, std::size_t* repeated = nullptr);
+
+/// Returns axes for the points of a spinning LiDAR, x forward and z up: the sensor's own, or the
+/// body's at its place where these differ by more than 26 degrees.
+Rigid3d spinning_axes(const Rigid3d& body_from_lidar);
+
 /// Adds notes on what no format of drives has: other poses, novel views, LiDAR without a place.
 void note_not_of_drives(const Recording& drive, DriveNotes* notes);
 /// The same, with masks and all LiDARs but the first.
@@ -51,6 +60,11 @@ DriveNotes write_kitti360(const std::filesystem::path& folder, const Recording& 
 
 /// Writes aiMotive's layout (recording/formats/aimotive/aimotive.h). Throws as write_kitti360.
 DriveNotes write_aimotive(const std::filesystem::path& folder, const Recording& drive,
+                          ThreadPool& pool, const std::atomic<bool>& stop);
+
+/// Writes a scene of nuScenes' layout, DATA/v1.0-redrive and its files below DATA (`folder`), with
+/// all cameras as pinholes. Throws as write_kitti360.
+DriveNotes write_nuscenes(const std::filesystem::path& folder, const Recording& drive,
                           ThreadPool& pool, const std::atomic<bool>& stop);
 
 /// Writes a sequence of NVIDIA's NCore, version 4 (export/ncore/ncore_sequence.h), with all cameras

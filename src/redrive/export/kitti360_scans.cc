@@ -35,18 +35,6 @@ struct Counts {
   std::int64_t most_ns = 0;  ///< largest change of a point's time
 };
 
-std::vector<LidarPoint> new_points(const Recording& drive, const Scan& scan, Counts* counts) {
-  std::vector<LidarPoint> points = drive.read_lidar(scan.file);
-  if (!scan.before) return points;
-  const std::vector<std::uint8_t> repeated = mark_repeated(points, drive.read_lidar(*scan.before));
-  std::size_t kept = 0;
-  for (std::size_t i = 0; i < points.size(); ++i)
-    if (!repeated[i]) points[kept++] = points[i];
-  counts->repeated += points.size() - kept;
-  points.resize(kept);
-  return points;
-}
-
 /// Keeps for each frame the scan with the least time `off_ns(scan)` from it. Returns how many
 /// others there were.
 template <class OffNs>
@@ -100,14 +88,6 @@ std::string make_scan(const std::vector<LidarPoint>& points, const kitti::ScanTi
   return bytes;
 }
 
-/// The Velodyne's axes: x forward and z up, as its azimuth needs, at the LiDAR's place.
-Rigid3d body_from_velodyne_of(const Rigid3d& body_from_lidar) {
-  constexpr double kNear = 0.9;  // 26 degrees
-  if (body_from_lidar.linear()(0, 0) > kNear && body_from_lidar.linear()(2, 2) > kNear)
-    return body_from_lidar;
-  return Rigid3d(Eigen::Translation3d(body_from_lidar.translation()));
-}
-
 /// Notes what happened to the points of all scans.
 void note_changes(const std::vector<Counts>& counts, DriveNotes* notes) {
   Counts sum;
@@ -153,9 +133,8 @@ void write_kitti360_scans(const kitti360::Layout& layout, const Recording& drive
   pool.run(static_cast<int>(scans.size()), [&](int s) {
     if (stop) throw Interrupted();
     Scan& scan = scans[static_cast<std::size_t>(s)];
-    Counts ignored;
     const auto frame = std::ranges::lower_bound(frames, scan.id, {}, &FramePose::id);
-    const std::vector<LidarPoint> points = new_points(drive, scan, &ignored);
+    const std::vector<LidarPoint> points = new_points(drive, scan.file, scan.before);
     scan.middle_ns = middle_ns(points).value_or(frame->t_ns);
     for (const LidarPoint& point : points)
       scan.most_intensity = std::max(scan.most_intensity, point.intensity);
@@ -182,15 +161,15 @@ void write_kitti360_scans(const kitti360::Layout& layout, const Recording& drive
   write_file(times_file, kitti::make_timestamps(times));
   const std::int64_t revolution_ns = kitti360::revolution_ns(kitti::Timestamps(times_file));
 
-  const Rigid3d body_from_velodyne = body_from_velodyne_of(drive.lidars[0].body_from_lidar);
+  const Rigid3d body_from_velodyne = spinning_axes(drive.lidars[0].body_from_lidar);
   pool.run(static_cast<int>(scans.size()), [&](int s) {
     if (stop) throw Interrupted();
     const Scan& scan = scans[static_cast<std::size_t>(s)];
     Counts& own = counts[static_cast<std::size_t>(s)];
-    write_file(
-        layout.velodyne() / "data" / kitti::file_name(scan.id, ".bin"),
-        make_scan(new_points(drive, scan, &own), kitti360::scan_at(scan.middle_ns, revolution_ns),
-                  drive.frames, frames, body_from_velodyne, scale, &own));
+    write_file(layout.velodyne() / "data" / kitti::file_name(scan.id, ".bin"),
+               make_scan(new_points(drive, scan.file, scan.before, &own.repeated),
+                         kitti360::scan_at(scan.middle_ns, revolution_ns), drive.frames, frames,
+                         body_from_velodyne, scale, &own));
     progress.count();
   });
   const Rigid3d velodyne_from_camera =

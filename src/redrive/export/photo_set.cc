@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 #include <set>
 
 #include "redrive/base/error.h"
@@ -22,16 +23,33 @@ CameraCalibration plain_camera_for(const CameraCalibration& calibration, const C
   }
   // Pixels per radian around the axis stay the same.
   constexpr double kStep_rad = 1e-4;
+  const auto axis = recorded.project({0, 0, 1});
+  REDRIVE_CHECK(axis.has_value());
   const auto along = [&](const Eigen::Vector3d& direction) {
     const auto pixel = recorded.project(direction);
     REDRIVE_CHECK(pixel.has_value());
-    return (*pixel - Eigen::Vector2d(recorded.cx, recorded.cy)).norm() / kStep_rad;
+    return (*pixel - *axis).norm() / kStep_rad;
   };
   plain.model = "opencv_fisheye";
   plain.parameters[0] = along({kStep_rad, 0, 1});
   plain.parameters[1] = along({0, kStep_rad, 1});
   plain.parameters.resize(8, 0);
   return plain;
+}
+
+/// Whether the lens sees every pixel at the border of the image, and so all between.
+bool sees_all(const Camera& camera, const Camera& recorded) {
+  const auto seen = [&](int x, int y) {
+    const auto direction = camera.unproject({double(x), double(y)});
+    const auto pixel = direction ? recorded.project(*direction) : std::nullopt;
+    return pixel && pixel->x() >= 0 && pixel->x() <= recorded.width - 1 && pixel->y() >= 0 &&
+           pixel->y() <= recorded.height - 1;
+  };
+  for (int x = 0; x < camera.width; ++x)
+    if (!seen(x, 0) || !seen(x, camera.height - 1)) return false;
+  for (int y = 0; y < camera.height; ++y)
+    if (!seen(0, y) || !seen(camera.width - 1, y)) return false;
+  return true;
 }
 
 void list_left_out(const Recording& recording, const Scene& scene, PhotoSet* set) {
@@ -74,6 +92,32 @@ PhotoCamera photo_camera(const CameraCalibration& recorded,
   out.calibration = plain_camera_for(out.calibration, camera);
   out.camera = make_camera(out.calibration);
   return out;
+}
+
+PhotoCamera pinhole_photo_camera(const CameraCalibration& recorded) {
+  PhotoCamera camera = photo_camera(recorded, [](const CameraCalibration& calibration) {
+    return calibration.model == "opencv_pinhole" &&
+           std::all_of(calibration.parameters.begin() + 4, calibration.parameters.end(),
+                       [](double k) { return k == 0; });
+  });
+  if (!camera.recorded.info().perspective) {
+    constexpr double kHalfAcross_rad = 50 * std::numbers::pi / 180;
+    const double focal_px = 0.5 * recorded.width / std::tan(kHalfAcross_rad);
+    camera.calibration.model = "opencv_pinhole";
+    camera.calibration.parameters = {
+        focal_px, focal_px, 0.5 * (recorded.width - 1), 0.5 * (recorded.height - 1), 0, 0, 0, 0, 0};
+    camera.camera = make_camera(camera.calibration);
+  }
+  // A longer focal length crops what the lens does not see.
+  constexpr double kStep = 1.02;
+  constexpr int kMostSteps = 300;  // down to a third of a degree
+  for (int i = 0; camera.resampled && i < kMostSteps && !sees_all(camera.camera, camera.recorded);
+       ++i) {
+    camera.calibration.parameters[0] *= kStep;
+    camera.calibration.parameters[1] *= kStep;
+    camera.camera = make_camera(camera.calibration);
+  }
+  return camera;
 }
 
 PhotoSet make_photo_set(const Recording& recording, const Scene& scene,

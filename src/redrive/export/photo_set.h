@@ -48,6 +48,11 @@ struct PhotoSet {
 PhotoCamera photo_camera(const CameraCalibration& recorded,
                          const std::function<bool(const CameraCalibration&)>& has_model);
 
+/// Returns the camera of images by a pinhole without distortion: the recorded one, or one at the
+/// same place with the same size whose every pixel the recorded lens sees, of 100 degrees across
+/// where that one is no perspective lens.
+PhotoCamera pinhole_photo_camera(const CameraCalibration& recorded);
+
 /// Returns the views of a scene as photographs at the size they were recorded with. The world of a
 /// drive is the scene's; other recordings keep their own. `has_model` says whether the format has
 /// exactly this camera: images of others are to be resampled to a pinhole without distortion, or,

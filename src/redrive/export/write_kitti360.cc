@@ -53,38 +53,6 @@ bool is_perspective(const CameraCalibration& camera) {
   return find_camera_model(camera.model)->perspective;
 }
 
-/// Whether the lens sees every pixel at the border of the image, and so all between.
-bool sees_all(const Camera& camera, const Camera& recorded) {
-  const auto seen = [&](int x, int y) {
-    const auto direction = camera.unproject({double(x), double(y)});
-    const auto pixel = direction ? recorded.project(*direction) : std::nullopt;
-    return pixel && pixel->x() >= 0 && pixel->x() <= recorded.width - 1 && pixel->y() >= 0 &&
-           pixel->y() <= recorded.height - 1;
-  };
-  for (int x = 0; x < camera.width; ++x)
-    if (!seen(x, 0) || !seen(x, camera.height - 1)) return false;
-  for (int y = 0; y < camera.height; ++y)
-    if (!seen(0, y) || !seen(camera.width - 1, y)) return false;
-  return true;
-}
-
-/// A pinhole without distortion: the recorded one, or one that sees a part of its image.
-PhotoCamera rectified(const CameraCalibration& recorded) {
-  PhotoCamera camera = photo_camera(recorded, [](const CameraCalibration& calibration) {
-    return calibration.model == "opencv_pinhole" &&
-           std::all_of(calibration.parameters.begin() + 4, calibration.parameters.end(),
-                       [](double k) { return k == 0; });
-  });
-  // The data set has no masks, so a longer focal length crops what the lens does not see.
-  constexpr double kStep = 1.02;
-  for (int i = 0; camera.resampled && i < 50 && !sees_all(camera.camera, camera.recorded); ++i) {
-    camera.calibration.parameters[0] *= kStep;
-    camera.calibration.parameters[1] *= kStep;
-    camera.camera = make_camera(camera.calibration);
-  }
-  return camera;
-}
-
 using Slots = std::map<std::string, const RecordedCamera*>;  ///< key: folder, image_00 to image_03
 
 /// Gives each camera a folder of its kind: the folder of its own name, else the next from left to
@@ -174,7 +142,7 @@ void write_cameras(const kitti360::Layout& layout, const Slots& slots, std::int6
     const CameraCalibration& calibration = recorded->calibration;
     add_place(name, calibration.body_from_sensor);
     if (is_perspective(calibration)) {
-      photos.cameras.push_back(rectified(calibration));
+      photos.cameras.push_back(pinhole_photo_camera(calibration));
       const PhotoCamera& camera = photos.cameras.back();
       perspective += perspective_lines(
           camera.calibration, name.substr(6),

@@ -69,6 +69,7 @@ std::string missing(const ScoredRun& scored) {
            html_command("redrive resume " + shell_word(folder_of(run).string()));
   if (scored.evaluation.held_out) return out;
   TrainOptions options = run.options;
+  options.train_every = 0;
   options.holdout_every =
       std::clamp(static_cast<int>(run.scene.frames.size()) / 2, 2, kHoldoutEvery);
   return out +

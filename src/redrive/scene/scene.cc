@@ -23,6 +23,9 @@ void check_ranges(const SceneOptions& options) {
           "must be in 1..64");
   require(options.holdout_every == 0 || options.holdout_every >= 2, "--holdout-every",
           options.holdout_every, "must be 0 (none) or at least 2");
+  require(options.train_every == 0 || (options.train_every >= 2 && options.holdout_every == 0),
+          "--train-every", options.train_every,
+          "must be 0 (all) or at least 2, and excludes --holdout-every");
   require(options.near_m > 0 && std::isfinite(options.near_m), "--near", options.near_m,
           "must be a distance above 0 m");
   require(options.far_m > options.near_m && std::isfinite(options.far_m), "--far", options.far_m,
@@ -270,8 +273,11 @@ Scene make_scene(const Recording& recording, const SceneOptions& options) {
     scene.half_side = recording.bounds->half_side;
   }
   const bool own_split = has_split(recording);
-  if (own_split && options.holdout_every > 0)
-    throw UsageError("--holdout-every", std::to_string(options.holdout_every),
+  const bool trains_some = options.train_every > 0;
+  const int every = trains_some ? options.train_every : options.holdout_every;
+  const char* const split_option = trains_some ? "--train-every" : "--holdout-every";
+  if (own_split && every > 0)
+    throw UsageError(split_option, std::to_string(every),
                      "this recording has its own split of held-out images; omit the option");
   scene.trajectory = recording.frames;
   const std::vector<const RecordedCamera*> cameras = choose_cameras(recording, options);
@@ -286,8 +292,7 @@ Scene make_scene(const Recording& recording, const SceneOptions& options) {
     for (const ImageFile& image : recorded->images) {
       const int frame = scene.frame_index(image.frame_id);
       if (frame < 0) continue;
-      const bool held_out =
-          image.held_out || (options.holdout_every > 0 && frame % options.holdout_every == 0);
+      const bool held_out = image.held_out || (every > 0 && (frame % every == 0) != trains_some);
       views.push_back(
           {static_cast<int>(scene.rig.size()), frame, image.path, held_out, image.mask});
     }
@@ -303,8 +308,7 @@ Scene make_scene(const Recording& recording, const SceneOptions& options) {
     throw UsageError("--frames", "", "no camera has an image in the chosen frames");
   if (std::all_of(scene.views.begin(), scene.views.end(),
                   [](const View& view) { return view.held_out; }))
-    throw UsageError(own_split ? "--frames" : "--holdout-every",
-                     own_split ? "" : std::to_string(options.holdout_every),
+    throw UsageError(own_split ? "--frames" : split_option, own_split ? "" : std::to_string(every),
                      "leaves no image for training: only " + std::to_string(scene.frames.size()) +
                          " frame(s) are chosen");
   scene.unit_from_world = enclosing_cube(scene);

@@ -73,6 +73,9 @@ struct SceneOptions {
   /// 0: none; n >= 2: every n-th frame (the first one included), all cameras; only for recordings
   /// without a split of their own
   int holdout_every = 0;
+  /// Instead: 0: all; n >= 2: every n-th frame (the first one included) is trained on, others are
+  /// held out.
+  int train_every = 0;
   bool undistort = false;         ///< resamples pinhole images without distortion first
   double near_m = 1, far_m = 10;  ///< 0 < near < far
   Background background = Background::kNone;

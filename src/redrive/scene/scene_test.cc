@@ -130,6 +130,13 @@ TEST_F(SceneTest, HoldsOutEveryNthFrameOfAllCameras) {
     EXPECT_EQ(view.held_out, scene.frames[view.frame].id % 2 == 1);
 }
 
+TEST_F(SceneTest, TrainsOnEveryNthFrameAlone) {
+  SceneOptions options;
+  options.train_every = 3;
+  const Scene scene = make_scene(recording_, options);
+  for (const View& view : scene.views) EXPECT_EQ(view.held_out, view.frame % 3 != 0);
+}
+
 TEST_F(SceneTest, UsesTheRecordingsOwnSplit) {
   recording_.cameras[0].images[2].held_out = true;
   const Scene scene = make_scene(recording_, {});
@@ -271,6 +278,9 @@ TEST_F(SceneTest, RejectsOptionsOutOfRange) {
   EXPECT_THAT(with([](SceneOptions& o) { o.downscale = 65; }), HasSubstr("--downscale 65"));
   EXPECT_THAT(with([](SceneOptions& o) { o.downscale = 15; }), HasSubstr("FISHEYE"));  // 14 rows
   EXPECT_THAT(with([](SceneOptions& o) { o.holdout_every = 1; }), HasSubstr("--holdout-every 1"));
+  EXPECT_THAT(with([](SceneOptions& o) { o.train_every = 1; }), HasSubstr("--train-every 1"));
+  EXPECT_THAT(with([](SceneOptions& o) { o.train_every = o.holdout_every = 2; }),
+              HasSubstr("--train-every 2"));
   EXPECT_THAT(with([](SceneOptions& o) { o.near_m = 0; }), HasSubstr("--near"));
   EXPECT_THAT(with([](SceneOptions& o) { o.near_m = NAN; }), HasSubstr("--near"));
   EXPECT_THAT(with([](SceneOptions& o) { o.far_m = 1; }), HasSubstr("--far"));

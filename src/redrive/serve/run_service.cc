@@ -101,6 +101,8 @@ Camera camera_of_lens(const Lens& lens, const Scene& scene) {
     CameraCalibration camera = lens.camera;
     try {
       set_ftheta(*lens.ftheta, "", "ftheta_param.", &camera);
+      if (lens.windshield)
+        set_windshield(*lens.windshield, "", "bivariate_windshield_model_param.", &camera);
     } catch (const InputError& error) {
       refuse(StatusCode::kInvalidArgument, error.field + " = " + error.value + ": " + error.rule);
     }
@@ -248,6 +250,7 @@ std::vector<SceneCamera> RunService::cameras(const std::string& scene) {
       if (const auto* fisheye = std::get_if<OpenCvFisheye>(&rig.camera.model))
         one.lens.max_angle_rad = fisheye->max_angle_rad;
       one.lens.ftheta = ftheta_intrinsics(one.lens.camera);
+      one.lens.windshield = windshield_polynomials(one.lens.camera);
       one.rig_from_camera = rig.body_from_sensor;
       cameras.push_back(std::move(one));
     }

@@ -16,7 +16,7 @@
 #include <vector>
 
 #include "redrive/camera/calibration.h"
-#include "redrive/camera/lenses/ftheta.h"
+#include "redrive/camera/lenses/ftheta_intrinsics.h"
 #include "redrive/math/rigid3.h"
 
 namespace redrive::serve {
@@ -79,6 +79,7 @@ struct Lens {
   double max_angle_rad = 0;  ///< edge of the valid region, where the service names a fisheye
   /// Instead of the camera's model and parameters; of a scene's f-theta camera, besides.
   std::optional<FThetaIntrinsics> ftheta;
+  std::optional<WindshieldPolynomials> windshield;  ///< before the f-theta lens
 };
 
 /// What images and scans have in common. The named objects alone are drawn; where none is named,

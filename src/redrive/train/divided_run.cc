@@ -55,6 +55,11 @@ double length_of(const std::string& text) {
   return length_m;
 }
 
+/// Frames after which the split into training and held-out ones repeats.
+int split_period(const TrainOptions& options) {
+  return std::max({1, options.holdout_every, options.train_every});
+}
+
 /// Returns the parts of the drive in which moving objects are searched, as long as the longest core
 /// or longer: rays of up to 8 s before and after a return tell whether it stays, however short a
 /// block is, and the LiDAR of kilometres would not fit into memory.
@@ -64,7 +69,7 @@ std::vector<Block> searched_parts(const DividedRun& whole) {
   for (const Block& block : whole.blocks)
     length_m = std::max(length_m, block.end_m - block.start_m);
   return divide(whole.scene.posed_frames(),
-                {length_m, default_overlap_m(length_m), std::max(1, whole.options.holdout_every)});
+                {length_m, default_overlap_m(length_m), split_period(whole.options)});
 }
 
 /// Returns find_moving for the parts, one after the other, so that only one part's LiDAR is in
@@ -110,8 +115,8 @@ void check_divisible(const std::string& text, const TrainOptions& options,
 std::vector<Block> divide_as_told(const std::string& text, const DividedRun& whole,
                                   const BlockResources& resources) {
   const auto divided = [&](double length_m) {
-    return divide(whole.scene.posed_frames(), {length_m, default_overlap_m(length_m),
-                                               std::max(1, whole.options.holdout_every)});
+    return divide(whole.scene.posed_frames(),
+                  {length_m, default_overlap_m(length_m), split_period(whole.options)});
   };
   if (text != "auto") return divided(length_of(text));
   const Progress progress("dividing the drive");

@@ -13,9 +13,7 @@
 #include <numbers>
 #include <optional>
 #include <span>
-#include <string>
 #include <type_traits>
-#include <vector>
 
 #include <Eigen/Core>
 
@@ -76,6 +74,8 @@ struct FThetaLens : FThetaNumbers<double> {
     const typename M::Real g = M::select(near, one, radius / angle);
     return {g, M::select(near, zero, (slope - g) / (M::constant(2) * s))};
   }
+  /// Returns the least length that the shear leaves of a length.
+  double least_sheared(double length) const;
   /// Returns the t up to which the polynomial increases, at most `end`.
   double increases_to(double end) const;
   /// Returns the unit direction of a point whose distance is within max_radius, or nothing.
@@ -129,7 +129,7 @@ struct FThetaInverse : FThetaLens {
   /// Newton's steps from r = a to the rounding of C's numbers, for lenses whose r and a differ by
   /// less than half.
   template <class C>
-  static constexpr int kSteps = std::is_same_v<C, FThetaNumbers<double>> ? 8 : 5;
+  static constexpr int kSteps = std::is_same_v<decltype(C::k2), double> ? 8 : 5;
 
   using Radial = FThetaInverse;
 
@@ -158,26 +158,5 @@ struct FThetaInverse : FThetaLens {
   /// Returns the same as FTheta::unproject.
   std::optional<Eigen::Vector3d> unproject(const Eigen::Vector2d& distorted) const;
 };
-
-/// An f-theta lens as NVIDIA's files and services give it: both polynomials, ascending, r in
-/// pixels; the reference is the exact one. u = c x + d y + cx, v = e x + y + cy with (x, y) in
-/// pixels from the principal point, which counts from the centre of the first pixel.
-struct FThetaIntrinsics {
-  double cx = 0, cy = 0;
-  bool angle_is_reference = false;                             ///< pixeldist_to_angle is
-  std::vector<double> pixeldist_to_angle, angle_to_pixeldist;  ///< at most 6 coefficients each
-  double max_angle_rad = 0;                                    ///< 0: not given
-  double c = 1, d = 0, e = 0;
-};
-
-/// Sets model and parameters of a camera. Of the polynomials the reference alone is looked at.
-/// InputError, with `file` and `field` before the part's name, for a polynomial of more than 6
-/// coefficients, one that is not 0 at 0 or does not increase there, and parameters out of range.
-void set_ftheta(const FThetaIntrinsics& lens, const std::string& file, const std::string& field,
-                CameraCalibration* camera);
-
-/// The inverse of set_ftheta; the polynomial that is not the reference is a least-squares fit over
-/// the valid region. Nothing for cameras of other models.
-std::optional<FThetaIntrinsics> ftheta_intrinsics(const CameraCalibration& camera);
 
 }  // namespace redrive

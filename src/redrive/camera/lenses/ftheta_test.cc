@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/camera/lenses/ftheta.h"
+#include "redrive/camera/lenses/ftheta_intrinsics.h"
 
 #include <cmath>
 

@@ -8,12 +8,16 @@
 #include <variant>
 #include <vector>
 
+#include "redrive/camera/lenses/ftheta_intrinsics.h"
 #include "redrive/recording/core/actor_kind.h"
 
 namespace redrive::ncore {
 namespace {
 
 using Json = nlohmann::ordered_json;
+
+constexpr const char *kDistortionType = "external_distortion_type",
+                     *kWindshieldType = "bivariate-windshield";
 
 const char* shutter_name(const CameraCalibration& camera) {
   if (camera.readout_ns == 0) return "GLOBAL";
@@ -32,8 +36,7 @@ std::string in_lower_case(const std::string& type) {
 
 bool has_model(const CameraCalibration& camera) {
   return camera.model == "opencv_pinhole" || camera.model == "opencv_rational" ||
-         camera.model == "opencv_fisheye" || camera.model == "ftheta" ||
-         camera.model == "ftheta_inverse";
+         camera.model == "opencv_fisheye" || ftheta_intrinsics(camera);
 }
 
 Json camera_model(const CameraCalibration& camera, const Camera& lens) {
@@ -65,10 +68,22 @@ Json camera_model(const CameraCalibration& camera, const Camera& lens) {
     parameters["angle_to_pixeldist_poly"] = ftheta->angle_to_pixeldist;
     parameters["max_angle"] = ftheta->max_angle_rad;
     parameters["linear_cde"] = {ftheta->c, ftheta->d, ftheta->e};
+    if (const std::optional<WindshieldPolynomials> glass = windshield_polynomials(camera))
+      parameters["external_distortion_parameters"] = {
+          {kDistortionType, kWindshieldType},
+          {"reference_poly", "FORWARD"},
+          {"horizontal_poly", glass->horizontal},
+          {"vertical_poly", glass->vertical},
+          {"horizontal_poly_inverse", glass->horizontal_inverse},
+          {"vertical_poly_inverse", glass->vertical_inverse}};
   } else {
     parameters["parameters"] = std::vector<double>(p.begin() + 4, p.end());
   }
-  return {{"type", type}, {"parameters", parameters}};
+  Json model = {{"type", type}, {"parameters", parameters}};
+  // Older loaders look for the glass's type here, newer ones beside its numbers.
+  if (!parameters["external_distortion_parameters"].is_null())
+    model[kDistortionType] = kWindshieldType;
+  return model;
 }
 
 std::string class_of(const std::string& type) {

@@ -58,10 +58,14 @@ void write_intrinsics(const std::vector<WrittenSensor>& cameras,
   const std::string component = sequence->component("intrinsics", "default");
   store.group(component + "/cameras");
   store.group(component + "/lidars");
-  for (const WrittenSensor& camera : cameras)
-    store.group(component + "/cameras/" + camera.id,
-                {{"camera_model_type", camera.model["type"]},
-                 {"camera_model_parameters", camera.model["parameters"]}});
+  for (const WrittenSensor& camera : cameras) {
+    Json attributes = {{"camera_model_type", camera.model["type"]},
+                       {"camera_model_parameters", camera.model["parameters"]}};
+    if (const auto glass = camera.model.find("external_distortion_type");
+        glass != camera.model.end())
+      attributes["external_distortion_type"] = *glass;
+    store.group(component + "/cameras/" + camera.id, attributes);
+  }
   for (const WrittenSensor& lidar : lidars)
     if (!lidar.model.is_null())
       store.group(component + "/lidars/" + lidar.id,

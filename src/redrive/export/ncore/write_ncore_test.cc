@@ -411,7 +411,8 @@ TEST(NcoreTerms, PrincipalPointsCountFromTheCornerOrTheCentre) {
   for (const auto& [model, type, shift] :
        {std::tuple{"opencv_rational", "opencv-pinhole", 0.5},
         std::tuple{"opencv_fisheye", "opencv-fisheye", 0.5}, std::tuple{"ftheta", "ftheta", 0.0},
-        std::tuple{"ftheta_inverse", "ftheta", 0.0}}) {
+        std::tuple{"ftheta_inverse", "ftheta", 0.0},
+        std::tuple{"ftheta_inverse_windshield", "ftheta", 0.0}}) {
     const CameraModelInfo& info = *find_camera_model(model);
     CameraCalibration camera{"C", model, {300, 300, 319.5, 239.5}, 640, 480, Rigid3d::Identity()};
     camera.parameters.insert(camera.parameters.end(), info.typical.begin(), info.typical.end());
@@ -422,6 +423,10 @@ TEST(NcoreTerms, PrincipalPointsCountFromTheCornerOrTheCentre) {
     EXPECT_EQ(json["parameters"]["principal_point"][0], 319.5 + shift) << model;
     EXPECT_EQ(json["parameters"]["shutter_type"], "ROLLING_BOTTOM_TO_TOP");
     EXPECT_EQ(json["parameters"].contains("reference_poly"), shift == 0);
+    EXPECT_EQ(json["parameters"]["external_distortion_parameters"].contains("vertical_poly"),
+              std::string_view(model).ends_with("_windshield"));
+    EXPECT_EQ(json.contains("external_distortion_type"),
+              std::string_view(model).ends_with("_windshield"));
     camera.readout_by_column = true;
     EXPECT_EQ(ncore::camera_model(camera, make_camera(camera))["parameters"]["shutter_type"],
               "ROLLING_RIGHT_TO_LEFT");

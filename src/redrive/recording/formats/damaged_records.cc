@@ -164,6 +164,14 @@ class Records {
     for (const RecordedCamera& camera : recording_.cameras)
       if (group_of(camera.calibration.name) == group) of_cameras += chosen(camera.images);
     if (of_cameras > 0 || camera_names_.contains(group)) return of_cameras;
+    const auto lidar = std::ranges::find(recording_.lidars, group, &RecordedLidar::name);
+    if (group != kLidar && lidar != recording_.lidars.end()) {
+      std::size_t scans = 0;
+      for (const FrameFile& file :
+           recording_.scans_of(static_cast<std::size_t>(lidar - recording_.lidars.begin())))
+        scans += is_chosen(file.frame_id);
+      return scans;
+    }
     if (group == kLidar) {  // a file may have scans of several LiDARs
       std::set<fs::path> files;
       for (const FrameFile& file : recording_.lidar_files)

@@ -197,6 +197,10 @@ TEST_F(RpcTest, ReadsFThetaLenses) {
   lens->mutable_linear_cde()->set_linear_c(2);
   lens->mutable_linear_cde()->set_linear_d(0.5);
   lens->set_max_angle(1.5);
+  sensorsim::Windshield* const glass =
+      request.mutable_camera_intrinsics()->mutable_bivariate_windshield_model_param();
+  glass->set_reference_poly(1);
+  for (const double k : {0.1, 0.9, 0.2}) glass->add_horizontal_poly_inverse(k);
   sensorsim::ImageReply reply;
   ASSERT_TRUE(RpcClient(server_->port()).call("render_rgb", request, &reply).ok());
   const std::optional<FThetaIntrinsics>& read = service_.image.lens.ftheta;
@@ -206,6 +210,9 @@ TEST_F(RpcTest, ReadsFThetaLenses) {
   EXPECT_EQ(read->cx, 9.5);
   EXPECT_EQ(read->d, 0.5);
   EXPECT_EQ(read->max_angle_rad, 1.5);
+  const std::optional<WindshieldPolynomials>& windshield = service_.image.lens.windshield;
+  ASSERT_TRUE(windshield);
+  EXPECT_THAT(windshield->horizontal_inverse, ElementsAre(0.1, 0.9, 0.2));
 }
 
 TEST_F(RpcTest, RefusesByName) {
@@ -216,6 +223,12 @@ TEST_F(RpcTest, RefusesByName) {
        grpc::StatusCode::INVALID_ARGUMENT, "ftheta_param.reference_poly"},
       {[](auto& r) { r.mutable_camera_intrinsics()->mutable_bivariate_windshield_model_param(); },
        grpc::StatusCode::UNIMPLEMENTED, "windshield"},
+      {[](auto& r) {
+         sensorsim::CameraSpec* const lens = r.mutable_camera_intrinsics();
+         lens->mutable_ftheta_param()->set_reference_poly(2);
+         lens->mutable_bivariate_windshield_model_param()->set_reference_poly(2);
+       },
+       grpc::StatusCode::INVALID_ARGUMENT, "bivariate_windshield_model_param.reference_poly"},
       {[](auto& r) {
          r.mutable_camera_intrinsics()->mutable_opencv_pinhole_param()->add_thin_prism_coeffs(1);
        },

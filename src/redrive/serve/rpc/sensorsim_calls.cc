@@ -143,10 +143,29 @@ void write_ftheta(const FThetaIntrinsics& lens, sensorsim::FTheta* p) {
   p->mutable_linear_cde()->set_linear_e(lens.e);
 }
 
+WindshieldPolynomials read_windshield(const sensorsim::Windshield& p) {
+  if (p.reference_poly() > 1)
+    refuse("bivariate_windshield_model_param.reference_poly", std::to_string(p.reference_poly()),
+           "must be 0 or 1");
+  WindshieldPolynomials glass;
+  const auto copy = [](const auto& from, std::vector<double>* to) {
+    to->assign(from.begin(), from.end());
+  };
+  copy(p.horizontal_poly(), &glass.horizontal);
+  copy(p.vertical_poly(), &glass.vertical);
+  copy(p.horizontal_poly_inverse(), &glass.horizontal_inverse);
+  copy(p.vertical_poly_inverse(), &glass.vertical_inverse);
+  return glass;
+}
+
+void write_windshield(const WindshieldPolynomials& glass, sensorsim::Windshield* p) {
+  for (const double k : glass.horizontal) p->add_horizontal_poly(k);
+  for (const double k : glass.vertical) p->add_vertical_poly(k);
+  for (const double k : glass.horizontal_inverse) p->add_horizontal_poly_inverse(k);
+  for (const double k : glass.vertical_inverse) p->add_vertical_poly_inverse(k);
+}
+
 Lens lens_of(const sensorsim::CameraSpec& spec) {
-  if (spec.has_bivariate_windshield_model_param())
-    throw RequestError(StatusCode::kUnimplemented,
-                       "bivariate_windshield_model_param: windshields are not modelled");
   Lens lens;
   lens.camera.name = spec.logical_id();
   switch (spec.camera_param_case()) {
@@ -158,6 +177,13 @@ Lens lens_of(const sensorsim::CameraSpec& spec) {
       read_fisheye(spec.opencv_fisheye_param(), &lens.camera);
       break;
     case sensorsim::CameraSpec::CAMERA_PARAM_NOT_SET: break;
+  }
+  if (spec.has_bivariate_windshield_model_param()) {
+    if (!lens.ftheta)
+      throw RequestError(StatusCode::kUnimplemented,
+                         "bivariate_windshield_model_param: windshields are modelled before "
+                         "ftheta_param alone");
+    lens.windshield = read_windshield(spec.bivariate_windshield_model_param());
   }
   lens.camera.width = static_cast<int>(std::min(spec.resolution_w(), 1u << 20));
   lens.camera.height = static_cast<int>(std::min(spec.resolution_h(), 1u << 20));
@@ -189,6 +215,8 @@ void write_lens(const Lens& lens, sensorsim::CameraSpec* spec) {
     out->set_max_angle(lens.max_angle_rad);
   } else if (lens.ftheta) {
     write_ftheta(*lens.ftheta, spec->mutable_ftheta_param());
+    if (lens.windshield)
+      write_windshield(*lens.windshield, spec->mutable_bivariate_windshield_model_param());
   }
 }
 

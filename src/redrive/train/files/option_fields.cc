@@ -342,6 +342,8 @@ std::vector<TrainField> data_fields() {
               "train on images this many times smaller"),
        number("holdout-every", &O::holdout_every, Range<int>{0, 1'000'000},
               "keep every n-th frame for eval; 0: none, not 1"),
+       number("train-every", &O::train_every, Range<int>{0, 1'000'000},
+              "train on every n-th frame alone and keep the others for eval; 0: on all, not 1"),
        flag("undistort", &O::undistort,
             "resample the images without distortion first, as the report did (pinhole cameras)"),
        flag("outside-files", &O::outside_files,

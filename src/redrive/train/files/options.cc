@@ -215,6 +215,11 @@ void validate(const TrainOptions& options) {
                      "then --poses");
   if (options.holdout_every == 1)
     throw UsageError("--holdout-every", "1", "would leave nothing to train on; 0 or 2 and more");
+  if (options.train_every == 1)
+    throw UsageError("--train-every", "1", "would keep nothing for eval; 0 or 2 and more");
+  if (options.holdout_every > 0 && options.train_every > 0)
+    throw UsageError("--train-every", std::to_string(options.train_every),
+                     "and --holdout-every exclude each other");
   parse_frame_range(options.frames);
   allowed_memory(options, 1'000'000'000);
   allowed_device_memory(options, 1'000'000'000);
@@ -254,6 +259,7 @@ SceneOptions scene_options(const TrainOptions& options) {
   scene.shown_only = true;
   scene.downscale = options.downscale;
   scene.holdout_every = options.holdout_every;
+  scene.train_every = options.train_every;
   scene.undistort = options.undistort;
   scene.near_m = options.near_m;
   scene.far_m = options.far_m;

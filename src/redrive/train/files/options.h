@@ -35,7 +35,7 @@ struct TrainOptions {
   std::vector<std::string> cameras;
   std::string frames;  ///< "FIRST:LAST[:STEP]", ids inclusive, either may be empty
   int downscale = 1;
-  int holdout_every = 0;
+  int holdout_every = 0, train_every = 0;
   bool undistort = false;
   bool ground_truth_poses = false;  ///< uses the ground-truth poses and calibration
   /// whether to read files outside the recording's folder that it names

@@ -1,14 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/recording/formats/ncore/ncore_lens.h"
 
-#include <algorithm>
-#include <cmath>
-#include <cstdio>
-
-#include "redrive/base/error.h"
-#include "redrive/camera/camera.h"
-#include "redrive/camera/lenses/ftheta.h"
-#include "redrive/recording/core/upper_median.h"
+#include "redrive/camera/lenses/ftheta_intrinsics.h"
+#include "redrive/camera/models.h"
 #include "redrive/recording/formats/calibration_fields.h"
 
 namespace redrive::ncore {
@@ -81,49 +75,16 @@ void set_ftheta_lens(const JsonField& p, CameraCalibration* camera) {
   set_ftheta(lens, p.file().string(), p.field() + ".", camera);
 }
 
-/// sum_j (sum_i c_ij x^i) y^j with i + j up to the order; coefficients by j, then i.
-double bivariate(const std::vector<double>& c, double x, double y) {
-  std::size_t order = 0;
-  while ((order + 1) * (order + 2) / 2 < c.size()) ++order;
-  double sum = 0, yj = 1;
-  for (std::size_t j = 0, k = 0; j <= order; ++j, yj *= y) {
-    double xi = 1;
-    for (std::size_t i = 0; i + j <= order && k < c.size(); ++i, xi *= x) sum += c[k++] * xi * yj;
-  }
-  return sum;
-}
-
-/// How far pixels are from where a camera without the windshield has them. NCore's
-/// bivariate-windshield: polynomials of asin(x) and asin(y) of unit directions.
-void describe_windshield(const JsonField& glass, const CameraCalibration& calibration,
-                         std::vector<Finding>* findings) {
-  const std::vector<double> h = numbers_of(glass.at("horizontal_poly_inverse")),
-                            v = numbers_of(glass.at("vertical_poly_inverse"));
-  const Camera camera = make_camera(calibration);
-  constexpr int kSteps = 16;
-  std::vector<double> shifts_px;
-  for (int a = 0; a <= kSteps; ++a)
-    for (int b = 0; b <= kSteps; ++b) {
-      const Eigen::Vector2d pixel(double(a) / kSteps * (camera.width - 1),
-                                  double(b) / kSteps * (camera.height - 1));
-      const auto ray = camera.unproject(pixel);
-      if (!ray) continue;
-      const double x = std::asin(std::clamp(ray->x(), -1.0, 1.0)),
-                   y = std::asin(std::clamp(ray->y(), -1.0, 1.0)),
-                   out_x = std::sin(bivariate(h, x, y)), out_y = std::sin(bivariate(v, x, y)),
-                   zz = 1 - out_x * out_x - out_y * out_y;
-      if (!(zz > 0)) continue;
-      if (const auto seen = camera.project({out_x, out_y, std::sqrt(zz)}))
-        shifts_px.push_back((*seen - pixel).norm());
-    }
-  if (shifts_px.empty()) return;
-  char text[160];
-  const double most = *std::ranges::max_element(shifts_px);
-  std::snprintf(text, sizeof text,
-                "looks through a windshield, whose distortion is not modelled: pixels are off by "
-                "%.2g (median) to %.2g px (most)",
-                upper_median(shifts_px), most);
-  findings->push_back({calibration.name, text});
+WindshieldPolynomials windshield_of(const JsonField& glass) {
+  const JsonField reference = glass.at("reference_poly");
+  if (reference.string() != "FORWARD" && reference.string() != "BACKWARD")
+    reference.fail("must be FORWARD or BACKWARD");
+  WindshieldPolynomials out;
+  out.horizontal = numbers_of(glass.at("horizontal_poly"));
+  out.vertical = numbers_of(glass.at("vertical_poly"));
+  out.horizontal_inverse = numbers_of(glass.at("horizontal_poly_inverse"));
+  out.vertical_inverse = numbers_of(glass.at("vertical_poly_inverse"));
+  return out;
 }
 
 JsonField parameters_of(const JsonField& intrinsics) {
@@ -156,8 +117,20 @@ void parse_lens(const JsonField& intrinsics, CameraCalibration* camera,
   else
     type.fail("must be ftheta, opencv-pinhole or opencv-fisheye");
   if (p.has("external_distortion_parameters") &&
-      !p.at("external_distortion_parameters").json().is_null())
-    describe_windshield(p.at("external_distortion_parameters"), *camera, findings);
+      !p.at("external_distortion_parameters").json().is_null()) {
+    const JsonField glass = p.at("external_distortion_parameters");
+    const WindshieldPolynomials polynomials = windshield_of(glass);
+    const bool higher = polynomials.horizontal.size() > kWindshieldTermsH ||
+                        polynomials.vertical.size() > kWindshieldTermsV;
+    if (type.string() == "ftheta" && !higher)
+      set_windshield(polynomials, glass.file().string(), glass.field() + ".", camera);
+    else
+      findings->push_back(
+          {camera->name,
+           std::string("looks through a windshield that is not modelled: its ") +
+               (higher ? "polynomials are of a higher order than 2 and 4" : "lens is no ftheta") +
+               "; its distortion is not used"});
+  }
 }
 
 }  // namespace redrive::ncore

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Camera models of NCore: ftheta, opencv-pinhole, opencv-fisheye, behind a windshield or not.
+// Camera models of NCore: ftheta, behind a windshield or not, opencv-pinhole, opencv-fisheye.
 #pragma once
 
 #include <vector>
@@ -10,8 +10,8 @@
 namespace redrive::ncore {
 
 /// Sets model, parameters and size of a camera. `intrinsics`: attributes of a group of an
-/// intrinsics component. A finding says how far pixels are off where the camera looks through a
-/// windshield, whose distortion is not modelled. InputError: another model, numbers out of range.
+/// intrinsics component. A finding names a windshield that is not modelled: before another lens
+/// than ftheta, or of higher order. InputError: another model, numbers out of range.
 void parse_lens(const JsonField& intrinsics, CameraCalibration* camera,
                 std::vector<Finding>* findings);
 

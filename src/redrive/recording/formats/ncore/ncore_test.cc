@@ -177,18 +177,50 @@ TEST_F(Ncore, WithoutPlaceOnTheEarth) {
   EXPECT_LT(recording.frames.front().global_from_body.translation().norm(), 10);
 }
 
-TEST_F(Ncore, WindshieldIsMeasured) {
-  change_lens("rear", [](nlohmann::json* lens) {
-    (*lens)["focal_length"] = {500.0, 500.0};
-    (*lens)["external_distortion_parameters"] = {{"reference_poly", "FORWARD"},
-                                                 {"horizontal_poly", {-0.01, 1.0, 0.0}},
+TEST_F(Ncore, WindshieldBendsRaysBeforeTheLens) {
+  const Camera without = make_camera(opened().find_camera("front_wide")->calibration);
+  const auto put_windshield = [](nlohmann::json* lens) {
+    (*lens)["external_distortion_parameters"] = {
+        {"reference_poly", "FORWARD"},
+        {"horizontal_poly", {-0.01, 1.02, 0.03}},
+        {"vertical_poly", {0.02, 0.0, 0.04, 0.99, 0.05, 0.06}},
+        {"horizontal_poly_inverse", {0.01, 1.0, 0.0}},
+        {"vertical_poly_inverse", {0.0, 0.0, 1.0}}};
+  };
+  change_lens("front_wide", put_windshield);
+  change_lens("rear", put_windshield);
+  const Recording recording = opened();
+  EXPECT_THAT(recording.findings,
+              says("rear", "windshield that is not modelled: its lens is no ftheta"));
+  const Camera camera = make_camera(recording.find_camera("front_wide")->calibration);
+  for (const Eigen::Vector3d& ray : {Eigen::Vector3d(0, 0, 1), Eigen::Vector3d(0.3, -0.2, 0.9),
+                                     Eigen::Vector3d(-0.4, 0.1, 0.8)}) {
+    const double phi = std::asin(ray.normalized().x()), theta = std::asin(ray.normalized().y()),
+                 x = std::sin(-0.01 + 1.02 * phi + 0.03 * theta),
+                 y = std::sin(0.02 + 0.04 * phi * phi + 0.99 * theta + 0.05 * phi * theta +
+                              0.06 * theta * theta);
+    EXPECT_LT(
+        (*camera.project(ray) - *without.project({x, y, std::sqrt(1 - x * x - y * y)})).norm(),
+        1e-6);
+  }
+  change_lens("front_wide", [](nlohmann::json* lens) {
+    (*lens)["external_distortion_parameters"]["vertical_poly"] = {0.0, 1.0};
+  });
+  EXPECT_THAT(opened().findings,
+              says("front_wide", "external_distortion_parameters.vertical_poly = 2 numbers"));
+}
+
+TEST_F(Ncore, WindshieldsOfHigherOrderAreNotUsed) {
+  change_lens("front_wide", [](nlohmann::json* lens) {
+    (*lens)["external_distortion_parameters"] = {{"reference_poly", "BACKWARD"},
+                                                 {"horizontal_poly", std::vector<double>(10, 0.0)},
                                                  {"vertical_poly", {0.0, 0.0, 1.0}},
-                                                 {"horizontal_poly_inverse", {0.01, 1.0, 0.0}},
+                                                 {"horizontal_poly_inverse", {0.0, 1.0, 0.0}},
                                                  {"vertical_poly_inverse", {0.0, 0.0, 1.0}}};
   });
-  // 0.01 rad at 500 px focal length.
-  EXPECT_THAT(opened().findings, says("rear", "windshield, whose distortion is not modelled"));
-  EXPECT_THAT(opened().findings, says("rear", "off by 5 (median) to 5"));
+  const Recording recording = opened();
+  EXPECT_THAT(recording.findings, says("front_wide", "higher order than 2 and 4"));
+  EXPECT_EQ(recording.find_camera("front_wide")->calibration.model, "ftheta");
 }
 
 TEST_F(Ncore, OneBadCameraIsLeftOut) {

@@ -23,7 +23,6 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::int64_t kSameSample_ns = 200'000'000;
-constexpr std::int64_t kHalfRevolution_ns = 25'000'000;
 constexpr const char *kLidar = "LIDAR_TOP", *kFirstCamera = "CAM_FRONT";
 
 bool is_tables_folder(const fs::path& folder) {
@@ -67,7 +66,7 @@ class Reader : public RecordingReader {
   std::vector<LidarPoint> read_lidar(const FrameFile& file,
                                      std::size_t* left_out = nullptr) const override {
     return parse_scan(read_file(file.path, kMaxDataBytes), file.path,
-                      {body_from_lidar, revolution_ends_ns.at(file.path)}, poses, left_out);
+                      {body_from_lidar, revolution_ends_ns.at(file.path), spin}, poses, left_out);
   }
   std::uint64_t lidar_point_count(const FrameFile& file) const override {
     std::error_code error;
@@ -79,6 +78,7 @@ class Reader : public RecordingReader {
   }
 
   Rigid3d body_from_lidar = Rigid3d::Identity();
+  Spin spin;
   std::vector<FramePose> poses;
   std::map<fs::path, std::int64_t> revolution_ends_ns;
   std::map<std::int64_t, std::vector<Box>> boxes;  ///< key: frame; for Recording::box_files
@@ -150,13 +150,39 @@ void drop_missing(std::vector<File>* files, const std::string& subject,
                                       " of the tables missing: " + first_few(missing)});
 }
 
+/// Returns how LIDAR_TOP turns, by its first file that can be read.
+Spin spin_of_lidar(const SceneTables& scene) {
+  std::vector<const SensorFile*> files;
+  for (const SensorFile& file : scene.files)
+    if (scene.sensors[file.sensor].calibration.name == kLidar) files.push_back(&file);
+  std::vector<std::int64_t> intervals_ns;
+  for (std::size_t i = 1; i < files.size(); ++i)
+    intervals_ns.push_back(files[i]->t_ns - files[i - 1]->t_ns);
+  // Some files may be missing; without those between key frames the interval says nothing.
+  constexpr std::int64_t kLongest_ns = 250'000'000;
+  std::ranges::sort(intervals_ns);
+  const std::int64_t interval_ns =
+      intervals_ns.empty() ? 0 : intervals_ns[intervals_ns.size() / 10];
+  const std::int64_t duration_ns = interval_ns <= kLongest_ns ? interval_ns : 0;
+  for (const SensorFile* file : files) {
+    if (!is_there(file->path)) continue;
+    try {
+      return spin_of(read_file(file->path, kMaxDataBytes), file->path, duration_ns);
+    } catch (const InputError&) {
+      // Named when the scan itself is read.
+    }
+  }
+  return {};
+}
+
 /// Returns scans with the frame that is nearest to their middle; several may have the same.
 std::vector<FrameFile> list_revolutions(const SceneTables& scene,
                                         const std::vector<FramePose>& frames, Reader* reader) {
   std::vector<FrameFile> revolutions;
   for (const SensorFile& file : scene.files) {
     if (scene.sensors[file.sensor].calibration.name != kLidar) continue;
-    revolutions.push_back({nearest_frame(frames, file.t_ns - kHalfRevolution_ns).id, file.path});
+    const std::int64_t middle_ns = file.t_ns - reader->spin.duration_ns / 2;
+    revolutions.push_back({nearest_frame(frames, middle_ns).id, file.path});
     reader->revolution_ends_ns[file.path] = file.t_ns;
   }
   return revolutions;
@@ -233,13 +259,18 @@ Recording open(const fs::path& root, PoseSource source) {
   if (!recording.lidars.empty()) {
     reader->body_from_lidar = recording.lidars[0].body_from_lidar;
     reader->poses = scene.poses;
+    reader->spin = spin_of_lidar(scene);
     recording.lidar_files = list_revolutions(scene, recording.frames, reader.get());
     drop_missing(&recording.lidar_files, kLidar, &findings);
+    if (reader->spin.turn_rad == 0)
+      findings.push_back({kLidar,
+                          "the order of its points is no revolution: all have the time of "
+                          "their scan"});
   }
   reader->boxes = boxes_of_frames(
       scene,
       recording.lidars.empty() ? std::nullopt : std::optional(recording.lidars[0].body_from_lidar),
-      recording.frames);
+      reader->spin, recording.frames);
   for (const auto& [frame_id, boxes] : reader->boxes)
     recording.box_files.push_back({frame_id, tables / "sample_annotation.json"});
   recording.reader = reader;

@@ -6,12 +6,10 @@
 
 #include "redrive/recording/core/labels.h"
 #include "redrive/recording/core/trajectory.h"
-#include "redrive/recording/formats/kitti/kitti_scan.h"
 
 namespace redrive::nuscenes {
 namespace {
 
-constexpr std::int64_t kRevolution_ns = 50'000'000;
 constexpr std::int64_t kMaxGap_ns = 1'100'000'000;  // a key frame where the object was hidden
 constexpr std::int64_t kBeyond_ns = 100'000'000;    // as scene/moving_objects.cc
 
@@ -20,13 +18,6 @@ struct Track {
   std::vector<FramePose> poses;
   std::vector<Eigen::Vector3d> sizes_m;
 };
-
-/// Returns the time at which the laser of a scan that ends at `end_ns` points at a position. It
-/// starts at -x of the sensor, to the left of the car, and turns clockwise, as KITTI's does from
-/// behind it.
-std::int64_t seen_at(const Eigen::Vector3d& in_lidar, std::int64_t end_ns) {
-  return kitti::time_of_direction({end_ns - kRevolution_ns, end_ns}, in_lidar);
-}
 
 /// Returns the index of the box before a time, or of the first one; nothing in a gap.
 std::optional<std::size_t> nearest_box(const Track& track, std::int64_t t_ns) {
@@ -43,7 +34,7 @@ std::optional<std::size_t> nearest_box(const Track& track, std::int64_t t_ns) {
 }  // namespace
 
 std::map<std::int64_t, std::vector<Box>> boxes_of_frames(
-    const SceneTables& scene, const std::optional<Rigid3d>& body_from_lidar,
+    const SceneTables& scene, const std::optional<Rigid3d>& body_from_lidar, const Spin& spin,
     const std::vector<FramePose>& frames) {
   std::vector<std::vector<const Annotation*>> by_object(scene.categories.size());
   for (const Annotation& annotation : scene.annotations)
@@ -57,9 +48,10 @@ std::map<std::int64_t, std::vector<Box>> boxes_of_frames(
     for (const Annotation* annotation : annotations) {
       std::int64_t t_ns = time_of(annotation);
       if (body_from_lidar)
-        t_ns = seen_at((pose_at(scene.poses, t_ns) * *body_from_lidar).inverse(Eigen::Isometry) *
-                           annotation->global_from_box.translation(),
-                       t_ns);
+        t_ns =
+            spin.time_of((pose_at(scene.poses, t_ns) * *body_from_lidar).inverse(Eigen::Isometry) *
+                             annotation->global_from_box.translation(),
+                         t_ns);
       track.poses.push_back(
           {static_cast<std::int64_t>(track.poses.size()), t_ns, annotation->global_from_box});
       track.sizes_m.push_back(annotation->size_m);

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "redrive/recording/core/box.h"
+#include "redrive/recording/formats/nuscenes/nuscenes_scan.h"
 #include "redrive/recording/formats/nuscenes/nuscenes_tables.h"
 
 namespace redrive::nuscenes {
@@ -16,7 +17,7 @@ namespace redrive::nuscenes {
 /// its motion continues for 0.1 s. An annotated box holds when the laser of the key frame's scan
 /// points at its centre, without a LiDAR at the sample's time. Boxes are relative to `frames`.
 std::map<std::int64_t, std::vector<Box>> boxes_of_frames(
-    const SceneTables& scene, const std::optional<Rigid3d>& body_from_lidar,
+    const SceneTables& scene, const std::optional<Rigid3d>& body_from_lidar, const Spin& spin,
     const std::vector<FramePose>& frames);
 
 }  // namespace redrive::nuscenes

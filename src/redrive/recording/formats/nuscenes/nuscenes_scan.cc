@@ -3,6 +3,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <numbers>
 #include <optional>
 #include <string>
 
@@ -18,7 +20,7 @@ namespace {
 constexpr std::int64_t kFiring_ns = 46'080;
 constexpr std::size_t kMaxColumns = 1302;  // 60 ms; a revolution at 20 Hz has 1085
 constexpr float kMaxScanCoordinate_m = 1000;
-constexpr int kRings = 32;
+constexpr int kRings = 32, kMostRings = kNoRing;
 constexpr const char* kFieldNames[] = {"x", "y", "z", "intensity", "ring"};
 
 struct Record {
@@ -39,8 +41,8 @@ std::optional<Record> read_record(std::string_view bytes, std::size_t i,
                                         std::to_string(record.values[k]), rule));
   };
   const float ring = record.values[4];
-  if (!(ring >= 0 && ring < kRings && ring == std::floor(ring))) {
-    impossible(4, "must be the number of a laser, 0 to 31");
+  if (!(ring >= 0 && ring < kMostRings && ring == std::floor(ring))) {
+    impossible(4, "must be the number of a laser, 0 to 254");
     return std::nullopt;
   }
   record.missing = is_missing_return(record.values);
@@ -52,35 +54,91 @@ std::optional<Record> read_record(std::string_view bytes, std::size_t i,
   return record;
 }
 
+std::int64_t duration_or_usual(std::int64_t duration_ns) {
+  constexpr std::int64_t kUsual_ns = 100'000'000;
+  return duration_ns != 0 ? duration_ns : kUsual_ns;
+}
+
+/// The records of a file by columns: a new one begins where the ring does not increase.
+struct Columns {
+  std::vector<Record> records;
+  std::size_t n = 0;
+  bool is_hdl_32e = false, has_rings = false;
+};
+/// `duration_ns`: length of a revolution; 0: not known.
+Columns columns_of(std::string_view bytes, const std::filesystem::path& file,
+                   std::int64_t duration_ns, UnusableReturns* unusable) {
+  if (bytes.size() % kScanRecordBytes != 0)
+    throw InputError(file, "size", std::to_string(bytes.size()) + " bytes",
+                     "must be a multiple of 20: five floats for each point (truncated?)");
+  Columns columns;
+  int most_ring = 0;
+  for (std::size_t i = 0; i < bytes.size() / kScanRecordBytes; ++i) {
+    std::optional<Record> record = read_record(bytes, i, file, unusable);
+    if (!record) continue;
+    if (!columns.records.empty()) {
+      const Record& before = columns.records.back();
+      record->column = before.column + (record->ring() <= before.ring());
+    }
+    most_ring = std::max(most_ring, record->ring());
+    columns.records.push_back(*record);
+  }
+  columns.n = columns.records.empty() ? 0 : columns.records.back().column + 1;
+  columns.has_rings = most_ring > 0;
+  constexpr std::int64_t kMostOff_ns = 5'000'000;
+  columns.is_hdl_32e =
+      most_ring >= kRings / 2 && most_ring < kRings && columns.n <= kMaxColumns &&
+      (duration_ns == 0 || std::abs(duration_ns - Spin().duration_ns) <= kMostOff_ns);
+  return columns;
+}
+
 }  // namespace
+
+std::int64_t Spin::time_of(const Eigen::Vector3d& in_lidar, std::int64_t end_ns) const {
+  if (turn_rad == 0) return end_ns;
+  const double turns = (std::atan2(in_lidar.y(), in_lidar.x()) - first_rad) / turn_rad,
+               fraction = turns - std::floor(turns);
+  return end_ns - std::llround((1 - fraction) * static_cast<double>(duration_ns));
+}
+
+Spin spin_of(std::string_view bytes, const std::filesystem::path& file, std::int64_t duration_ns) {
+  UnusableReturns unusable(bytes.size() / kScanRecordBytes);
+  const Columns columns = columns_of(bytes, file, duration_ns, &unusable);
+  if (columns.is_hdl_32e) return {};
+  std::vector<double> azimuths;
+  for (const Record& record : columns.records)
+    if (!record.missing) azimuths.push_back(std::atan2(record.values[1], record.values[0]));
+  Spin spin{duration_or_usual(duration_ns), 0, 0};
+  constexpr std::size_t kSteps = 64, kFewest = 8 * kSteps;
+  if (azimuths.size() < kFewest) return spin;
+  // Sectors of the revolution, in each of which the first record stands for all.
+  double sum = 0;
+  for (std::size_t k = 0; k < kSteps; ++k) {
+    const auto at = [&](std::size_t i) { return azimuths[i * (azimuths.size() - 1) / kSteps]; };
+    sum += std::remainder(at(k + 1) - at(k), 2 * std::numbers::pi);
+  }
+  constexpr double kLeastTurn = 0.8, kMostTurn = 1.1;
+  const double turns = std::abs(sum) / (2 * std::numbers::pi);
+  if (turns < kLeastTurn || turns > kMostTurn) return spin;
+  spin.first_rad = azimuths.front();
+  spin.turn_rad = std::copysign(2 * std::numbers::pi, sum);
+  return spin;
+}
 
 std::vector<LidarPoint> parse_scan(std::string_view bytes, const std::filesystem::path& file,
                                    const Revolution& revolution,
                                    const std::vector<FramePose>& poses, std::size_t* left_out) {
-  if (bytes.size() % kScanRecordBytes != 0)
-    throw InputError(file, "size", std::to_string(bytes.size()) + " bytes",
-                     "must be a multiple of 20: five floats for each point (truncated?)");
-  const std::size_t n = bytes.size() / kScanRecordBytes;
-  UnusableReturns unusable(n);
-  std::vector<Record> records;
-  for (std::size_t i = 0; i < n; ++i) {
-    std::optional<Record> record = read_record(bytes, i, file, &unusable);
-    if (!record) continue;
-    if (!records.empty()) {
-      const Record& before = records.back();
-      record->column = before.column + (record->ring() <= before.ring());
-    }
-    records.push_back(*record);
-  }
-  const std::size_t columns = records.empty() ? 0 : records.back().column + 1;
-  if (columns > kMaxColumns)
-    throw InputError(file, "number of columns", std::to_string(columns),
-                     "a revolution has about 1085, in each of which the rings increase; at most "
-                     "1302 are accepted");
+  UnusableReturns unusable(bytes.size() / kScanRecordBytes);
+  const auto [records, n_columns, is_hdl_32e, has_rings] =
+      columns_of(bytes, file, revolution.spin.duration_ns, &unusable);
+  const Spin& spin = revolution.spin;
+  const double column_ns = is_hdl_32e           ? kFiring_ns
+                           : spin.turn_rad == 0 ? 0
+                                                : double(spin.duration_ns) / double(n_columns);
   const Rigid3d global_from_lidar = pose_at(poses, revolution.end_ns) * revolution.body_from_lidar;
   std::vector<LidarPoint> points;
   points.reserve(records.size());
-  std::optional<std::size_t> placed;  // column of the pose
+  std::int64_t posed_ns = std::numeric_limits<std::int64_t>::min();
   Rigid3d body_from_compensated = Rigid3d::Identity();
   for (const Record& record : records) {
     if (record.missing) {
@@ -88,15 +146,15 @@ std::vector<LidarPoint> parse_scan(std::string_view bytes, const std::filesystem
       continue;
     }
     const std::int64_t t_ns =
-        revolution.end_ns - kFiring_ns * static_cast<std::int64_t>(columns - 1 - record.column);
-    if (placed != record.column)
+        revolution.end_ns - std::llround(column_ns * double(n_columns - 1 - record.column));
+    if (posed_ns != t_ns)
       body_from_compensated = pose_at(poses, t_ns).inverse(Eigen::Isometry) * global_from_lidar;
-    placed = record.column;
+    posed_ns = t_ns;
     const float* const v = record.values;
     points.push_back(
         {.in_body_m = (body_from_compensated * Eigen::Vector3d(v[0], v[1], v[2])).cast<float>(),
          .intensity = static_cast<std::uint16_t>(std::lround(std::clamp(v[3], 0.0f, 255.0f))),
-         .ring = static_cast<std::uint8_t>(record.ring()),
+         .ring = has_rings ? static_cast<std::uint8_t>(record.ring()) : kNoRing,
          .t_ns = t_ns});
   }
   if (left_out) *left_out += unusable.count();
@@ -106,8 +164,9 @@ std::vector<LidarPoint> parse_scan(std::string_view bytes, const std::filesystem
 std::string make_scan(std::span<const LidarRecord> points) {
   std::string bytes;
   for (const LidarRecord& point : points)
-    for (const double value : {-point.position_m.y(), point.position_m.x(), point.position_m.z(),
-                               255.0 * point.intensity, double(point.ring)})
+    for (const double value :
+         {-point.position_m.y(), point.position_m.x(), point.position_m.z(),
+          255.0 * point.intensity, double(point.ring == kNoRing ? 0 : point.ring)})
       add_bytes(static_cast<float>(value), &bytes);
   return bytes;
 }

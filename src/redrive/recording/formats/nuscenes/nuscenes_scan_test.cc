@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/recording/formats/nuscenes/nuscenes_scan.h"
 
+#include <algorithm>
+#include <cmath>
 #include <limits>
+#include <random>
 
 #include "redrive/recording/formats/nuscenes/nuscenes_testing.h"
 
@@ -70,20 +73,17 @@ TEST(NuScenesScan, RejectsInvalidValues) {
   EXPECT_THAT(input_error([] { parsed(std::string(41, '\0')); }),
               AllOf(HasSubstr("7.pcd.bin: size = 41 bytes"), HasSubstr("multiple of 20")));
   EXPECT_THAT(message(2, -1001), HasSubstr("point 1 z = -1001"));
-  for (const float ring : {-1.0f, 32.0f, 0.5f, std::numeric_limits<float>::quiet_NaN()})
+  for (const float ring : {-1.0f, 255.0f, 0.5f, std::numeric_limits<float>::quiet_NaN()})
     EXPECT_THAT(message(4, ring), HasSubstr("point 1 ring")) << ring;
-  EXPECT_THAT(input_error([] { parsed(std::string(1303 * 20, '\0')); }),
-              HasSubstr("number of columns = 1303"));
-  EXPECT_TRUE(parsed(std::string(1302 * 20, '\0')).empty());
 }
 
 TEST(NuScenesScan, ReturnsThatCannotBeUsedAreLeftOutAndCounted) {
   const float nan = std::numeric_limits<float>::quiet_NaN();
-  std::vector<std::array<float, 5>> points(40, {9, 0, 0, 1, 3});
+  std::vector<std::array<float, 5>> points(40, {9, 0, 0, 1, 31});
   points[3][0] = nan;
-  points[4] = {0, 0, 0, 0, 3};
+  points[4] = {0, 0, 0, 0, 31};
   points[5][3] = std::numeric_limits<float>::infinity();
-  points[6][4] = 32;
+  points[6][4] = 255;
   points[39][2] = 2000;
   std::size_t left_out = 0;
   const auto scan =
@@ -94,6 +94,58 @@ TEST(NuScenesScan, ReturnsThatCannotBeUsedAreLeftOutAndCounted) {
   EXPECT_EQ(scan[3].t_ns - scan[2].t_ns, 4 * kColumn_ns);  // what is left out keeps its column
   points[7][4] = nan;
   EXPECT_THAT(input_error([&] { parsed(nuscenes_scan(points)); }), HasSubstr("point 6 ring"));
+}
+
+/// Sixty-four lasers in `columns` that turn counterclockwise from -y in the sensor's axes.
+std::vector<std::array<float, 5>> other_sensor(int columns) {
+  std::vector<std::array<float, 5>> points;
+  for (int c = 0; c < columns; ++c)
+    for (int ring = 0; ring < 64; ++ring) {
+      const double azimuth = 2 * M_PI * c / columns - M_PI / 2;
+      points.push_back({static_cast<float>(20 * std::cos(azimuth)),
+                        static_cast<float>(20 * std::sin(azimuth)), -1, 17,
+                        static_cast<float>(ring)});
+    }
+  return points;
+}
+
+TEST(NuScenesScan, ColumnsOfOtherSensorsFillTheRevolution) {
+  constexpr std::int64_t kTurn_ns = 100'000'000;
+  const std::string bytes = nuscenes_scan(other_sensor(2000));
+  const nuscenes::Spin spin = nuscenes::spin_of(bytes, "7.pcd.bin", kTurn_ns);
+  const auto scan =
+      nuscenes::parse_scan(bytes, "7.pcd.bin", {Rigid3d::Identity(), kEnd_ns, spin}, driving());
+  ASSERT_EQ(scan.size(), 2000u * 64);
+  for (std::size_t i = 0; i < scan.size(); i += 63)
+    ASSERT_EQ(scan[i].t_ns, kEnd_ns - 50'000 * static_cast<std::int64_t>(1999 - i / 64));
+  for (const double part : {0.1, 0.45, 0.8}) {
+    const double azimuth = 2 * M_PI * part - M_PI / 2;
+    EXPECT_NEAR(double(spin.time_of({std::cos(azimuth), std::sin(azimuth), 0}, kEnd_ns)),
+                double(kEnd_ns) - (1 - part) * kTurn_ns, 1e5);
+  }
+}
+
+TEST(NuScenesScan, TheSpinOfTheHdl32eIsKnownAndOfUnorderedScansIsNot) {
+  std::vector<std::array<float, 5>> points = other_sensor(1000), every_second;
+  for (std::size_t i = 0; i < points.size(); i += 2) {
+    every_second.push_back(points[i]);
+    every_second.back()[4] /= 2;
+  }
+  const nuscenes::Spin own = nuscenes::spin_of(nuscenes_scan(every_second), "7.pcd.bin", 0);
+  EXPECT_EQ(own.duration_ns, 50'000'000);
+  EXPECT_EQ(own.time_of({1, 0, 0}, kEnd_ns), kEnd_ns - 25'000'000);  // to the right of the car
+  std::shuffle(points.begin(), points.end(), std::mt19937(1));
+  const nuscenes::Spin none = nuscenes::spin_of(nuscenes_scan(points), "7.pcd.bin", 1);
+  EXPECT_EQ(none.turn_rad, 0);
+  EXPECT_EQ(none.time_of({1, 0, 0}, kEnd_ns), kEnd_ns);
+  for (const LidarPoint& point : nuscenes::parse_scan(
+           nuscenes_scan(points), "7.pcd.bin", {Rigid3d::Identity(), kEnd_ns, none}, driving()))
+    ASSERT_EQ(point.t_ns, kEnd_ns);
+}
+
+TEST(NuScenesScan, RingsThatAreAllZeroAreNotKnown) {
+  const std::vector<LidarPoint> scan = parsed(nuscenes_scan({{9, 0, 0, 1, 0}, {8, 0, 0, 1, 0}}));
+  EXPECT_EQ(scan[0].ring, kNoRing);
 }
 
 TEST(NuScenesScan, AScanIsReadBack) {

@@ -44,20 +44,32 @@ Contents::Named Contents::entry_of(const Topic& topic, std::string_view head,
   return out;
 }
 
-std::vector<FrameFile> Contents::add(const Topic& topic, const std::string& sensor, Clock clock,
-                                     Recording* recording) {
-  std::mutex mutex;
-  std::vector<FrameFile> files;
-  const auto fail = [&](std::size_t, const InputError& why) {
-    const std::lock_guard lock(mutex);
-    recording->damaged.push_back({sensor, -1, why.what()});
+std::vector<std::vector<FrameFile>> Contents::add(const std::vector<Sensor>& sensors, Clock clock,
+                                                  Recording* recording) {
+  struct Of {
+    std::size_t sensor, message;
   };
-  std::size_t repeated = 0;
+  std::vector<Message> messages;
+  std::vector<Of> of;
+  for (std::size_t s = 0; s < sensors.size(); ++s)
+    for (std::size_t m = 0; m < sensors[s].topic->messages.size(); ++m) {
+      messages.push_back(sensors[s].topic->messages[m]);
+      of.push_back({s, m});
+    }
+  std::mutex mutex;
+  std::vector<std::vector<FrameFile>> files(sensors.size());
+  std::vector<std::size_t> repeated(sensors.size());
+  const auto fail = [&](std::size_t i, const InputError& why) {
+    const std::lock_guard lock(mutex);
+    recording->damaged.push_back({sensors[of[i].sensor].name, -1, why.what()});
+  };
   const auto take = [&](std::size_t i, std::string_view bytes) {
+    const Sensor& sensor = sensors[of[i].sensor];
+    const Topic& topic = *sensor.topic;
     try {
       std::int64_t stamp_ns = 0;
       Named named = entry_of(topic, bytes, bag_->folder(), &stamp_ns);
-      const Message& message = topic.messages[i];
+      const Message& message = messages[i];
       const std::int64_t t_ns = clock == Clock::kLog ? message.log_ns : stamp_ns;
       if (t_ns <= 0)
         throw InputError(bag_->folder(), topic.name + " header.stamp", "0",
@@ -66,29 +78,32 @@ std::vector<FrameFile> Contents::add(const Topic& topic, const std::string& sens
       named.entry.topic = &topic;
       named.entry.t_ns = t_ns;
       const std::filesystem::path path =
-          bag_->folder() / sensor / (std::to_string(t_ns) + named.extension);
+          bag_->folder() / sensor.name / (std::to_string(t_ns) + named.extension);
       const std::lock_guard lock(mutex);
       const auto [place, is_new] = entries_.emplace(path.string(), named.entry);
       if (is_new) {
-        files.push_back({t_ns, path});
+        files[of[i].sensor].push_back({t_ns, path});
         return;
       }
-      ++repeated;
+      ++repeated[of[i].sensor];
       // Whichever thread comes first, the one that was recorded first stays.
       if (message.log_ns < place->second.message.log_ns) place->second = named.entry;
     } catch (const InputError& error) {
       fail(i, error);
     }
   };
-  bag_->read(topic.messages, kMessageStart, take, fail);
+  bag_->read(messages, kMessageStart, take, fail);
   std::ranges::sort(recording->damaged, {}, [](const DamagedRecord& record) {
     return std::pair(record.sensor, record.why);
   });
-  if (repeated > 0)
-    recording->findings.push_back(
-        {sensor,
-         counted(repeated, "message") + " left out, at the time of another one of " + topic.name});
-  std::ranges::sort(files, {}, &FrameFile::frame_id);
+  for (std::size_t s = 0; s < sensors.size(); ++s) {
+    if (repeated[s] > 0)
+      recording->findings.push_back(
+          {sensors[s].name, counted(repeated[s], "message") +
+                                " left out, at the time of another one of " +
+                                sensors[s].topic->name});
+    std::ranges::sort(files[s], {}, &FrameFile::frame_id);
+  }
   return files;
 }
 

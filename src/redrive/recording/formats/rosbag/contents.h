@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Images and scans of a bag as files: ROOT/CAMERA/NS.jpg, .png or .ppm, ROOT/lidar/NS.cloud.
+// Images and scans of a bag as files: ROOT/CAMERA/NS.jpg, .png or .ppm, ROOT/LIDAR/NS.cloud.
 #pragma once
 
 #include <cstdint>
@@ -22,11 +22,16 @@ class Contents : public FileContainer {
   explicit Contents(std::shared_ptr<const Bag> bag) : bag_(std::move(bag)) {}
 
   const Bag& bag() const { return *bag_; }
-  /// Adds the messages of an image's or a scan's topic and returns them by time, one for each, with
+  /// A topic with images or scans.
+  struct Sensor {
+    const Topic* topic = nullptr;
+    std::string name;
+  };
+  /// Adds the messages of the topics in one pass over the bag. Returns each sensor's by time, with
   /// the time in ns as frame id. Messages that are damaged or without a stamp go to
   /// `recording->damaged`.
-  std::vector<FrameFile> add(const Topic& topic, const std::string& sensor, Clock clock,
-                             Recording* recording);
+  std::vector<std::vector<FrameFile>> add(const std::vector<Sensor>& sensors, Clock clock,
+                                          Recording* recording);
 
   /// Returns a scan. InputError for damage.
   std::vector<LidarPoint> read_scan(const std::filesystem::path& path, const ScanFields& fields,

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cmath>
 #include <set>
+#include <tuple>
 
 #include "redrive/recording/core/upper_median.h"
 #include "redrive/recording/core/wording.h"
@@ -42,7 +43,7 @@ class Proposer {
   Proposal propose() {
     choose_poses();
     choose_cameras();
-    choose_lidar();
+    choose_lidars();
     choose_clock();
     return std::move(out_);
   }
@@ -188,31 +189,74 @@ class Proposer {
     note(camera->name, "frame " + frame + " has z up: it is taken for x forward, not optical");
   }
 
-  void choose_lidar() {
-    std::vector<std::pair<std::uint64_t, std::string>> clouds;  // most points first
+  struct Cloud {
+    bool timed, ringed;
+    std::uint64_t points;
+    std::string topic, frame;
+    bool placed;  ///< /tf_static leads to its frame
+  };
+
+  /// Of clouds with the same frame the one with times of points, rings and most points: others are
+  /// made from it, as those in the body's frame are, where sensors have frames of their own. Clouds
+  /// in frames that move, such as maps, are no sensors' either.
+  void choose_lidars() {
+    const Rig& rig = out_.rig;
+    std::vector<Cloud> clouds;
     for (const auto& [topic, cloud] : survey_.clouds) {
-      const std::uint64_t points = std::uint64_t{cloud.width} * cloud.height;
-      if (survey_.scans.at(topic).time.empty() && survey_.scans.at(topic).ring.empty())
-        note(topic, "its points have neither time nor ring: such clouds are often no raw scans");
-      clouds.emplace_back(points, topic);
+      const ScanFields& scan = survey_.scans.at(topic);
+      const std::string& frame = cloud.header.frame;
+      clouds.push_back({!scan.time.empty(), !scan.ring.empty(),
+                        std::uint64_t{cloud.width} * cloud.height, topic, frame,
+                        survey_.transforms.fixed(rig.body, frame).has_value()});
     }
-    if (clouds.empty()) return;
-    const auto raw = [&](const auto& cloud) {
-      return !survey_.scans.at(cloud.second).time.empty();
-    };
-    const auto best = std::ranges::max_element(
-        clouds, {}, [&](const auto& cloud) { return std::pair(raw(cloud), cloud.first); });
+    std::ranges::stable_sort(clouds, std::ranges::greater(), [](const Cloud& cloud) {
+      return std::tuple(cloud.timed, cloud.ringed, cloud.points);
+    });
+    const auto raw = [](const Cloud& cloud) { return cloud.timed || cloud.ringed; };
+    const bool have_placed = std::ranges::any_of(clouds, &Cloud::placed),
+               have_frames = std::ranges::any_of(clouds, [&](const Cloud&cloud) {
+                 return raw(cloud) && cloud.placed && cloud.frame != rig.body;
+               });
+    std::vector<const Cloud*> chosen;
+    for (const Cloud& cloud : clouds) {
+      const auto same = std::ranges::find(chosen, cloud.frame, &Cloud::frame);
+      if (same != chosen.end())
+        note(cloud.topic, "not used: the same sensor as " + (*same)->topic);
+      else if (!cloud.placed && have_placed)
+        note(cloud.topic, "not used: /tf_static does not lead to its frame " + cloud.frame);
+      else if (!raw(cloud) && !chosen.empty())
+        note(cloud.topic, "not used: its points have neither time nor ring");
+      else if (cloud.frame == rig.body && have_frames)
+        note(cloud.topic,
+             "not used: it lies in the frame " + rig.body + ", so it is made from others' scans");
+      else
+        chosen.push_back(&cloud);
+    }
+    for (const Cloud* cloud : chosen)
+      add_lidar(*cloud, chosen.size() == 1 ? "lidar" : camera_name(cloud->topic));
+  }
+
+  void add_lidar(const Cloud& cloud, const std::string& name) {
     Rig& rig = out_.rig;
-    rig.lidar = best->second;
-    rig.scan = survey_.scans.at(rig.lidar);
-    rig.lidar_place.frame = survey_.clouds.at(rig.lidar).header.frame;
-    for (const auto& [points, topic] : clouds)
-      if (topic != rig.lidar) note(topic, "not used: one LiDAR is, " + rig.lidar);
-    if (rig.scan.time.empty())
-      note(rig.lidar, "no time of single points: all have the time of their scan");
-    if (!survey_.transforms.fixed(rig.body, rig.lidar_place.frame))
-      ask("lidar.frame: no extrinsic: /tf_static does not lead from " + rig.body + " to " +
-          rig.lidar_place.frame + "; name another frame, or give body_from_sensor");
+    LidarTopics lidar{name, cloud.topic, {cloud.frame, {}}, survey_.scans.at(cloud.topic)};
+    const auto is_taken = [&] {
+      return std::ranges::find(rig.lidars, lidar.name, &LidarTopics::name) != rig.lidars.end() ||
+             std::ranges::find(rig.cameras, lidar.name, &CameraTopics::name) != rig.cameras.end();
+    };
+    if (is_taken()) {
+      lidar.name = cloud.topic.substr(1);
+      std::ranges::replace(lidar.name, '/', '_');
+    }
+    if (!cloud.timed)
+      note(cloud.topic,
+           "no time of single points: all have the time of their scan" +
+               std::string(cloud.ringed ? ""
+                                        : "; without rings, too, such clouds are often "
+                                          "no raw scans"));
+    if (!cloud.placed)
+      ask("lidars." + lidar.name + ".frame: no extrinsic: /tf_static does not lead from " +
+          rig.body + " to " + cloud.frame + "; name another frame, or give body_from_sensor");
+    rig.lidars.push_back(std::move(lidar));
   }
 
   /// Messages reach the recorder within a second after their stamp, unless clocks differ.
@@ -230,7 +274,7 @@ class Proposer {
       lags.push_back(lag->second);
     };
     for (const CameraTopics& camera : out_.rig.cameras) look(camera.image);
-    look(out_.rig.lidar);
+    for (const LidarTopics& lidar : out_.rig.lidars) look(lidar.topic);
     if (used > 0 && stamped == 0) {
       out_.rig.clock = Clock::kLog;
       note("time", "no stamps in the headers: times are when messages were recorded");
@@ -247,7 +291,7 @@ class Proposer {
         apart.push_back(topic + " by " + std::to_string(lag->second - usual) + " s");
     };
     for (const CameraTopics& camera : out_.rig.cameras) compare(camera.image);
-    compare(out_.rig.lidar);
+    for (const LidarTopics& lidar : out_.rig.lidars) compare(lidar.topic);
     if (!apart.empty())
       ask("time: clocks of headers are apart: " + first_few(apart) +
           "; log has the recorder's clock for all");

@@ -37,6 +37,12 @@ struct CameraTopics {
   std::optional<CameraCalibration> intrinsics;  ///< instead of `info`
 };
 
+struct LidarTopics {
+  std::string name, topic;
+  Place place;
+  ScanFields scan;
+};
+
 struct Rig {
   Clock clock = Clock::kHeader;
   std::string body = "base_link";  ///< its axes: x forward, y left, z up
@@ -45,9 +51,7 @@ struct Rig {
   std::string world;               ///< parent frame, for tf
   std::string imu;                 ///< topic with the orientation, for NavSatFix
   std::vector<CameraTopics> cameras;
-  std::string lidar;  ///< topic; empty: none
-  Place lidar_place;
-  ScanFields scan;
+  std::vector<LidarTopics> lidars;
 };
 
 /// A mapping that was proposed.

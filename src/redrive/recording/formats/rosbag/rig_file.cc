@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 #include <set>
+#include <vector>
 
 #include <yaml-cpp/yaml.h>
 
@@ -23,7 +24,7 @@ constexpr Unit kUnits[] = {{"s", 1}, {"ms", 1e-3}, {"us", 1e-6}, {"ns", 1e-9}};
 class RigFields {
  public:
   RigFields(const YAML::Node& node, std::string name, const std::filesystem::path& file,
-            std::initializer_list<std::string_view> keys)
+            const std::vector<std::string_view>& keys)
       : node_(node), name_(std::move(name)), file_(file) {
     if (!node.IsMap()) fail("", "", "is a map");
     for (const auto& entry : node) {
@@ -71,7 +72,7 @@ class RigFields {
                          const std::string& rule) const {
     throw InputError(file_, name_ + (name_.empty() || key.empty() ? "" : ".") + key, value, rule);
   }
-  RigFields child(const char* key, std::initializer_list<std::string_view> keys) const {
+  RigFields child(const char* key, const std::vector<std::string_view>& keys) const {
     if (!has(key)) fail(key, "", "is missing");
     return {node_[key], name_ + (name_.empty() ? "" : ".") + key, file_, keys};
   }
@@ -133,18 +134,57 @@ void emit_cameras(const Rig& rig, YAML::Emitter* out) {
   *out << YAML::EndMap << YAML::Newline;
 }
 
-void emit_lidar(const Rig& rig, YAML::Emitter* out) {
-  *out << YAML::Key << "lidar" << YAML::Value << YAML::BeginMap;
-  emit(out, "topic", rig.lidar);
-  emit(out, "frame", rig.lidar_place.frame);
-  emit(out, "time", rig.scan.time);
-  const auto unit = std::ranges::find(kUnits, rig.scan.time_unit_s, &Unit::seconds);
-  emit(out, "time_unit", unit == std::end(kUnits) ? "s" : unit->name);
-  *out << YAML::Key << "since_epoch" << YAML::Value << rig.scan.since_epoch;
-  emit(out, "intensity", rig.scan.intensity);
-  *out << YAML::Key << "intensity_full" << YAML::Value << rig.scan.intensity_full;
-  emit(out, "ring", rig.scan.ring);
+void emit_lidars(const Rig& rig, YAML::Emitter* out) {
+  *out << YAML::Key << "lidars" << YAML::Value << YAML::BeginMap;
+  for (const LidarTopics& lidar : rig.lidars) {
+    *out << YAML::Key << lidar.name << YAML::Value << YAML::BeginMap;
+    emit(out, "topic", lidar.topic);
+    emit(out, "frame", lidar.place.frame);
+    emit(out, "time", lidar.scan.time);
+    const auto unit = std::ranges::find(kUnits, lidar.scan.time_unit_s, &Unit::seconds);
+    emit(out, "time_unit", unit == std::end(kUnits) ? "s" : unit->name);
+    *out << YAML::Key << "since_epoch" << YAML::Value << lidar.scan.since_epoch;
+    emit(out, "intensity", lidar.scan.intensity);
+    *out << YAML::Key << "intensity_full" << YAML::Value << lidar.scan.intensity_full;
+    emit(out, "ring", lidar.scan.ring);
+    *out << YAML::EndMap;
+  }
   *out << YAML::EndMap << YAML::Newline;
+}
+
+LidarTopics lidar_from(const RigFields& fields, const std::string& name) {
+  LidarTopics lidar{name, fields.required("topic"), place_from(fields), {}};
+  lidar.scan.time = fields.text("time", "");
+  const std::string unit = fields.text("time_unit", "s");
+  const auto known = std::ranges::find(kUnits, unit, &Unit::name);
+  if (known == std::end(kUnits)) fields.fail("time_unit", unit, "is s, ms, us or ns");
+  lidar.scan.time_unit_s = known->seconds;
+  lidar.scan.since_epoch = fields.flag("since_epoch", false);
+  lidar.scan.intensity = fields.text("intensity", "");
+  lidar.scan.intensity_full = fields.number("intensity_full", 1e-6, 1e9, 255);
+  lidar.scan.ring = fields.text("ring", "");
+  return lidar;
+}
+
+const std::vector<std::string_view> kCameraKeys = {"image",     "info",
+                                                   "frame",     "body_from_sensor",
+                                                   "optical",   "rectified",
+                                                   "readout_s", "intrinsics"},
+                                    kLidarKeys = {"topic",     "frame",          "body_from_sensor",
+                                                  "time",      "time_unit",      "since_epoch",
+                                                  "intensity", "intensity_full", "ring"};
+
+/// Calls `use(name, fields)` for the sensors of "cameras" or "lidars".
+template <class Use>
+void each_sensor(const RigFields& all, const char* key, const std::filesystem::path& file,
+                 const std::vector<std::string_view>& keys, const Use& use) {
+  const RigFields sensors = all.child(key, {});
+  for (const auto& entry : all.node(key)) {
+    const auto name = entry.first.as<std::string>();
+    if (name.empty() || name.find('/') != name.npos || name.starts_with('.'))
+      sensors.fail(name, "", "is a name without /");
+    use(name, RigFields(entry.second, std::string(key) + "." + name, file, keys));
+  }
 }
 
 }  // namespace
@@ -171,14 +211,14 @@ std::string rig_text(const Proposal& proposal) {
   out << YAML::Comment("NavSatFix: the topic with the orientation") << YAML::EndMap
       << YAML::Newline;
   emit_cameras(rig, &out);
-  if (!rig.lidar.empty()) emit_lidar(rig, &out);
+  if (!rig.lidars.empty()) emit_lidars(rig, &out);
   out << YAML::EndMap;
   return std::string(out.c_str()) + "\n";
 }
 
 Rig parse_rig(std::string_view text, const std::filesystem::path& file) try {
   const RigFields all(YAML::Load(std::string(text)), "", file,
-                      {"time", "body", "poses", "cameras", "lidar"});
+                      {"time", "body", "poses", "cameras", "lidars", "lidar"});
   Rig rig;
   const std::string clock = all.text("time", "header");
   if (clock != "header" && clock != "log") all.fail("time", clock, "is header or log");
@@ -192,44 +232,33 @@ Rig parse_rig(std::string_view text, const std::filesystem::path& file) try {
   rig.poses = poses.required("topic");
   rig.world = poses.text("world", "");
   rig.imu = poses.text("imu", "");
-  const RigFields cameras = all.child("cameras", {});
-  for (const auto& entry : all.node("cameras")) {
-    const auto name = entry.first.as<std::string>();
-    if (name.empty() || name.find('/') != name.npos || name.starts_with('.'))
-      cameras.fail(name, "", "is a name without /");
-    const RigFields fields(entry.second, "cameras." + name, file,
-                           {"image", "info", "frame", "body_from_sensor", "optical", "rectified",
-                            "readout_s", "intrinsics"});
-    CameraTopics camera{.name = name,
-                        .image = fields.required("image"),
-                        .info = fields.text("info", ""),
-                        .place = place_from(fields)};
-    camera.optical = fields.flag("optical", true);
-    camera.rectified = fields.flag("rectified", false);
-    camera.readout_s = fields.number("readout_s", -kMaxReadout_s, kMaxReadout_s, 0);
-    if (fields.has("intrinsics"))
-      camera.intrinsics =
-          intrinsics_from(fields.child("intrinsics", {"model", "width", "height", "parameters"}));
-    else if (camera.info.empty())
-      fields.fail("info", "", "is missing, and so are intrinsics");
-    rig.cameras.push_back(std::move(camera));
-  }
+  each_sensor(all, "cameras", file, kCameraKeys,
+              [&](const std::string& name, const RigFields& fields) {
+                CameraTopics camera{.name = name,
+                                    .image = fields.required("image"),
+                                    .info = fields.text("info", ""),
+                                    .place = place_from(fields)};
+                camera.optical = fields.flag("optical", true);
+                camera.rectified = fields.flag("rectified", false);
+                camera.readout_s = fields.number("readout_s", -kMaxReadout_s, kMaxReadout_s, 0);
+                if (fields.has("intrinsics"))
+                  camera.intrinsics = intrinsics_from(
+                      fields.child("intrinsics", {"model", "width", "height", "parameters"}));
+                else if (camera.info.empty())
+                  fields.fail("info", "", "is missing, and so are intrinsics");
+                rig.cameras.push_back(std::move(camera));
+              });
   if (rig.cameras.empty()) all.fail("cameras", "", "has none");
-  if (!all.has("lidar")) return rig;
-  const RigFields lidar =
-      all.child("lidar", {"topic", "frame", "body_from_sensor", "time", "time_unit", "since_epoch",
-                          "intensity", "intensity_full", "ring"});
-  rig.lidar = lidar.required("topic");
-  rig.lidar_place = place_from(lidar);
-  rig.scan.time = lidar.text("time", "");
-  const std::string unit = lidar.text("time_unit", "s");
-  const auto known = std::ranges::find(kUnits, unit, &Unit::name);
-  if (known == std::end(kUnits)) lidar.fail("time_unit", unit, "is s, ms, us or ns");
-  rig.scan.time_unit_s = known->seconds;
-  rig.scan.since_epoch = lidar.flag("since_epoch", false);
-  rig.scan.intensity = lidar.text("intensity", "");
-  rig.scan.intensity_full = lidar.number("intensity_full", 1e-6, 1e9, 255);
-  rig.scan.ring = lidar.text("ring", "");
+  if (all.has("lidar")) rig.lidars.push_back(lidar_from(all.child("lidar", kLidarKeys), "lidar"));
+  if (all.has("lidars"))
+    each_sensor(all, "lidars", file, kLidarKeys,
+                [&](const std::string& name, const RigFields& fields) {
+                  rig.lidars.push_back(lidar_from(fields, name));
+                });
+  for (auto lidar = rig.lidars.begin(); lidar != rig.lidars.end(); ++lidar)
+    if (std::ranges::find(rig.cameras, lidar->name, &CameraTopics::name) != rig.cameras.end() ||
+        std::ranges::find(rig.lidars.begin(), lidar, lidar->name, &LidarTopics::name) != lidar)
+      all.fail("lidars." + lidar->name, "", "is the name of another sensor, too");
   return rig;
 } catch (const YAML::Exception& error) {
   throw InputError(file, "", "", "not usable YAML: " + std::string(error.what()));

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <map>
 
 #include "redrive/base/error.h"
@@ -27,15 +28,16 @@ class Reader : public RecordingReader {
  public:
   std::vector<LidarPoint> read_lidar(const FrameFile& file,
                                      std::size_t* left_out = nullptr) const override {
-    return contents->read_scan(file.path, scan, body_from_lidar, left_out);
+    return contents->read_scan(file.path, scans.at(file.lidar), body_from_lidar.at(file.lidar),
+                               left_out);
   }
   std::uint64_t lidar_point_count(const FrameFile& file) const override {
     return contents->points(file.path);
   }
 
   std::shared_ptr<Contents> contents;
-  ScanFields scan;
-  Rigid3d body_from_lidar = Rigid3d::Identity();
+  std::vector<ScanFields> scans;  ///< one for each LiDAR
+  std::vector<Rigid3d> body_from_lidar;
 };
 
 const Topic& require_topic(const Bag& bag, const std::string& name, const std::string& field) {
@@ -59,11 +61,8 @@ Rig find_rig(const Bag& bag, const Survey& survey, std::vector<Finding>* finding
   return proposal.rig;
 }
 
-void add_cameras(const Rig& rig, const Survey& survey, const std::vector<FramePose>& poses,
-                 Contents* contents, Recording* recording) {
-  const Bag& bag = contents->bag();
-  std::vector<TimedImages> cameras;
-  std::map<std::string, CameraCalibration> calibrations;
+std::vector<Contents::Sensor> camera_topics(const Bag& bag, const Rig& rig, const Survey& survey) {
+  std::vector<Contents::Sensor> topics;
   for (const CameraTopics& camera : rig.cameras) {
     const std::string field = "cameras." + camera.name;
     const Topic& topic = require_topic(bag, camera.image, field + ".image");
@@ -73,26 +72,62 @@ void add_cameras(const Rig& rig, const Survey& survey, const std::vector<FramePo
     if (!camera.intrinsics && !survey.infos.contains(camera.info))
       throw InputError(bag.folder() / kRigFile, field + ".info", camera.info,
                        "is no topic with a CameraInfo");
-    const auto head = survey.images.find(camera.image);
-    if (head == survey.images.end())
+    if (!survey.images.contains(camera.image))
       throw InputError(bag.folder(), camera.image, "", "none of its first messages can be read");
-    CameraTopics with_frame = camera;
-    if (with_frame.place.frame.empty()) with_frame.place.frame = head->second.header.frame;
-    TimedImages images{camera.name, 0, contents->add(topic, camera.name, rig.clock, recording)};
-    int width = static_cast<int>(head->second.width),
-        height = static_cast<int>(head->second.height);
-    if (is_compressed(topic) && !images.images.empty())
+    topics.push_back({&topic, camera.name});
+  }
+  return topics;
+}
+
+std::vector<Contents::Sensor> lidar_topics(const Bag& bag, const Rig& rig, const Survey& survey) {
+  std::vector<Contents::Sensor> topics;
+  for (const LidarTopics& lidar : rig.lidars) {
+    const std::string field = "lidars." + lidar.name;
+    const Topic& topic = require_topic(bag, lidar.topic, field + ".topic");
+    if (topic.type != "sensor_msgs/msg/PointCloud2")
+      throw InputError(bag.folder() / kRigFile, field + ".topic", topic.type, "is PointCloud2");
+    if (const auto cloud = survey.clouds.find(lidar.topic); cloud != survey.clouds.end())
+      for (const auto& [key, name] : {std::pair("time", lidar.scan.time),
+                                      {"intensity", lidar.scan.intensity},
+                                      {"ring", lidar.scan.ring}})
+        if (!name.empty() && std::ranges::find(cloud->second.fields, name, &PointField::name) ==
+                                 cloud->second.fields.end())
+          throw InputError(bag.folder() / kRigFile, field + "." + key, name,
+                           "is no field of " + lidar.topic);
+    topics.push_back({&topic, lidar.name});
+  }
+  return topics;
+}
+
+/// Returns body_from_sensor. `otherwise`: the frame of the sensor's messages. `field`: the
+/// sensor's, for messages.
+Rigid3d require_place(Place place, const std::string& otherwise, const std::string& field,
+                      const Rig& rig, const Survey& survey, const Bag& bag) {
+  if (place.frame.empty()) place.frame = otherwise;
+  if (const auto pose = place_of(place, rig, survey.transforms)) return *pose;
+  throw InputError(bag.folder() / kRigFile, field + ".frame", place.frame,
+                   "no extrinsic: /tf_static does not lead to it from " + rig.body +
+                       "; body_from_sensor gives it");
+}
+
+/// `files`: images by camera of the rig.
+void add_cameras(const Rig& rig, const Survey& survey, const std::vector<FramePose>& poses,
+                 std::vector<std::vector<FrameFile>> files, const Bag& bag, Recording* recording) {
+  std::vector<TimedImages> cameras;
+  std::map<std::string, CameraCalibration> calibrations;
+  for (std::size_t c = 0; c < rig.cameras.size(); ++c) {
+    const CameraTopics& camera = rig.cameras[c];
+    const ImageMessage& head = survey.images.at(camera.image);
+    TimedImages images{camera.name, 0, std::move(files[c])};
+    int width = static_cast<int>(head.width), height = static_cast<int>(head.height);
+    if (is_compressed(*bag.find(camera.image)) && !images.images.empty())
       if (const auto size = image_size(images.images.front().path))
         width = size->width, height = size->height;
     CameraCalibration calibration =
         calibration_of(camera, camera.intrinsics ? CameraInfo{} : survey.infos.at(camera.info),
                        width, height, bag.folder(), &recording->findings);
-    const auto pose = place_of(with_frame.place, rig, survey.transforms);
-    if (!pose)
-      throw InputError(bag.folder() / kRigFile, field + ".frame", with_frame.place.frame,
-                       "no extrinsic: /tf_static does not lead to it from " + rig.body +
-                           "; body_from_sensor gives it");
-    calibration.body_from_sensor = *pose;
+    calibration.body_from_sensor =
+        require_place(camera.place, head.header.frame, "cameras." + camera.name, rig, survey, bag);
     if (!camera.optical) {
       Eigen::Matrix3d axes;  // axes of a camera that looks ahead
       axes << 0, 0, 1, -1, 0, 0, 0, -1, 0;
@@ -105,40 +140,30 @@ void add_cameras(const Rig& rig, const Survey& survey, const std::vector<FramePo
                     kSameImage_ns, recording);
 }
 
-/// Adds scans by the frames that are nearest to their middles.
-void add_scans(const Rig& rig, const Survey& survey, Reader* reader, Recording* recording) {
+/// Adds scans by the frames that are nearest to their middles. `files`: scans by LiDAR of
+/// the rig.
+void add_scans(const Rig& rig, const Survey& survey, std::vector<std::vector<FrameFile>> files,
+               Reader* reader, Recording* recording) {
   for (const auto& [topic, cloud] : survey.clouds) recording->other_sensors.push_back(topic);
-  if (rig.lidar.empty()) return;
-  const Bag& bag = reader->contents->bag();
-  const Topic& topic = require_topic(bag, rig.lidar, "lidar.topic");
-  if (topic.type != "sensor_msgs/msg/PointCloud2")
-    throw InputError(bag.folder() / kRigFile, "lidar.topic", topic.type, "is PointCloud2");
-  Place place = rig.lidar_place;
-  if (place.frame.empty() && survey.clouds.contains(rig.lidar))
-    place.frame = survey.clouds.at(rig.lidar).header.frame;
-  const auto pose = place_of(place, rig, survey.transforms);
-  if (!pose)
-    throw InputError(bag.folder() / kRigFile, "lidar.frame", place.frame,
-                     "no extrinsic: /tf_static does not lead to it from " + rig.body +
-                         "; body_from_sensor gives it");
-  if (const auto cloud = survey.clouds.find(rig.lidar); cloud != survey.clouds.end())
-    for (const auto& [key, name] : {std::pair("time", rig.scan.time),
-                                    {"intensity", rig.scan.intensity},
-                                    {"ring", rig.scan.ring}})
-      if (!name.empty() && std::ranges::find(cloud->second.fields, name, &PointField::name) ==
-                               cloud->second.fields.end())
-        throw InputError(bag.folder() / kRigFile, std::string("lidar.") + key, name,
-                         "is no field of " + rig.lidar);
-  reader->body_from_lidar = *pose;
-  recording->lidars = {{"lidar", *pose}};
-  reader->scan = rig.scan;
-  double middle_s = 0;
-  if (const auto seen = survey.scans.find(rig.lidar);
-      seen != survey.scans.end() && seen->second.time == rig.scan.time)
-    middle_s = seen->second.middle_s;
-  std::vector<FrameFile> scans = reader->contents->add(topic, "lidar", rig.clock, recording);
-  for (FrameFile& scan : scans) scan.frame_id += std::llround(1e9 * middle_s);
-  add_timed_scans(std::move(scans), "lidar", recording);
+  for (std::size_t k = 0; k < rig.lidars.size(); ++k) {
+    const LidarTopics& lidar = rig.lidars[k];
+    const auto cloud = survey.clouds.find(lidar.topic);
+    const Rigid3d pose =
+        require_place(lidar.place, cloud == survey.clouds.end() ? "" : cloud->second.header.frame,
+                      "lidars." + lidar.name, rig, survey, reader->contents->bag());
+    recording->lidars.push_back({lidar.name, pose});
+    reader->body_from_lidar.push_back(pose);
+    reader->scans.push_back(lidar.scan);
+    double middle_s = 0;
+    if (const auto seen = survey.scans.find(lidar.topic);
+        seen != survey.scans.end() && seen->second.time == lidar.scan.time)
+      middle_s = seen->second.middle_s;
+    for (FrameFile& scan : files[k]) {
+      scan.frame_id += std::llround(1e9 * middle_s);
+      scan.lidar = k;
+    }
+    add_timed_scans(std::move(files[k]), lidar.name, recording);
+  }
 }
 
 }  // namespace
@@ -170,8 +195,14 @@ Recording open(const fs::path& root, PoseSource source) {
   const auto reader = std::make_shared<Reader>();
   reader->contents = std::make_shared<Contents>(bag);
   mount(root, reader->contents);
-  add_cameras(rig, seen, poses, reader->contents.get(), &recording);
-  add_scans(rig, seen, reader.get(), &recording);
+  std::vector<Contents::Sensor> topics = camera_topics(*bag, rig, seen);
+  for (Contents::Sensor& lidar : lidar_topics(*bag, rig, seen)) topics.push_back(std::move(lidar));
+  std::vector<std::vector<FrameFile>> files = reader->contents->add(topics, rig.clock, &recording);
+  const auto first_lidar = files.begin() + std::ssize(rig.cameras);
+  std::vector<std::vector<FrameFile>> scans(std::make_move_iterator(first_lidar),
+                                            std::make_move_iterator(files.end()));
+  add_cameras(rig, seen, poses, std::move(files), *bag, &recording);
+  add_scans(rig, seen, std::move(scans), reader.get(), &recording);
   recording.reader = reader;
   return recording;
 }

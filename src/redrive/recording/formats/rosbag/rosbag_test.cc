@@ -241,11 +241,66 @@ TEST(Rosbag, ImagesInTheBagAreCheckedAsFiles) {
   EXPECT_EQ(recording.find_camera("front")->images.size(), 10u);
 }
 
-TEST(Rosbag, UsesOneLidar) {
+TEST(Rosbag, UsesEachLidar) {
   const TemporaryFolder folder;
-  const Recording recording = opened(folder, RosDrive({.second_lidar = true}));
-  EXPECT_THAT(recording.findings, says("/lidar2/points", "not used"));
-  expect_drive(recording, "two");
+  Recording recording = opened(folder, RosDrive({.second_lidar = "lidar_rear"}));
+  ASSERT_EQ(recording.lidars.size(), 2u);
+  EXPECT_EQ(recording.lidars[0].name, "lidar");
+  EXPECT_EQ(recording.lidars[1].name, "rear_points") << "rear is a camera";
+  const std::vector<FrameFile> scans = recording.scans_of(1);
+  ASSERT_EQ(scans.size(), std::size_t(RosDrive::kScans));
+  for (int s = 0; s < RosDrive::kScans; ++s) {
+    const std::vector<LidarPoint> points = recording.read_lidar(scans[std::size_t(s)]);
+    ASSERT_EQ(points.size(), 29u);
+    const LidarPoint& point = points[0];
+    const Eigen::Vector3d truth = RosDrive::world_from_body(point.t_ns) *
+                                  RosDrive::place("lidar_rear") * RosDrive::point(s, 0);
+    EXPECT_LT(
+        (pose_at(recording.frames, point.t_ns) * point.in_body_m.cast<double>() - truth).norm(),
+        2e-6);
+  }
+  std::erase_if(recording.lidar_files, [](const FrameFile& file) { return file.lidar == 1; });
+  expect_drive(recording, "the first of two");
+}
+
+// Clouds that are made from others': in the same frame, or joined in the body's.
+TEST(Rosbag, UsesEachSensorOnce) {
+  for (const auto& [frame, why] : {std::pair("lidar", "the same sensor as /lidar/points"),
+                                   std::pair("base_link", "made from others' scans"),
+                                   std::pair("odom", "does not lead to its frame odom")}) {
+    const TemporaryFolder folder;
+    const Recording recording = opened(folder, RosDrive({.second_lidar = frame}));
+    EXPECT_THAT(recording.findings, says("/rear/points", why));
+    EXPECT_EQ(recording.lidars.size(), 1u);
+    expect_drive(recording, frame);
+  }
+}
+
+TEST(Rosbag, ReadsMappingsOfOneLidar) {
+  const TemporaryFolder folder;
+  folder.write("a.mcap", RosDrive().mcap());
+  std::string text = mapping_of(folder.path)->text;
+  const std::string now = "lidars:\n  lidar:\n";
+  const std::size_t at = text.find(now);
+  ASSERT_NE(at, text.npos) << text;
+  folder.write("rig.yaml", text.replace(at, now.size(), "lidar:\n"));
+  expect_drive(open_recording(folder.path), "lidar:");
+}
+
+TEST(Rosbag, FramesThatAreNotOptical) {
+  const TemporaryFolder folder;
+  folder.write("a.mcap", RosDrive().mcap());
+  std::string text = mapping_of(folder.path)->text;
+  for (const auto& [from, to] : {std::pair("frame: left_optical", "frame: roof"),
+                                 std::pair("optical: true", "optical: false")})
+    text.replace(text.find(from, text.find("info: /cam/left")), std::string(from).size(), to);
+  folder.write("rig.yaml", text);
+  const Recording recording = open_recording(folder.path);
+  const Rigid3d place = recording.find_camera("left")->calibration.body_from_sensor;
+  EXPECT_LT((place.translation() - RosDrive::roof().translation()).norm(), 1e-9);
+  // The camera looks along the frame's x axis, and its image's x axis is the frame's -y.
+  EXPECT_LT((place.linear().col(2) - RosDrive::roof().linear().col(0)).norm(), 1e-9);
+  EXPECT_LT((place.linear().col(0) + RosDrive::roof().linear().col(1)).norm(), 1e-9);
 }
 
 TEST(Rosbag, AsksForWhatIsAmbiguous) {
@@ -339,10 +394,11 @@ TEST(Rosbag, NamesWhatIsWrongInItsMapping) {
   EXPECT_THAT(error_with("topic: /tf", "topic: /cam/front/image_raw"),
               HasSubstr("is no type of poses"));
   EXPECT_THAT(error_with("world: odom", "world: mars"), HasSubstr("mars"));
-  EXPECT_THAT(error_with("time_unit: ns", "time_unit: days"), HasSubstr("lidar.time_unit"));
+  EXPECT_THAT(error_with("time_unit: ns", "time_unit: days"), HasSubstr("lidars.lidar.time_unit"));
   EXPECT_THAT(error_with("intensity: intensity", "intensity: strength"), HasSubstr("strength"));
   EXPECT_THAT(error_with("readout_s: 0", "readout_s: 3"), HasSubstr("cameras.front.readout_s"));
   EXPECT_THAT(error_with("cameras:", "cameras: ["), HasSubstr("not usable YAML"));
+  EXPECT_THAT(error_with("  lidar:", "  left:"), HasSubstr("lidars.left"));
 }
 
 TEST(Rosbag, NamesDefinitionsThatDiffer) {

@@ -92,7 +92,7 @@ inline std::string ros_definition(const std::string& type) {
 
 struct RosDriveOptions {
   bool big_endian = false, tf = true, odometry = false, fixes = false, pose_stamped = false;
-  bool second_lidar = false;
+  std::string second_lidar;  ///< frame of a second cloud; empty: none
   std::string left_frame = "left_optical";
   std::string point_time = "t";  ///< "t": ns; "time": s; "timestamp": s since the epoch
 };
@@ -119,8 +119,9 @@ class RosDrive {
     add_static();
     for (int f = 0; f < kFrames; ++f) add_images(f);
     for (int s = 0; s < kScans; ++s) add_scan(s, kPoints2, "lidar", kPoints);
-    if (options_.second_lidar)
-      for (int s = 0; s < kScans; ++s) add_scan(s, "/lidar2/points", "lidar", kPoints / 3);
+    if (!options_.second_lidar.empty())
+      for (int s = 0; s < kScans; ++s)
+        add_scan(s, "/rear/points", options_.second_lidar, kPoints / 3);
     for (std::int64_t t = kFirst_ns - 53'000'000; t < t_ns(kFrames); t += 20'000'000) add_pose(t);
     // Recorders get messages in no order of their stamps.
     for (std::size_t i = 0; i + 3 < messages.size(); i += 4)
@@ -143,9 +144,11 @@ class RosDrive {
     Eigen::Matrix3d axes;  // axes of a camera that looks ahead
     axes << 0, 0, 1, -1, 0, 0, 0, -1, 0;
     Rigid3d pose = Rigid3d::Identity();
-    const double yaw = sensor == "left" ? 1.2 : sensor == "rear" ? 3.0 : 0.05;
+    const double yaw = sensor == "left"                             ? 1.2
+                       : sensor == "rear" || sensor == "lidar_rear" ? 3.0
+                                                                    : 0.05;
     pose.linear() = so3_exp({0.01, -0.02, yaw});
-    if (sensor != "lidar") pose.linear() *= axes;
+    if (!sensor.starts_with("lidar")) pose.linear() *= axes;
     pose.translation() = Eigen::Vector3d(1.3 + 0.3 * std::cos(yaw), 0.3 * std::sin(yaw), 1.4);
     return pose;
   }
@@ -278,7 +281,7 @@ class RosDrive {
  private:
   void add_static() {
     CdrWriter out = cdr();
-    out.add<std::uint32_t>(5);
+    out.add<std::uint32_t>(6);
     const auto link = [&](const char* parent, const char* child, const Rigid3d& pose) {
       add_transform(0, parent, child, pose, &out);
     };
@@ -287,6 +290,7 @@ class RosDrive {
     link("base_link", "front_optical", place("front"));
     link("base_link", "rear_optical", place("rear"));
     link("roof", "lidar", roof().inverse() * place("lidar"));
+    link("roof", "lidar_rear", roof().inverse() * place("lidar_rear"));
     add("/tf_static", "tf2_msgs/msg/TFMessage", kFirst_ns - 1'000'000'000, out);
   }
   void add_images(int f) {

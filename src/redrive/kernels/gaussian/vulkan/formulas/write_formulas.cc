@@ -39,7 +39,9 @@ std::string constants() {
     for (int row = 0; row < kDistanceRow; ++row) bits |= unsigned{is_seen(by, row)} << row;
     out << bits << (by == SeenBy::kBoth ? "u);\n" : "u, ");
   }
-  out << "// kernels/gaussian/pair_sums.h\n"
+  constexpr int kLensNumbers = PlainCamera::kMostNumbers;
+  out << "// camera/plain_camera.h\n"
+      << REDRIVE_INT(kLensNumbers) << "// kernels/gaussian/pair_sums.h\n"
       << REDRIVE_INT(kSumAlpha) << REDRIVE_INT(kSumX) << REDRIVE_INT(kSumY) << REDRIVE_INT(kSumXX)
       << REDRIVE_INT(kSumXY) << REDRIVE_INT(kSumYY) << REDRIVE_INT(kSumRgb)
       << REDRIVE_INT(kSumError) << REDRIVE_INT(kSumLogDistance) << REDRIVE_INT(kPairSums)
@@ -58,7 +60,7 @@ layout(constant_id = 0) const int kModel = 0;
 
 struct PlainCamera {  // camera/plain_camera.h
   float fx, fy, cx, cy;
-  float numbers[8];
+  float numbers[kLensNumbers];
   float max_radius2;
 };
 struct Pose {  // GaussianPose
@@ -71,7 +73,6 @@ struct Projected {  // ProjectedGaussian; numbers are arbitrary where it is not 
 };
 
 )";
-  static_assert(PlainCamera::kMostNumbers == 8);
   text += function("float angle_of(float y, float x)",
                    {{"float angle", angle_of<TraceMath>(input("y"), input("x"))}});
   text.replace(text.rfind("}  //"), 0, "  return angle;\n");

@@ -42,7 +42,7 @@ layout(buffer_reference, std430, buffer_reference_align = 16) buffer Params {
   // its pixels before the segment [kStateFloats, 256], and the tile.
   Floats states;
   Words segments;
-  float fx, fy, cx, cy, numbers_of_lens[8], max_radius2;  // camera/plain_camera.h
+  float fx, fy, cx, cy, numbers_of_lens[kLensNumbers], max_radius2;  // camera/plain_camera.h
   uint n, width, height, stride, rows, tiles_x, tiles_y;
   uint n_parts, n_keys, by_column, bounds_means, max_pairs;
   float first_line, row_scale, row_offset;
