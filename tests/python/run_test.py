@@ -55,6 +55,8 @@ class OfRun(unittest.TestCase):
         file = "checkpoint.safetensors"
         mine, others = (redrive.load(path) for path in (self.path, other))
         self.assertEqual((mine.step, others.step), (60, 60))
+        held_out = mine.frames[::6].tolist()
+        self.assertEqual(mine.held_out, {camera: held_out for camera in mine.cameras})
         np.testing.assert_array_equal(mine.render(CAMERA, self.frame).rgb,
                                       others.render(CAMERA, self.frame).rgb)
         # Behind the header, which has the seconds of training: all parameters and moments.

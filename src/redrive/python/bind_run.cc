@@ -277,6 +277,16 @@ void bind_image(py::module_& module) {
       });
 }
 
+std::map<std::string, std::vector<std::int64_t>> held_out_of(const OpenedRun& opened) {
+  const Scene& scene = opened.run().scene;
+  std::map<std::string, std::vector<std::int64_t>> frames;
+  for (const View& view : scene.views)
+    if (view.held_out)
+      frames[scene.rig[static_cast<std::size_t>(view.camera)].name].push_back(
+          scene.frames[static_cast<std::size_t>(view.frame)].id);
+  return frames;
+}
+
 }  // namespace
 
 void bind_run(py::module_& module) {
@@ -330,7 +340,10 @@ void bind_run(py::module_& module) {
       .def_property_readonly(
           "method", [](const OpenedRun& r) { return r.run().options.method; }, "str")
       .def_property_readonly(
-          "step", [](const OpenedRun& r) { return r.run().state.step; }, "int: steps trained");
+          "step", [](const OpenedRun& r) { return r.run().state.step; }, "int: steps trained")
+      .def_property_readonly(
+          "held_out", &held_out_of,
+          "dict of str to list of int: frames of each camera's images that were not trained on");
   module.def(
       "load", &load, py::arg("run"), py::kw_only(), py::arg("backend") = "auto",
       py::arg("isa") = "auto", py::arg("device") = "", py::arg("threads") = 0,

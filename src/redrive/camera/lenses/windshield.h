@@ -118,9 +118,10 @@ struct WindshieldPlane {
   /// Returns asin x. Lanes have atan2 for y >= 0 alone.
   template <class M>
   static REDRIVE_LANES typename M::Real arcsine(typename M::Real x) {
-    const typename M::Real zero = M::constant(0),
-                           size = M::atan2(M::max(x, zero - x), cosine_of<M>(x));
-    return M::select(x < zero, zero - size, size);
+    const typename M::Real zero = M::constant(0);
+    const auto negative = x < zero;
+    const typename M::Real size = M::atan2(M::select(negative, zero - x, x), cosine_of<M>(x));
+    return M::select(negative, zero - size, size);
   }
   /// Returns sin x, |x| <= kMostAngle, to the rounding of S by its series.
   template <class M, class S>

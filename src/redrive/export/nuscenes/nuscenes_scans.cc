@@ -19,7 +19,7 @@ struct CountingBox {
   Eigen::Vector3d velocity_m_per_s, half_m;
   std::int64_t t_ns = 0;
   std::size_t n = 0;
-  double sum_ns = 0;  ///< of times after t_ns
+  double sum_ns = 0;  ///< times after t_ns, added up
   /// Direction from the LiDAR in the plane, the return nearest to it and its time.
   Eigen::Vector2d toward;
   double most_along = -2;

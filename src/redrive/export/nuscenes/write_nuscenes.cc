@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The tables are those of docs/schema_nuscenes.md of nutonomy/nuscenes-devkit.
+// Tables: docs/schema_nuscenes.md of nutonomy/nuscenes-devkit.
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -136,7 +136,7 @@ class SceneWriter {
       if (file.sensor == anchor &&
           (sample_us_.empty() || file.t_us - sample_us_.back() > kSample_ns / 1000 - kHalfFrame_us))
         sample_us_.push_back(file.t_us);
-    std::map<std::pair<std::size_t, std::size_t>, std::size_t> nearest;  // of sensor and sample
+    std::map<std::pair<std::size_t, std::size_t>, std::size_t> nearest;  // key: sensor, sample
     for (std::size_t f = 0; f < files_.size(); ++f) {
       SensorFile& file = files_[f];
       const auto after = std::ranges::lower_bound(sample_us_, file.t_us);

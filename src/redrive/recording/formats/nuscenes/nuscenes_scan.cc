@@ -92,37 +92,56 @@ Columns columns_of(std::string_view bytes, const std::filesystem::path& file,
   return columns;
 }
 
-}  // namespace
-
-std::int64_t Spin::time_of(const Eigen::Vector3d& in_lidar, std::int64_t end_ns) const {
-  if (turn_rad == 0) return end_ns;
-  const double turns = (std::atan2(in_lidar.y(), in_lidar.x()) - first_rad) / turn_rad,
-               fraction = turns - std::floor(turns);
-  return end_ns - std::llround((1 - fraction) * static_cast<double>(duration_ns));
-}
-
-Spin spin_of(std::string_view bytes, const std::filesystem::path& file, std::int64_t duration_ns) {
-  UnusableReturns unusable(bytes.size() / kScanRecordBytes);
-  const Columns columns = columns_of(bytes, file, duration_ns, &unusable);
-  if (columns.is_hdl_32e) return {};
+/// Returns how the azimuth of records runs; turn 0 where their order is no revolution or a large
+/// part of one.
+Spin turn_of(const std::vector<Record>& records, std::int64_t duration_ns) {
   std::vector<double> azimuths;
-  for (const Record& record : columns.records)
+  for (const Record& record : records)
     if (!record.missing) azimuths.push_back(std::atan2(record.values[1], record.values[0]));
   Spin spin{duration_or_usual(duration_ns), 0, 0};
   constexpr std::size_t kSteps = 64, kFewest = 8 * kSteps;
   if (azimuths.size() < kFewest) return spin;
   // Sectors of the revolution, in each of which the first record stands for all.
-  double sum = 0;
+  double sum = 0, sum_of_sizes = 0;
   for (std::size_t k = 0; k < kSteps; ++k) {
     const auto at = [&](std::size_t i) { return azimuths[i * (azimuths.size() - 1) / kSteps]; };
-    sum += std::remainder(at(k + 1) - at(k), 2 * std::numbers::pi);
+    const double step = std::remainder(at(k + 1) - at(k), 2 * std::numbers::pi);
+    sum += step;
+    sum_of_sizes += std::abs(step);
   }
-  constexpr double kLeastTurn = 0.8, kMostTurn = 1.1;
+  constexpr double kLeastTurn = 0.3, kMostTurn = 1.1, kSteady = 0.8;
   const double turns = std::abs(sum) / (2 * std::numbers::pi);
-  if (turns < kLeastTurn || turns > kMostTurn) return spin;
+  if (turns < kLeastTurn || turns > kMostTurn || std::abs(sum) < kSteady * sum_of_sizes)
+    return spin;
   spin.first_rad = azimuths.front();
-  spin.turn_rad = std::copysign(2 * std::numbers::pi, sum);
+  spin.turn_rad = sum;
   return spin;
+}
+
+/// Returns the time at which a scan sees a direction. `part`: share of the records up to it, which
+/// tells whole turns apart.
+std::int64_t time_of_azimuth(const Spin& spin, const Eigen::Vector3d& in_lidar, double part,
+                             std::int64_t end_ns) {
+  const double turn = 2 * std::numbers::pi / std::abs(spin.turn_rad);
+  double fraction = (std::atan2(in_lidar.y(), in_lidar.x()) - spin.first_rad) / spin.turn_rad;
+  fraction += turn * std::round((part - fraction) / turn);
+  return end_ns - std::llround((1 - std::clamp(fraction, 0.0, 1.0)) * double(spin.duration_ns));
+}
+
+}  // namespace
+
+std::int64_t Spin::time_of(const Eigen::Vector3d& in_lidar, std::int64_t end_ns) const {
+  if (turn_rad == 0) return end_ns;
+  const double turn = 2 * std::numbers::pi / std::abs(turn_rad);
+  double fraction = (std::atan2(in_lidar.y(), in_lidar.x()) - first_rad) / turn_rad;
+  fraction -= turn * std::floor(fraction / turn);
+  return end_ns - std::llround((1 - std::min(fraction, 1.0)) * static_cast<double>(duration_ns));
+}
+
+Spin spin_of(std::string_view bytes, const std::filesystem::path& file, std::int64_t duration_ns) {
+  UnusableReturns unusable(bytes.size() / kScanRecordBytes);
+  const Columns columns = columns_of(bytes, file, duration_ns, &unusable);
+  return columns.is_hdl_32e ? Spin() : turn_of(columns.records, duration_ns);
 }
 
 std::vector<LidarPoint> parse_scan(std::string_view bytes, const std::filesystem::path& file,
@@ -135,6 +154,8 @@ std::vector<LidarPoint> parse_scan(std::string_view bytes, const std::filesystem
   const double column_ns = is_hdl_32e           ? kFiring_ns
                            : spin.turn_rad == 0 ? 0
                                                 : double(spin.duration_ns) / double(n_columns);
+  const bool by_azimuth = !is_hdl_32e && !has_rings && spin.turn_rad != 0;
+  const Spin own = by_azimuth ? turn_of(records, spin.duration_ns) : spin;
   const Rigid3d global_from_lidar = pose_at(poses, revolution.end_ns) * revolution.body_from_lidar;
   std::vector<LidarPoint> points;
   points.reserve(records.size());
@@ -145,18 +166,28 @@ std::vector<LidarPoint> parse_scan(std::string_view bytes, const std::filesystem
       unusable.add_missing();
       continue;
     }
-    const std::int64_t t_ns =
+    const Eigen::Vector3d in_file(record.values[0], record.values[1], record.values[2]);
+    std::int64_t t_ns =
         revolution.end_ns - std::llround(column_ns * double(n_columns - 1 - record.column));
+    if (by_azimuth && own.turn_rad != 0) {
+      // Once from where the sensor is at the end, and once from where it is then.
+      const double part = double(record.column + 1) / double(n_columns);
+      t_ns = time_of_azimuth(own, in_file, part, revolution.end_ns);
+      const Rigid3d lidar_from_global =
+          (pose_at(poses, t_ns) * revolution.body_from_lidar).inverse(Eigen::Isometry);
+      t_ns = time_of_azimuth(own, lidar_from_global * (global_from_lidar * in_file), part,
+                             revolution.end_ns);
+    }
     if (posed_ns != t_ns)
       body_from_compensated = pose_at(poses, t_ns).inverse(Eigen::Isometry) * global_from_lidar;
     posed_ns = t_ns;
-    const float* const v = record.values;
-    points.push_back(
-        {.in_body_m = (body_from_compensated * Eigen::Vector3d(v[0], v[1], v[2])).cast<float>(),
-         .intensity = static_cast<std::uint16_t>(std::lround(std::clamp(v[3], 0.0f, 255.0f))),
-         .ring = has_rings ? static_cast<std::uint8_t>(record.ring()) : kNoRing,
-         .t_ns = t_ns});
+    points.push_back({.in_body_m = (body_from_compensated * in_file).cast<float>(),
+                      .intensity = static_cast<std::uint16_t>(
+                          std::lround(std::clamp(record.values[3], 0.0f, 255.0f))),
+                      .ring = has_rings ? static_cast<std::uint8_t>(record.ring()) : kNoRing,
+                      .t_ns = t_ns});
   }
+  if (by_azimuth) std::ranges::stable_sort(points, {}, &LidarPoint::t_ns);
   if (left_out) *left_out += unusable.count();
   return points;
 }

@@ -25,7 +25,8 @@ constexpr std::size_t kScanRecordBytes = 20;
 /// of the car, and turns clockwise.
 struct Spin {
   std::int64_t duration_ns = 50'000'000;
-  double first_rad = std::numbers::pi, turn_rad = -2 * std::numbers::pi;  ///< turn 0: not known
+  double first_rad = std::numbers::pi;
+  double turn_rad = -2 * std::numbers::pi;  ///< within the duration; 0: not known
 
   /// Returns the time at which a scan that ends at `end_ns` sees a direction; end_ns if not known.
   std::int64_t time_of(const Eigen::Vector3d& in_lidar, std::int64_t end_ns) const;

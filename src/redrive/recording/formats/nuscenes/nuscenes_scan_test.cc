@@ -143,6 +143,38 @@ TEST(NuScenesScan, TheSpinOfTheHdl32eIsKnownAndOfUnorderedScansIsNot) {
     ASSERT_EQ(point.t_ns, kEnd_ns);
 }
 
+// The body drives at 10 m/s. A scan of two thirds of a turn, of whose points more are in its first
+// half, so that their order does not tell their times.
+TEST(NuScenesScan, WithoutRingsTimesAreThoseOfAzimuths) {
+  constexpr std::int64_t kTaken_ns = 60'000'000;
+  const Rigid3d body_from_lidar(Eigen::Translation3d(1, 0, 2));
+  const Rigid3d lidar_from_global_at_end =
+      (pose_at(driving(), kEnd_ns) * body_from_lidar).inverse();
+  std::vector<std::array<float, 5>> points;
+  std::vector<std::int64_t> times_ns;
+  std::vector<Eigen::Vector3d> in_body_m;
+  for (int i = 0; i < 4000; ++i) {
+    const double part = i < 3000 ? i / 6000.0 : 0.5 + (i - 3000 + 1) / 2000.0;
+    times_ns.push_back(kEnd_ns - std::llround((1 - part) * kTaken_ns));
+    const double azimuth = 2.5 - part * 4 * M_PI / 3, range = 15 + i % 30;
+    in_body_m.push_back(body_from_lidar *
+                        Eigen::Vector3d(range * std::cos(azimuth), range * std::sin(azimuth), -1));
+    const Eigen::Vector3d at =
+        lidar_from_global_at_end * (pose_at(driving(), times_ns.back()) * in_body_m.back());
+    points.push_back({float(at.x()), float(at.y()), float(at.z()), 9, 0});
+  }
+  const std::string bytes = nuscenes_scan(points);
+  const nuscenes::Spin spin = nuscenes::spin_of(bytes, "7.pcd.bin", kTaken_ns);
+  EXPECT_NEAR(spin.turn_rad, -4 * M_PI / 3, 0.05);
+  const auto scan =
+      nuscenes::parse_scan(bytes, "7.pcd.bin", {body_from_lidar, kEnd_ns, spin}, driving());
+  ASSERT_EQ(scan.size(), points.size());
+  double most_ns = 0;
+  for (std::size_t i = 0; i < scan.size(); ++i)
+    most_ns = std::max(most_ns, std::abs(double(scan[i].t_ns - times_ns[i])));
+  EXPECT_LT(most_ns, 1.5e6) << "in the order of the file a point would be 15 ms off";
+}
+
 TEST(NuScenesScan, RingsThatAreAllZeroAreNotKnown) {
   const std::vector<LidarPoint> scan = parsed(nuscenes_scan({{9, 0, 0, 1, 0}, {8, 0, 0, 1, 0}}));
   EXPECT_EQ(scan[0].ring, kNoRing);
