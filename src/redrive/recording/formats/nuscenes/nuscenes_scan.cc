@@ -95,26 +95,37 @@ Columns columns_of(std::string_view bytes, const std::filesystem::path& file,
 /// Returns how the azimuth of records runs; turn 0 where their order is no revolution or a large
 /// part of one.
 Spin turn_of(const std::vector<Record>& records, std::int64_t duration_ns) {
-  std::vector<double> azimuths;
+  std::vector<Eigen::Vector2d> all;
   for (const Record& record : records)
-    if (!record.missing) azimuths.push_back(std::atan2(record.values[1], record.values[0]));
+    if (!record.missing) all.emplace_back(record.values[0], record.values[1]);
   Spin spin{duration_or_usual(duration_ns), 0, 0};
-  constexpr std::size_t kSteps = 64, kFewest = 8 * kSteps;
-  if (azimuths.size() < kFewest) return spin;
-  // Sectors of the revolution, in each of which the first record stands for all.
-  double sum = 0, sum_of_sizes = 0;
-  for (std::size_t k = 0; k < kSteps; ++k) {
-    const auto at = [&](std::size_t i) { return azimuths[i * (azimuths.size() - 1) / kSteps]; };
-    const double step = std::remainder(at(k + 1) - at(k), 2 * std::numbers::pi);
-    sum += step;
-    sum_of_sizes += std::abs(step);
+  constexpr std::size_t kSectors = 64, kFewest = 8 * kSectors;
+  if (all.size() < kFewest) return spin;
+  // Directions of sectors, to which far returns count most: the car's motion turns near ones.
+  std::vector<double> azimuths;
+  double sum_of_sizes = 0;
+  for (std::size_t k = 0; k < kSectors; ++k) {
+    Eigen::Vector2d sum = Eigen::Vector2d::Zero();
+    for (std::size_t i = k * all.size() / kSectors; i < (k + 1) * all.size() / kSectors; ++i)
+      sum += all[i];
+    double azimuth = std::atan2(sum.y(), sum.x());
+    if (k > 0) {
+      const double step = std::remainder(azimuth - azimuths.back(), 2 * std::numbers::pi);
+      azimuth = azimuths.back() + step;
+      sum_of_sizes += std::abs(step);
+    }
+    azimuths.push_back(azimuth);
   }
+  const double sum = azimuths.back() - azimuths.front(),
+               turns = std::abs(sum) / (2 * std::numbers::pi);
   constexpr double kLeastTurn = 0.3, kMostTurn = 1.1, kSteady = 0.8;
-  const double turns = std::abs(sum) / (2 * std::numbers::pi);
   if (turns < kLeastTurn || turns > kMostTurn || std::abs(sum) < kSteady * sum_of_sizes)
     return spin;
-  spin.first_rad = azimuths.front();
-  spin.turn_rad = sum;
+  // From the first sector's begin to the last one's end.
+  const double first = 1.5 * azimuths[0] - 0.5 * azimuths[1],
+               last = 1.5 * azimuths[kSectors - 1] - 0.5 * azimuths[kSectors - 2];
+  spin.first_rad = first;
+  spin.turn_rad = last - first;
   return spin;
 }
 
@@ -170,13 +181,15 @@ std::vector<LidarPoint> parse_scan(std::string_view bytes, const std::filesystem
     std::int64_t t_ns =
         revolution.end_ns - std::llround(column_ns * double(n_columns - 1 - record.column));
     if (by_azimuth && own.turn_rad != 0) {
-      // Once from where the sensor is at the end, and once from where it is then.
+      // The azimuth at a time is seen from where the sensor is then.
+      constexpr int kIterations = 4;
       const double part = double(record.column + 1) / double(n_columns);
-      t_ns = time_of_azimuth(own, in_file, part, revolution.end_ns);
-      const Rigid3d lidar_from_global =
-          (pose_at(poses, t_ns) * revolution.body_from_lidar).inverse(Eigen::Isometry);
-      t_ns = time_of_azimuth(own, lidar_from_global * (global_from_lidar * in_file), part,
-                             revolution.end_ns);
+      Eigen::Vector3d in_lidar = in_file;
+      for (int i = 0; i < kIterations; ++i) {
+        t_ns = time_of_azimuth(own, in_lidar, part, revolution.end_ns);
+        in_lidar = (pose_at(poses, t_ns) * revolution.body_from_lidar).inverse(Eigen::Isometry) *
+                   (global_from_lidar * in_file);
+      }
     }
     if (posed_ns != t_ns)
       body_from_compensated = pose_at(poses, t_ns).inverse(Eigen::Isometry) * global_from_lidar;
