@@ -12,10 +12,13 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   try {
     constexpr std::int64_t kEnd_ns = 100'000'000;
     const std::vector<redrive::FramePose> poses = {{0, 0, redrive::Rigid3d::Identity()}};
+    // The interval of two scans is known or not.
+    const redrive::nuscenes::Spin spin =
+        redrive::nuscenes::spin_of(text, "0.pcd.bin", size % 3 == 0 ? 0 : 60'000'000);
     for (const redrive::LidarPoint& point : redrive::nuscenes::parse_scan(
-             text, "0.pcd.bin", {redrive::Rigid3d::Identity(), kEnd_ns}, poses))
+             text, "0.pcd.bin", {redrive::Rigid3d::Identity(), kEnd_ns, spin}, poses))
       if (!(point.in_body_m.cwiseAbs().maxCoeff() <= 1000) || point.intensity > 255 ||
-          point.t_ns < kEnd_ns - 60'000'000 || point.t_ns > kEnd_ns)
+          point.t_ns < kEnd_ns - 100'000'000 || point.t_ns > kEnd_ns)
         __builtin_trap();
   } catch (const redrive::InputError&) {
   }

@@ -50,7 +50,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     for (const redrive::FramePose& pose : scene.poses)
       if (!redrive::rigid_obstacle(pose.global_from_body.matrix()).empty()) __builtin_trap();
     for (const auto& [id, boxes] :
-         redrive::nuscenes::boxes_of_frames(scene, redrive::Rigid3d::Identity(), scene.poses))
+         redrive::nuscenes::boxes_of_frames(scene, redrive::Rigid3d::Identity(), {}, scene.poses))
       for (const redrive::Box& box : boxes)
         if (!box.body_from_box.matrix().allFinite()) __builtin_trap();
   } catch (const redrive::InputError&) {
