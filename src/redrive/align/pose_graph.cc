@@ -63,7 +63,7 @@ double squared(const Vector6d& r, const Matrix6d& information) { return r.dot(in
 class Graph {
  public:
   Graph(const std::vector<Knot>& knots, const std::vector<LoopClosure>& closures)
-      : closures_(closures), weights_(closures.size(), 1) {
+      : weights_(closures.size(), 1) {
     for (const Knot& knot : knots) initial_.push_back(knot.world_from_body);
     poses_ = initial_;
     for (std::size_t k = 0; k + 1 < knots.size(); ++k) {
@@ -216,7 +216,6 @@ class Graph {
     REDRIVE_CHECK(solver_.info() == Eigen::Success);
   }
 
-  const std::vector<LoopClosure>& closures_;
   std::vector<double> weights_;
   std::vector<Rigid3d> initial_, poses_;
   std::vector<Edge> links_, measured_;
