@@ -188,6 +188,18 @@ std::vector<FrameFile> list_revolutions(const SceneTables& scene,
   return revolutions;
 }
 
+void add_revolutions(const SceneTables& scene, Recording* recording, Reader* reader) {
+  reader->body_from_lidar = recording->lidars[0].body_from_lidar;
+  reader->poses = scene.poses;
+  reader->spin = spin_of_lidar(scene);
+  recording->lidar_files = list_revolutions(scene, recording->frames, reader);
+  drop_missing(&recording->lidar_files, kLidar, &recording->findings);
+  if (reader->spin.turn_rad == 0)
+    recording->findings.push_back({kLidar,
+                                   "the order of its points is no revolution: all have the time of "
+                                   "their scan"});
+}
+
 }  // namespace
 
 bool looks_like(const fs::path& root) { return !find_scene_folder(root).tables.empty(); }
@@ -256,17 +268,7 @@ Recording open(const fs::path& root, PoseSource source) {
   require_cameras(recording);
 
   const auto reader = std::make_shared<Reader>();
-  if (!recording.lidars.empty()) {
-    reader->body_from_lidar = recording.lidars[0].body_from_lidar;
-    reader->poses = scene.poses;
-    reader->spin = spin_of_lidar(scene);
-    recording.lidar_files = list_revolutions(scene, recording.frames, reader.get());
-    drop_missing(&recording.lidar_files, kLidar, &findings);
-    if (reader->spin.turn_rad == 0)
-      findings.push_back({kLidar,
-                          "the order of its points is no revolution: all have the time of "
-                          "their scan"});
-  }
+  if (!recording.lidars.empty()) add_revolutions(scene, &recording, reader.get());
   reader->boxes = boxes_of_frames(
       scene,
       recording.lidars.empty() ? std::nullopt : std::optional(recording.lidars[0].body_from_lidar),
