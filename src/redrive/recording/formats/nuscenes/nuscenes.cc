@@ -200,6 +200,18 @@ void add_revolutions(const SceneTables& scene, Recording* recording, Reader* rea
                                    "their scan"});
 }
 
+/// Leaves out missing images; the recording has the frames that are left with one.
+void add_frames(const std::vector<FramePose>& frames, std::vector<TimedImages>* cameras,
+                Recording* recording) {
+  std::vector<bool> shown(frames.size());
+  for (TimedImages& camera : *cameras) {
+    drop_missing(&camera.images, camera.camera, &recording->findings);
+    for (const FrameFile& image : camera.images) shown[std::size_t(image.frame_id)] = true;
+  }
+  for (const FramePose& frame : frames)
+    if (shown[std::size_t(frame.id)]) recording->frames.push_back(frame);
+}
+
 }  // namespace
 
 bool looks_like(const fs::path& root) { return !find_scene_folder(root).tables.empty(); }
@@ -249,13 +261,7 @@ Recording open(const fs::path& root, PoseSource source) {
       join_frames(scene.poses, sample_data, &cameras, &scene.damaged);
   check_trajectory(frames, tables / "ego_pose.json", {"timestamp", "translation"});
 
-  std::vector<bool> shown(frames.size());
-  for (TimedImages& camera : cameras) {
-    drop_missing(&camera.images, camera.camera, &findings);
-    for (const FrameFile& image : camera.images) shown[std::size_t(image.frame_id)] = true;
-  }
-  for (const FramePose& frame : frames)
-    if (shown[std::size_t(frame.id)]) recording.frames.push_back(frame);
+  add_frames(frames, &cameras, &recording);
   for (std::size_t s = 0; s < scene.sensors.size(); ++s) {
     CameraCalibration calibration = scene.sensors[s].calibration;
     calibration.time_offset_ns = offsets_ns[s];
