@@ -357,9 +357,19 @@ class SceneWriter {
                          {"log_tokens", {token(kLog, 0)}}}});
   }
 
+  void write_visibility() {
+    Json visibility = Json::array();
+    for (const auto& [number, level] : {std::pair("1", "v0-40"), std::pair("2", "v40-60"),
+                                        std::pair("3", "v60-80"), std::pair("4", "v80-100")})
+      visibility.push_back({{"token", number},
+                            {"level", level},
+                            {"description", std::string("visible part in percent: ") + level}});
+    write_table("visibility", visibility);
+  }
+
   void write_objects() {
     std::map<std::string, std::size_t> category_index, attribute_index;
-    Json categories = Json::array(), attributes = Json::array(), visibility = Json::array();
+    Json categories = Json::array(), attributes = Json::array();
     const auto category = [&](const std::string& name, const std::string& description) {
       const auto [at, is_new] = category_index.emplace(name, category_index.size());
       if (is_new)
@@ -375,11 +385,6 @@ class SceneWriter {
                             {"name", term.name},
                             {"description", term.description}});
     }
-    for (const auto& [number, level] : {std::pair("1", "v0-40"), std::pair("2", "v40-60"),
-                                        std::pair("3", "v60-80"), std::pair("4", "v80-100")})
-      visibility.push_back({{"token", number},
-                            {"level", level},
-                            {"description", std::string("visible part in percent: ") + level}});
 
     Json annotations = Json::array(), instances = Json::array();
     std::map<std::int64_t, std::vector<std::size_t>> of_object;
@@ -423,7 +428,7 @@ class SceneWriter {
     }
     write_table("category", categories);
     write_table("attribute", attributes);
-    write_table("visibility", visibility);
+    write_visibility();
     write_table("instance", instances);
     write_table("sample_annotation", annotations);
     if (!renamed.empty())
