@@ -5,8 +5,8 @@
     bench/listing.py build/release/redrive FOLDER [FRAMES]
 
 Writes FOLDER/aimotive, FOLDER/kitti, FOLDER/nuscenes and FOLDER/bag unless they are there. Each has
-all its cameras: four, two, six and five. The bag, an MCAP, has 50 GB of images and scans as holes of
-a sparse file. Prints the median of five runs.
+all its cameras: four, two, six and five. The bag, an MCAP, has 50 GB of images and scans as holes
+of a sparse file. Prints the median of five runs.
 """
 import json
 import math
@@ -189,7 +189,8 @@ class Mcap:
     def message(self, channel, t_ns, head, hole=0, tail=b""):
         """`hole`: bytes between `head` and `tail`."""
         self.index.setdefault(channel, []).append((t_ns, self.size))
-        start = struct.pack("<BQHIQQ", 5, 22 + len(head) + hole + len(tail), channel, 0, t_ns, t_ns) + head
+        length = 22 + len(head) + hole + len(tail)
+        start = struct.pack("<BQHIQQ", 5, length, channel, 0, t_ns, t_ns) + head
         self.parts.append((start, hole, tail))
         self.size += len(start) + hole + len(tail)
         self.messages += 1
@@ -256,8 +257,8 @@ def write_bag(root, frames, total_bytes=50 * 10**9):
     for f in range(frames):
         t_ns = 10**18 + 10**8 * f
         for _ in range(5):
-            bag.message(tf, t_ns, transforms(t_ns, [("map", "base_link", [8e-9 * (t_ns - 10**18), 0, 0],
-                                                     [0, 0, 0, 1])]))
+            place = [8e-9 * (t_ns - 10**18), 0, 0]
+            bag.message(tf, t_ns, transforms(t_ns, [("map", "base_link", place, [0, 0, 0, 1])]))
             t_ns += 2 * 10**7
         t_ns -= 10**8
         for camera, image, info in zip(cameras, images, infos):

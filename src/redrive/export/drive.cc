@@ -66,6 +66,12 @@ std::vector<LidarPoint> new_points(const Recording& drive, const FrameFile& scan
   return points;
 }
 
+Rigid3d local_from_global(const Recording& drive) {
+  return drive.global_frame == GlobalFrame::kEcef
+             ? drive.frames.front().global_from_body.inverse(Eigen::Isometry)
+             : Rigid3d::Identity();
+}
+
 Rigid3d spinning_axes(const Rigid3d& body_from_lidar) {
   constexpr double kNear = 0.9;
   if (body_from_lidar.linear()(0, 0) > kNear && body_from_lidar.linear()(2, 2) > kNear)

@@ -38,14 +38,17 @@ void add_photos(const RecordedCamera& camera, const Name& name, PhotoSet* set) {
 Eigen::Vector3d velocity_in_global(const Box& box, const std::vector<FramePose>& frames);
 Rigid3d global_from_box_at(const Box& box, const std::vector<FramePose>& frames, std::int64_t t_ns);
 
-/// Returns the points of a scan without those that the scan before has, too, and adds their number
-/// to `repeated`. `before`: null: there is none.
+/// Returns the points of a scan that the scan before it does not repeat, and adds the number of the
+/// others to `repeated`. `before`: null: there is none.
 std::vector<LidarPoint> new_points(const Recording& drive, const FrameFile& scan,
                                    const FrameFile* before, std::size_t* repeated = nullptr);
 
 /// Returns axes for the points of a spinning LiDAR, x forward and z up: the sensor's own, or the
 /// body's at its place where these differ by more than 26 degrees.
 Rigid3d spinning_axes(const Rigid3d& body_from_lidar);
+
+/// Returns the identity, or for ECEF drives the axes of the body at the first frame.
+Rigid3d local_from_global(const Recording& drive);
 
 /// Adds notes on what no format of drives has: other poses, novel views, LiDAR without a place.
 void note_not_of_drives(const Recording& drive, DriveNotes* notes);

@@ -303,10 +303,7 @@ DriveNotes write_kitti360(const fs::path& folder, const Recording& drive, Thread
   // Frames have the times of the first camera, as readers take them.
   const std::int64_t offset_ns = slots.begin()->second->calibration.time_offset_ns;
   const std::vector<FramePose> frames = frames_later_by(drive.frames, offset_ns, earlier_ids);
-  const Rigid3d world_from_global =
-      drive.global_frame == GlobalFrame::kEcef
-          ? drive.frames.front().global_from_body.inverse(Eigen::Isometry)
-          : Rigid3d::Identity();
+  const Rigid3d world_from_global = local_from_global(drive);
   if (drive.global_frame == GlobalFrame::kEcef)
     notes.changed.push_back("the world is the body frame (x forward, y left, z up) of frame " +
                             std::to_string(first_id) + ", not ECEF");

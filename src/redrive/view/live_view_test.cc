@@ -180,20 +180,19 @@ TEST_F(LiveViewTest, FetchesWhatADeviceTrains) {
     LiveView* live = nullptr;
     kernels::Backend* device = nullptr;
     int looks = 0, steps = 0;
-    std::vector<float> last;
     void between_steps(redrive::Run& run) override {
       const auto numbers = [&] {
         const auto span = run.state.model->parameters.span();
         return std::vector<float>(span.begin(), span.end());
       };
+      const std::vector<float> before = numbers();
       live->between_steps(run);
       ++steps;
       const std::vector<float> shown = numbers();
-      if (shown == last) return;  // nothing was fetched
+      if (shown == before) return;  // nothing was fetched
       ++looks;
       run.state.model->fetch(*device);
-      last = numbers();
-      EXPECT_EQ(shown, last) << "step " << run.state.step;
+      EXPECT_EQ(shown, numbers()) << "step " << run.state.step;
     }
   };
   TrainOptions options;

@@ -24,7 +24,7 @@ class FileBytes : public ByteSource {
     if (fd_ < 0 || ::fstat(fd_, &status) != 0) fail(std::strerror(errno));
     if (!S_ISREG(status.st_mode)) fail("is no regular file");
     size_ = static_cast<std::uint64_t>(status.st_size);
-    // What lies between the parts that are read is often gigabytes: reading ahead would fetch it.
+    // Gigabytes often lie between the parts that are read: reading ahead would fetch them.
     ::posix_fadvise(fd_, 0, 0, POSIX_FADV_RANDOM);
   }
   ~FileBytes() override { ::close(fd_); }

@@ -30,7 +30,7 @@ std::vector<double> fit_polynomial(const Eigen::VectorXd& x, const Eigen::Vector
   return k;
 }
 
-/// Where the windshield's coefficients stand among a camera's parameters.
+/// Index and number of the windshield's coefficients among a camera's parameters.
 constexpr std::ptrdiff_t kFirstGlass = 8, kGlass = kWindshieldTermsH + kWindshieldTermsV;
 
 bool has_windshield(const CameraCalibration& camera) {

@@ -64,7 +64,7 @@ WindshieldGlass::WindshieldGlass(std::span<const double> c) {
     reach_rad = sum;
   }
   if (!before(Eigen::Vector3d::UnitZ())) return;
-  // Behind the glass the square's edge encloses the directions that come from within the reach.
+  // The square's edge, bent, encloses the directions that come from within the reach.
   covered_rad = std::numbers::pi;
   for (const Eigen::Vector2d& edge : square(reach_rad))
     covered_rad = std::min(covered_rad, 0.999 * angle_behind(bend(edge)));
@@ -87,7 +87,7 @@ std::optional<Eigen::Vector3d> WindshieldGlass::before(const Eigen::Vector3d& be
     a = (a + step).cwiseMax(-kMostReach_rad).cwiseMin(kMostReach_rad);
     moved = step.norm();
   }
-  // Less than the reach by more than its rounding, so that `project` sees the direction.
+  // The reach is shortened by more than its rounding, so that `project` sees the direction.
   if (!(moved < 1e-12 && a.cwiseAbs().sum() <= reach_rad * (1 - 1e-12))) return std::nullopt;
   const double x = std::sin(a.x()), y = std::sin(a.y());
   return Eigen::Vector3d(x, y, std::sqrt(1 - x * x - y * y));

@@ -161,7 +161,7 @@ struct WindshieldPlane {
   }
 };
 
-/// The polynomials of a glass, from directions before it to those behind it.
+/// The polynomials of a glass, which map directions before it to directions behind it.
 struct WindshieldGlass {
   std::array<double, kWindshieldTermsH> h{};
   std::array<double, kWindshieldTermsV> v{};

@@ -12,7 +12,7 @@
 namespace redrive {
 namespace {
 
-/// A glass of the size of those in NVIDIA's cars.
+/// A glass that bends as much as windshields of NVIDIA's cars do.
 WindshieldPolynomials glass() {
   WindshieldPolynomials g;
   g.horizontal = {-5e-4, 0.9994, 1.7e-4, 2e-4, 5.5e-3, 9e-4};

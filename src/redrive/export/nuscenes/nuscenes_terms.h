@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What nuScenes calls a drive's cameras and objects.
+// Names that nuScenes gives a drive's cameras and objects.
 #pragma once
 
 #include <string>
@@ -13,10 +13,10 @@ namespace redrive::nuscenes {
 /// looks the same way to 30 degrees and is free, else CAM_NAME. Names are unique.
 std::vector<std::string> channels_of(const std::vector<RecordedCamera>& cameras);
 
-/// Names and descriptions of the 23 categories and the attributes, in the data set's order.
 struct Term {
   const char *name, *description;
 };
+/// Returns the 23 categories, and the attributes, in the data set's order.
 const std::vector<Term>& categories();
 const std::vector<Term>& attributes();
 

@@ -62,7 +62,7 @@ Json rotation_json(const Rigid3d& pose) {
 /// A file of a sensor.
 struct SensorFile {
   std::int64_t t_us = 0;
-  std::size_t sensor = 0;  ///< index into Tables::channels
+  std::size_t sensor = 0;  ///< index into SceneWriter::channels_
   std::size_t index = 0;   ///< among the camera's images or the scans
   std::size_t sample = 0;
   bool key_frame = false;
@@ -73,12 +73,15 @@ class SceneWriter {
  public:
   SceneWriter(const fs::path& folder, const Recording& drive, ThreadPool& pool,
               const std::atomic<bool>& stop, DriveNotes* notes)
-      : folder_(folder), drive_(drive), pool_(pool), stop_(stop), notes_(*notes) {
-    if (drive.global_frame == GlobalFrame::kEcef) {
-      world_from_global_ = drive.frames.front().global_from_body.inverse(Eigen::Isometry);
+      : folder_(folder),
+        drive_(drive),
+        pool_(pool),
+        stop_(stop),
+        notes_(*notes),
+        world_from_global_(local_from_global(drive)) {
+    if (drive.global_frame == GlobalFrame::kEcef)
       notes_.changed.push_back("the map is the body frame (x forward, y left, z up) of frame " +
                                std::to_string(drive.frames.front().id) + ", not ECEF");
-    }
     if (drive.frames.front().t_ns < kFirst_ns) {
       later_ns_ = kFirst_ns - drive.frames.front().t_ns;
       notes_.changed.emplace_back("times count from 10 seconds before the first frame");
@@ -464,7 +467,7 @@ class SceneWriter {
   ThreadPool& pool_;
   const std::atomic<bool>& stop_;
   DriveNotes& notes_;
-  Rigid3d world_from_global_ = Rigid3d::Identity();
+  Rigid3d world_from_global_;
   std::int64_t later_ns_ = 0;
   std::string name_;
   std::vector<std::string> channels_;  ///< cameras first, then LIDAR_TOP

@@ -137,7 +137,8 @@ TEST_F(WriteNuScenes, CountsTheReturnsOnObjects) {
   EXPECT_THAT(counts, ElementsAre(7 + 8, 8 + 9, 9));
 }
 
-// What nuScenes' devkit follows: every token, every chain, the files.
+// Every token leads to a record, every chain to its end and every path to a file, as nuScenes'
+// devkit needs.
 TEST_F(WriteNuScenes, TablesRefer) {
   written();
   std::map<std::string, std::set<std::string>> tokens;

@@ -158,7 +158,7 @@ Spin spin_of_lidar(const SceneTables& scene) {
   std::vector<std::int64_t> intervals_ns;
   for (std::size_t i = 1; i < files.size(); ++i)
     intervals_ns.push_back(files[i]->t_ns - files[i - 1]->t_ns);
-  // Some files may be missing; without those between key frames the interval says nothing.
+  // Files may be missing: where only key frames are there, the interval says nothing.
   constexpr std::int64_t kLongest_ns = 250'000'000;
   std::ranges::sort(intervals_ns);
   const std::int64_t interval_ns =

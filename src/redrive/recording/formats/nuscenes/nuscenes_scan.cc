@@ -121,7 +121,7 @@ Spin turn_of(const std::vector<Record>& records, std::int64_t duration_ns) {
   constexpr double kLeastTurn = 0.3, kMostTurn = 1.1, kSteady = 0.8;
   if (turns < kLeastTurn || turns > kMostTurn || std::abs(sum) < kSteady * sum_of_sizes)
     return spin;
-  // From the first sector's begin to the last one's end.
+  // Azimuths are sectors' middles; the turn begins and ends half a sector further out.
   const double first = 1.5 * azimuths[0] - 0.5 * azimuths[1],
                last = 1.5 * azimuths[kSectors - 1] - 0.5 * azimuths[kSectors - 2];
   spin.first_rad = first;
@@ -129,13 +129,14 @@ Spin turn_of(const std::vector<Record>& records, std::int64_t duration_ns) {
   return spin;
 }
 
-/// Returns the time at which a scan sees a direction. `part`: share of the records up to it, which
-/// tells whole turns apart.
-std::int64_t time_of_azimuth(const Spin& spin, const Eigen::Vector3d& in_lidar, double part,
-                             std::int64_t end_ns) {
+/// Returns the time at which a scan sees a direction. `whole_turns(f)`: number of turns to add to
+/// the direction's place f, in turns from the begin.
+template <class WholeTurns>
+std::int64_t time_of_azimuth(const Spin& spin, const Eigen::Vector3d& in_lidar, std::int64_t end_ns,
+                             const WholeTurns& whole_turns) {
   const double turn = 2 * std::numbers::pi / std::abs(spin.turn_rad);
   double fraction = (std::atan2(in_lidar.y(), in_lidar.x()) - spin.first_rad) / spin.turn_rad;
-  fraction += turn * std::round((part - fraction) / turn);
+  fraction += turn * whole_turns(fraction / turn);
   return end_ns - std::llround((1 - std::clamp(fraction, 0.0, 1.0)) * double(spin.duration_ns));
 }
 
@@ -143,10 +144,7 @@ std::int64_t time_of_azimuth(const Spin& spin, const Eigen::Vector3d& in_lidar, 
 
 std::int64_t Spin::time_of(const Eigen::Vector3d& in_lidar, std::int64_t end_ns) const {
   if (turn_rad == 0) return end_ns;
-  const double turn = 2 * std::numbers::pi / std::abs(turn_rad);
-  double fraction = (std::atan2(in_lidar.y(), in_lidar.x()) - first_rad) / turn_rad;
-  fraction -= turn * std::floor(fraction / turn);
-  return end_ns - std::llround((1 - std::min(fraction, 1.0)) * static_cast<double>(duration_ns));
+  return time_of_azimuth(*this, in_lidar, end_ns, [](double turns) { return -std::floor(turns); });
 }
 
 Spin spin_of(std::string_view bytes, const std::filesystem::path& file, std::int64_t duration_ns) {
@@ -183,10 +181,13 @@ std::vector<LidarPoint> parse_scan(std::string_view bytes, const std::filesystem
     if (by_azimuth && own.turn_rad != 0) {
       // The azimuth at a time is seen from where the sensor is then.
       constexpr int kIterations = 4;
-      const double part = double(record.column + 1) / double(n_columns);
+      // Share of the records up to this one, in turns: tells whole turns apart.
+      const double part = double(record.column + 1) / double(n_columns) * std::abs(own.turn_rad) /
+                          (2 * std::numbers::pi);
+      const auto whole_turns = [&](double turns) { return std::round(part - turns); };
       Eigen::Vector3d in_lidar = in_file;
       for (int i = 0; i < kIterations; ++i) {
-        t_ns = time_of_azimuth(own, in_lidar, part, revolution.end_ns);
+        t_ns = time_of_azimuth(own, in_lidar, revolution.end_ns, whole_turns);
         in_lidar = (pose_at(poses, t_ns) * revolution.body_from_lidar).inverse(Eigen::Isometry) *
                    (global_from_lidar * in_file);
       }

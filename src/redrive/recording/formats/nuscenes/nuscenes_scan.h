@@ -21,8 +21,8 @@ namespace redrive::nuscenes {
 
 constexpr std::size_t kScanRecordBytes = 20;
 
-/// How a sensor turns, by azimuths atan2(y, x) in its axes. The HDL-32E starts at -x, to the left
-/// of the car, and turns clockwise.
+/// How a sensor turns, by azimuths atan2(y, x) in its axes. The HDL-32E turns clockwise and starts
+/// at -x, on the left of the car.
 struct Spin {
   std::int64_t duration_ns = 50'000'000;
   double first_rad = std::numbers::pi;

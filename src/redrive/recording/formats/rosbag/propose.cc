@@ -196,9 +196,9 @@ class Proposer {
     bool placed;  ///< /tf_static leads to its frame
   };
 
-  /// Of clouds with the same frame the one with times of points, rings and most points: others are
-  /// made from it, as those in the body's frame are, where sensors have frames of their own. Clouds
-  /// in frames that move, such as maps, are no sensors' either.
+  /// Chooses one cloud of each frame: with times, else with rings, else with most points; the
+  /// others are made from it. A cloud in the body's frame is made from others, too, where sensors
+  /// have frames of their own. A cloud in a frame that moves, such as a map, is no sensor's.
   void choose_lidars() {
     const Rig& rig = out_.rig;
     std::vector<Cloud> clouds;
