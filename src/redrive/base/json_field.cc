@@ -13,10 +13,14 @@ bool JsonField::has(std::string_view key) const {
 
 JsonField JsonField::at(std::string_view key) const {
   if (!value_->is_object()) fail("an object was expected");
-  const std::string field = field_.empty() ? std::string(key) : field_ + "." + std::string(key);
+  std::string field;
+  field.reserve(field_.size() + 1 + key.size());
+  field += field_;
+  if (!field_.empty()) field += '.';
+  field += key;
   const auto it = value_->find(key);
   if (it == value_->end()) throw InputError(*file_, field, "", "missing");
-  return {&*it, file_, field};
+  return {&*it, file_, std::move(field)};
 }
 
 JsonField JsonField::at(std::size_t index) const {
@@ -67,7 +71,11 @@ std::vector<double> JsonField::numbers(std::size_t size) const {
   if (!value_->is_array() || value_->size() != size)
     fail("an array of " + std::to_string(size) + " numbers was expected");
   std::vector<double> numbers(size);
-  for (std::size_t i = 0; i < size; ++i) numbers[i] = at(i).number();
+  for (std::size_t i = 0; i < size; ++i) {
+    const nlohmann::json& value = (*value_)[i];
+    if (value.is_number()) numbers[i] = value.get<double>();
+    if (!value.is_number() || !std::isfinite(numbers[i])) at(i).number();  // throws
+  }
   return numbers;
 }
 

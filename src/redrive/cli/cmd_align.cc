@@ -52,7 +52,7 @@ int run_align(AlignArguments arguments) {
   arguments.options.bundle.readouts = apply_readout_options(arguments.rolling_shutter, &recording);
   ThreadPool pool(arguments.threads > 0 ? arguments.threads : hardware_threads());
   if (arguments.options.lidar)
-    if (const auto lost = lost_returns(sample_returns(recording, pool)))
+    if (const auto lost = lost_returns(sample_returns(recording, make_scene(recording, {}), pool)))
       recording.findings.push_back(*lost);
   if (!arguments.json) print_notes(recording);
   const AlignResult result = arguments.json ? align(recording, arguments.options, pool)

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <fstream>
 #include <string_view>
 
 #include "redrive/base/files/file_container.h"
@@ -115,18 +114,16 @@ std::optional<ImageHead> read_image_head(const std::filesystem::path& path) {
   return parse_image_head(read_head(path, kHeadBytes));
 }
 
-bool has_image_end(const std::filesystem::path& path) {
+ImageFileEnds read_image_ends(const std::filesystem::path& path) {
   constexpr string_view kPng("\x89PNG\r\n\x1a\n"), kPngEnd("IEND\xAE\x42\x60\x82"),
       kJpeg("\xFF\xD8"), kJpegEnd("\xFF\xD9");
-  if (container_of(path)) return true;  // it knows the file's length; checking reads all of it
-  std::ifstream file(path, std::ios::binary);
-  char head[kPng.size()], tail[kPngEnd.size()];
-  if (!file.read(head, sizeof head) ||
-      !file.seekg(-static_cast<std::streamoff>(sizeof tail), std::ios::end) ||
-      !file.read(tail, sizeof tail))
-    return false;
-  const string_view first(head, sizeof head), last(tail, sizeof tail);
-  return first == kPng ? last == kPngEnd : first.starts_with(kJpeg) && last.ends_with(kJpegEnd);
+  const auto [bytes, head, tail] = read_ends(path, kUsualHeadBytes, kPngEnd.size());
+  ImageFileEnds ends{bytes, parse_image_head(head), container_of(path) != nullptr};
+  if (!ends.head && head.size() == kUsualHeadBytes)
+    ends.head = parse_image_head(read_head(path, kHeadBytes));
+  ends.has_end = ends.has_end || (head.starts_with(kPng) && tail == kPngEnd) ||
+                 (head.starts_with(kJpeg) && tail.ends_with(kJpegEnd));
+  return ends;
 }
 
 }  // namespace redrive

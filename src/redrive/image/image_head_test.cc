@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include "redrive/base/error.h"
 #include "redrive/base/files/temporary_folder_testing.h"
 #include "redrive/image/image.h"
 #include "redrive/image/jpeg.h"
@@ -79,12 +80,15 @@ TEST(ImageHead, ACutFileHasNoEnd) {
   for (const std::string& bytes : {encode_png(colours(40, 30)), encode_jpeg(colours(40, 30), 90)}) {
     folder.write("whole", bytes);
     folder.write("cut", bytes.substr(0, bytes.size() - 1));
-    EXPECT_TRUE(has_image_end(folder.path / "whole"));
-    EXPECT_FALSE(has_image_end(folder.path / "cut"));
+    EXPECT_TRUE(read_image_ends(folder.path / "whole").has_end);
+    EXPECT_EQ(read_image_ends(folder.path / "whole").bytes, bytes.size());
+    EXPECT_EQ(read_image_ends(folder.path / "whole").head->width, 40);
+    EXPECT_FALSE(read_image_ends(folder.path / "cut").has_end);
   }
   folder.write("empty", "");
-  EXPECT_FALSE(has_image_end(folder.path / "empty"));
-  EXPECT_FALSE(has_image_end(folder.path / "missing"));
+  EXPECT_FALSE(read_image_ends(folder.path / "empty").has_end);
+  EXPECT_EQ(read_image_ends(folder.path / "empty").bytes, 0u);
+  EXPECT_THROW(read_image_ends(folder.path / "missing"), InputError);
 }
 
 }  // namespace

@@ -51,6 +51,22 @@ class InputFile {
       if (errno != EINTR) fail(std::strerror(errno));
     }
   }
+  /// Reads at most `size` bytes from there on; fewer only where the file ends.
+  std::string read_at(std::uint64_t offset, std::size_t size) const {
+    std::string bytes(size, '\0');
+    std::size_t have = 0;
+    while (have < size) {
+      const ssize_t n =
+          ::pread(fd_, bytes.data() + have, size - have, static_cast<off_t>(offset + have));
+      if (n == 0) break;
+      if (n > 0)
+        have += static_cast<std::size_t>(n);
+      else if (errno != EINTR)
+        fail(std::strerror(errno));
+    }
+    bytes.resize(have);
+    return bytes;
+  }
   [[noreturn]] void fail(const std::string& rule) const { throw InputError(path_, "", "", rule); }
 
  private:
@@ -127,12 +143,18 @@ std::string read_file(const std::filesystem::path& path, std::uint64_t most) {
 
 std::string read_head(const std::filesystem::path& path, std::size_t size) {
   if (const auto container = container_of(path)) return container->read(path, size);
+  return InputFile(path).read_at(0, size);
+}
+
+FileEnds read_ends(const std::filesystem::path& path, std::size_t head, std::size_t tail) {
+  if (const auto container = container_of(path))
+    return {container->size(path).value_or(0), container->read(path, head), ""};
   const InputFile file(path);
-  std::string bytes(size, '\0');
-  std::size_t have = 0;
-  while (const std::size_t n = file.read(bytes.data() + have, size - have)) have += n;
-  bytes.resize(have);
-  return bytes;
+  const auto within = [&](std::size_t size) {
+    return static_cast<std::size_t>(std::min<std::uint64_t>(size, file.size()));
+  };
+  return {file.size(), file.read_at(0, within(head)),
+          file.read_at(file.size() - within(tail), within(tail))};
 }
 
 void read_blocks(const std::filesystem::path& path,

@@ -28,6 +28,16 @@ std::string read_file(const std::filesystem::path& path, std::uint64_t most = kM
 /// Returns the file's first `size` bytes, fewer where it has fewer. InputError as read_file.
 std::string read_head(const std::filesystem::path& path, std::size_t size);
 
+/// The beginning and the end of a file, which overlap where it is small.
+struct FileEnds {
+  std::uint64_t bytes = 0;  ///< size of the file
+  std::string head, tail;
+};
+
+/// Returns the file's first `head` and last `tail` bytes, fewer where it has fewer. Of a file in a
+/// container there is no tail: it would cost reading the whole. InputError as read_file.
+FileEnds read_ends(const std::filesystem::path& path, std::size_t head, std::size_t tail);
+
 /// Calls `take` with one block of the file after the other, whatever its size. InputError as
 /// read_file.
 void read_blocks(const std::filesystem::path& path,

@@ -30,7 +30,7 @@ std::string blosc(std::string_view bytes, std::size_t item) {
 
 void ZarrStore::metadata(const std::string& name, const Json& value) {
   tar_.add(name, value.dump());
-  metadata_[name] = value;
+  metadata_.get_ref<Json::object_t&>().emplace_back(name, value);  // no search: each is new
 }
 
 void ZarrStore::group(const std::string& path) {

@@ -71,7 +71,7 @@ std::map<std::int64_t, std::vector<Box>> place_boxes(const std::vector<Label>& l
   for (auto& [id, boxes] : by_object) {
     std::ranges::sort(boxes, {}, &BoxAt::t_s);
     for (std::size_t i = 0; i < boxes.size(); ++i) {
-      Box box = boxes[i].box;
+      Box box = std::move(boxes[i].box);
       box.velocity_in_body_m_per_s = pose_at(frames, box.t_ns).linear().transpose() *
                                      (velocity_of(boxes, i) - velocity_at(frames, box.t_ns));
       by_frame[boxes[i].frame_id].push_back(std::move(box));

@@ -33,14 +33,14 @@ struct RecordCheck {
   bool whole = false;
 };
 
-void require_content(const fs::path& file) {
-  const std::optional<std::uint64_t> bytes = file_bytes(file);
-  if (!bytes) throw InputError(file, "", "", "no such file, or not readable");
-  if (*bytes == 0) throw InputError(file, "", "", "the file is empty");
+void require_content(const fs::path& file, std::uint64_t bytes) {
+  if (bytes == 0) throw InputError(file, "", "", "the file is empty");
 }
 
 void check_scan(const RecordingReader& reader, const FrameFile& file, bool whole) {
-  require_content(file.path);
+  const std::optional<std::uint64_t> bytes = file_bytes(file.path);
+  if (!bytes) throw InputError(file.path, "", "", "no such file, or not readable");
+  require_content(file.path, *bytes);
   if (whole || reader.lidar_point_count(file) == 0) reader.read_lidar(file);
 }
 
@@ -252,9 +252,9 @@ void require_none(const std::vector<Finding>& too_many, const Recording& recordi
 }  // namespace
 
 void check_image(const fs::path& file, const CameraCalibration& camera, bool whole) {
-  require_content(file);
-  const std::optional<ImageHead> head = read_image_head(file);
-  if (whole || !head || !has_image_end(file)) read_image(file);
+  const auto [bytes, head, has_end] = read_image_ends(file);
+  require_content(file, bytes);
+  if (whole || !head || !has_end) read_image(file);
   if (head && (head->width != camera.width || head->height != camera.height))
     throw InputError(
         file, "size", size_text(head->width, head->height),

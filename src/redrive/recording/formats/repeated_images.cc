@@ -7,9 +7,11 @@
 #include <fstream>
 #include <numbers>
 
+#include "redrive/base/cpu_features.h"
 #include "redrive/base/error.h"
 #include "redrive/base/files/file_container.h"
 #include "redrive/base/files/files.h"
+#include "redrive/base/parallel.h"
 #include "redrive/recording/core/wording.h"
 #include "redrive/recording/formats/damaged_records.h"
 
@@ -56,22 +58,41 @@ bool holds_same_bytes(const std::filesystem::path& a, const std::filesystem::pat
   }
 }
 
+/// An image file that is opened when its bytes are compared, and once.
+class ComparedFile {
+ public:
+  explicit ComparedFile(const std::filesystem::path& path) : path_(&path) {
+    std::error_code failed;
+    const std::uintmax_t bytes = std::filesystem::file_size(path, failed);
+    if (!failed) bytes_ = bytes;
+  }
+  const std::filesystem::path& path() const { return *path_; }
+  std::uintmax_t bytes() const { return bytes_; }  ///< 0 also for a file that is missing
+  std::ifstream& stream() {
+    if (!stream_.is_open()) stream_.open(*path_, std::ios::binary);
+    return stream_;
+  }
+
+ private:
+  const std::filesystem::path* path_;
+  std::uintmax_t bytes_ = 0;
+  std::ifstream stream_;
+};
+
 /// Whether two files hold the same image: compressed pixels of different images differ all over.
-bool holds_same(const std::filesystem::path& a, const std::filesystem::path& b) {
-  if (container_of(a)) return holds_same_bytes(a, b);
-  std::error_code failed;
-  const std::uintmax_t a_size = std::filesystem::file_size(a, failed);
-  if (failed) return false;
-  const std::uintmax_t b_size = std::filesystem::file_size(b, failed);
-  if (failed || a_size == 0 || b_size == 0) return false;
-  const std::uintmax_t larger = std::max(a_size, b_size), smaller = std::min(a_size, b_size);
+bool holds_same(ComparedFile& a, ComparedFile& b) {
+  if (container_of(a.path())) return holds_same_bytes(a.path(), b.path());
+  if (a.bytes() == 0 || b.bytes() == 0) return false;
+  const std::uintmax_t larger = std::max(a.bytes(), b.bytes()),
+                       smaller = std::min(a.bytes(), b.bytes());
   if (larger - smaller > kMetadataBytes) return false;
-  std::ifstream file_a(a, std::ios::binary), file_b(b, std::ios::binary);
-  const std::uintmax_t begin = equal_bytes(file_a, file_b, a_size, b_size, false);
+  const auto equal = [&](bool from_end) {
+    return equal_bytes(a.stream(), b.stream(), a.bytes(), b.bytes(), from_end);
+  };
+  const std::uintmax_t begin = equal(false);
   if (begin == larger) return true;
   if (smaller < kLeastBytes) return false;
-  return static_cast<double>(begin + equal_bytes(file_a, file_b, a_size, b_size, true)) >=
-         kEqualShare * static_cast<double>(larger);
+  return static_cast<double>(begin + equal(true)) >= kEqualShare * static_cast<double>(larger);
 }
 
 /// Damaged files may be equal, too: they are left to leave_out_damaged.
@@ -82,6 +103,21 @@ bool is_image(const std::filesystem::path& file, const CameraCalibration& camera
   } catch (const InputError&) {
     return false;
   }
+}
+
+/// Returns for each image of a camera whether it holds the pixels of the one before.
+std::vector<char> find_repetitions(const RecordedCamera& camera, ThreadPool* pool) {
+  std::vector<char> repeats(camera.images.size());
+  constexpr std::size_t kGrain = 64;
+  pool->run_ranges(repeats.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+    std::size_t i = std::max<std::size_t>(begin, 1);
+    for (ComparedFile before(camera.images[i - 1].path); i < end; ++i) {
+      ComparedFile file(camera.images[i].path);
+      repeats[i] = holds_same(before, file) && is_image(file.path(), camera.calibration);
+      before = std::move(file);
+    }
+  });
+  return repeats;
 }
 
 double distance(const Rigid3d& a, const Rigid3d& b) {
@@ -99,15 +135,16 @@ void leave_out_repeated_images(Recording* recording) {
                ? &frame->global_from_body
                : nullptr;
   };
+  ThreadPool pool(hardware_threads());
   for (RecordedCamera& camera : recording->cameras) {
+    const std::vector<char> repeats = find_repetitions(camera, &pool);
     std::vector<ImageFile> kept;
     std::vector<std::int64_t> repeated;
     const Rigid3d* first = nullptr;  // where the present pixels appeared first
     for (std::size_t i = 0; i < camera.images.size(); ++i) {
       const ImageFile& image = camera.images[i];
       const Rigid3d* const pose = pose_of(image);
-      const bool same = i > 0 && holds_same(camera.images[i - 1].path, image.path) &&
-                        is_image(image.path, camera.calibration);
+      const bool same = repeats[i] != 0;
       if (!same) first = pose;
       if (same && first && pose &&
           (distance(*first, *pose) > kMoved_m ||

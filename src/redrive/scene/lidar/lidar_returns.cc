@@ -375,7 +375,7 @@ std::optional<Finding> unusable_returns(const LidarReturns& returns) {
                               " left out: no numbers, at the sensor, or values that cannot be"};
 }
 
-LidarReturns sample_returns(const Recording& recording, ThreadPool& pool) {
+LidarReturns sample_returns(const Recording& recording, const Scene& scene, ThreadPool& pool) {
   constexpr std::size_t kSample = 4;
   const std::vector<FrameFile>& files = recording.lidar_files;
   if (recording.lidars.empty() || files.empty()) return {};
@@ -384,7 +384,7 @@ LidarReturns sample_returns(const Recording& recording, ThreadPool& pool) {
     sample.insert(files[(2 * i + 1) * files.size() / (2 * kSample)].frame_id);
   const LidarSelection selection{.frame = [&](std::int64_t id) { return sample.contains(id); },
                                  .repeated = true};
-  return load_lidar_returns(recording, make_scene(recording, {}), MovingObjects(), pool, selection);
+  return load_lidar_returns(recording, scene, MovingObjects(), pool, selection);
 }
 
 void take_out(const Scene& scene, const MovingObjects& moving, LidarReturns* returns) {

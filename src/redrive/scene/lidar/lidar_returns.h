@@ -145,8 +145,8 @@ LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene,
 std::optional<Finding> lost_returns(const LidarReturns& returns);
 /// Returns a finding that counts returns that are not finite or out of range; nothing without any.
 std::optional<Finding> unusable_returns(const LidarReturns& returns);
-/// The returns of a few scans, spread over the drive.
-LidarReturns sample_returns(const Recording& recording, ThreadPool& pool);
+/// The returns of a few scans, spread over the drive. `scene`: of the recording, with any options.
+LidarReturns sample_returns(const Recording& recording, const Scene& scene, ThreadPool& pool);
 
 /// Removes the returns in the boxes of more moving objects from the static ones, as
 /// load_lidar_returns does with the objects that it knows.

@@ -407,7 +407,8 @@ TEST_F(LidarReturnsTest, SaysWhyMostReturnsAreLost) {
     recording_.lidar_files.clear();
     add_file(12, points);
     ThreadPool pool(1);
-    const std::optional<Finding> lost = lost_returns(sample_returns(recording_, pool));
+    const std::optional<Finding> lost =
+        lost_returns(sample_returns(recording_, make_scene(recording_, {}), pool));
     return lost ? lost->what : "";
   };
   const LasRecord good = seen({20, 3, 1}, now_ns);
@@ -429,11 +430,12 @@ TEST_F(LidarReturnsTest, CountsReturnsThatAreNoNumbersInASample) {
   std::vector<LasRecord> points(40, seen({20, 5, 1}, recording_.frames[2].t_ns));
   add_file(12, points);
   ThreadPool pool(1);
-  EXPECT_FALSE(unusable_returns(sample_returns(recording_, pool)));
+  EXPECT_FALSE(unusable_returns(sample_returns(recording_, make_scene(recording_, {}), pool)));
   points[7].gps_time_bits = std::bit_cast<std::uint64_t>(std::nan(""));
   recording_.lidar_files.clear();
   add_file(12, points);
-  const std::optional<Finding> unusable = unusable_returns(sample_returns(recording_, pool));
+  const std::optional<Finding> unusable =
+      unusable_returns(sample_returns(recording_, make_scene(recording_, {}), pool));
   ASSERT_TRUE(unusable);
   EXPECT_EQ(unusable->subject, "lidar");
   EXPECT_EQ(unusable->what.substr(0, 27), "1 return of 1 scan left out");
