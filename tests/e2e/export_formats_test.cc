@@ -194,6 +194,21 @@ TEST_F(ExportFormats, Kitti360ComesBackAndTrains) {
   EXPECT_EQ(trained.exit_code, kExitOk) << trained.out << trained.err;
 }
 
+TEST_F(ExportFormats, KittiComesBack) {
+  const ProgramResult ended = exported(drive_, "kitti");
+  ASSERT_EQ(ended.exit_code, kExitOk) << ended.out << ended.err;
+  EXPECT_THAT(ended.out, HasSubstr("not exported: camera M_FISHEYE_L (mei)"));
+  EXPECT_THAT(ended.out, HasSubstr(std::string(kTinyFront) + " is image_02"));
+  ProgramResult table;
+  for (const auto& entry : fs::recursive_directory_iterator(out_))
+    if (entry.path().filename().string().ends_with("_sync")) {
+      table = redrive({"inspect", entry.path().string()});
+      expect_same_poses(drive_, entry.path(), {{"image_02", kTinyFront}});
+    }
+  EXPECT_EQ(table.exit_code, kExitOk) << table.out << table.err;
+  EXPECT_THAT(table.out, HasSubstr("(kitti)"));
+}
+
 TEST_F(ExportFormats, AimotiveKeepsWhatTheRunUses) {
   const fs::path run = trained("run", 2, {"--cameras", kTinyFront});
   const ProgramResult ended = exported(run, "aimotive");

@@ -165,6 +165,8 @@ int export_drive(const ExportCommandOptions& options, const Write& write) {
   return kExitOk;
 }
 
+int export_kitti(const ExportCommandOptions& options) { return export_drive(options, write_kitti); }
+
 int export_kitti360(const ExportCommandOptions& options) {
   return export_drive(options, write_kitti360);
 }
@@ -322,6 +324,10 @@ constexpr Format kFormats[] = {
      "a folder with images and nerfstudio's transforms.json, and LiDAR points as PLY "
      "(runs and recordings)",
      export_transforms},
+    {"kitti",
+     "a folder with a raw drive of KITTI, DATE/DATE_drive_0000_sync: up to four rectified pinholes "
+     "that look the same way, poses, LiDAR and boxes (runs and recordings of drives)",
+     export_kitti},
     {"kitti360",
      "a folder with a drive in KITTI-360's layout: two pinholes, two fisheyes, poses, LiDAR and "
      "boxes (runs and recordings of drives)",

@@ -41,6 +41,7 @@ struct DriveFormat {
                       const std::atomic<bool>& stop);
 };
 constexpr DriveFormat kDriveFormats[] = {{"aimotive", write_aimotive},
+                                         {"kitti", write_kitti},
                                          {"kitti360", write_kitti360},
                                          {"nuscenes", write_nuscenes},
                                          {"ncore", write_ncore}};
@@ -156,7 +157,7 @@ Action configure_simulate(CLI::App& command) {
       ->capture_default_str();
   command
       .add_option("--to", options->format,
-                  "layout of the drive: aimotive, kitti360, nuscenes or ncore")
+                  "layout of the drive: aimotive, kitti, kitti360, nuscenes or ncore")
       ->check(one_of("--to", names_of_formats()))
       ->capture_default_str();
   command

@@ -38,10 +38,12 @@ CameraCalibration plain_camera_for(const CameraCalibration& calibration, const C
 }
 
 /// Whether the lens sees every pixel at the border of the image, and so all between.
-bool sees_all(const Camera& camera, const Camera& recorded) {
+bool sees_all(const PhotoCamera& photo) {
+  const Camera &camera = photo.camera, &recorded = photo.recorded;
   const auto seen = [&](int x, int y) {
     const auto direction = camera.unproject({double(x), double(y)});
-    const auto pixel = direction ? recorded.project(*direction) : std::nullopt;
+    const auto pixel =
+        direction ? recorded.project(photo.recorded_from_written * *direction) : std::nullopt;
     return pixel && pixel->x() >= 0 && pixel->x() <= recorded.width - 1 && pixel->y() >= 0 &&
            pixel->y() <= recorded.height - 1;
   };
@@ -94,9 +96,14 @@ PhotoCamera photo_camera(const CameraCalibration& recorded,
   return out;
 }
 
-PhotoCamera pinhole_photo_camera(const CameraCalibration& recorded) {
-  PhotoCamera camera = photo_camera(recorded, [](const CameraCalibration& calibration) {
-    return calibration.model == "opencv_pinhole" &&
+PhotoCamera pinhole_photo_camera(const CameraCalibration& recorded,
+                                 const std::optional<Eigen::Matrix3d>& body_from_written) {
+  constexpr double kSameAxes = 1e-9;
+  const Eigen::Matrix3d body_from_recorded = recorded.body_from_sensor.linear(),
+                        written = body_from_written.value_or(body_from_recorded);
+  const bool same_axes = (written - body_from_recorded).norm() < kSameAxes;
+  PhotoCamera camera = photo_camera(recorded, [&](const CameraCalibration& calibration) {
+    return same_axes && calibration.model == "opencv_pinhole" &&
            std::all_of(calibration.parameters.begin() + 4, calibration.parameters.end(),
                        [](double k) { return k == 0; });
   });
@@ -108,11 +115,14 @@ PhotoCamera pinhole_photo_camera(const CameraCalibration& recorded) {
         focal_px, focal_px, 0.5 * (recorded.width - 1), 0.5 * (recorded.height - 1), 0, 0, 0, 0, 0};
     camera.camera = make_camera(camera.calibration);
   }
+  if (!same_axes) {
+    camera.recorded_from_written = body_from_recorded.transpose() * written;
+    camera.calibration.body_from_sensor.linear() = written;
+  }
   // A longer focal length crops what the lens does not see.
   constexpr double kStep = 1.02;
   constexpr int kMostSteps = 300;  // down to a third of a degree
-  for (int i = 0; camera.resampled && i < kMostSteps && !sees_all(camera.camera, camera.recorded);
-       ++i) {
+  for (int i = 0; camera.resampled && i < kMostSteps && !sees_all(camera); ++i) {
     camera.calibration.parameters[0] *= kStep;
     camera.calibration.parameters[1] *= kStep;
     camera.camera = make_camera(camera.calibration);
@@ -151,7 +161,8 @@ PhotoSet make_photo_set(const Recording& recording, const Scene& scene,
 }
 
 Resampling make_resampling(const PhotoCamera& camera) {
-  Resampling out{make_resample_map(camera.camera, camera.recorded), {}};
+  Resampling out{make_resample_map(camera.camera, camera.recorded, camera.recorded_from_written),
+                 {}};
   const std::vector<std::uint8_t> all(
       static_cast<std::size_t>(camera.recorded.width) * camera.recorded.height, 255);
   // Masks a pixel that is partly outside.

@@ -22,6 +22,8 @@ struct PhotoCamera {
   Camera camera;                  ///< camera of the written images
   Camera recorded;                ///< camera of the recorded images
   bool resampled = false;         ///< whether they differ
+  /// Rotation from the axes of the written images to those of the recorded ones.
+  Eigen::Matrix3d recorded_from_written = Eigen::Matrix3d::Identity();
 };
 
 struct Photo {
@@ -50,8 +52,10 @@ PhotoCamera photo_camera(const CameraCalibration& recorded,
 
 /// Returns the camera of images by a pinhole without distortion: the recorded one, or one at the
 /// same place with the same size whose every pixel the recorded lens sees, of 100 degrees across
-/// where that one is no perspective lens.
-PhotoCamera pinhole_photo_camera(const CameraCalibration& recorded);
+/// where that one is no perspective lens. `body_from_written`: axes of the written images; empty:
+/// those of the recorded ones.
+PhotoCamera pinhole_photo_camera(const CameraCalibration& recorded,
+                                 const std::optional<Eigen::Matrix3d>& body_from_written = {});
 
 /// Returns the views of a scene as photographs at the size they were recorded with. The world of a
 /// drive is the scene's; other recordings keep their own. `has_model` says whether the format has

@@ -8,14 +8,16 @@
 
 namespace redrive {
 
-ResampleMap make_resample_map(const Camera& camera, const Camera& recorded) {
+ResampleMap make_resample_map(const Camera& camera, const Camera& recorded,
+                              const Eigen::Matrix3d& recorded_from_camera) {
   const std::size_t pixels = static_cast<std::size_t>(camera.width) * camera.height;
   ResampleMap map{camera.width, camera.height, std::vector<float>(pixels, -1.0f),
                   std::vector<float>(pixels, -1.0f)};
   for (int y = 0; y < camera.height; ++y)
     for (int x = 0; x < camera.width; ++x) {
       const auto direction = camera.unproject({x, y});
-      const auto pixel = direction ? recorded.project(*direction) : std::nullopt;
+      const auto pixel =
+          direction ? recorded.project(recorded_from_camera * *direction) : std::nullopt;
       if (!pixel) continue;
       const std::size_t i = static_cast<std::size_t>(y) * camera.width + x;
       map.u[i] = static_cast<float>(pixel->x());

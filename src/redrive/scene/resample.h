@@ -17,7 +17,10 @@ struct ResampleMap {
   std::vector<float> u, v;
 };
 
-ResampleMap make_resample_map(const Camera& camera, const Camera& recorded);
+/// `recorded_from_camera`: rotation between their axes.
+ResampleMap make_resample_map(
+    const Camera& camera, const Camera& recorded,
+    const Eigen::Matrix3d& recorded_from_camera = Eigen::Matrix3d::Identity());
 
 /// Returns a plane of interleaved channels, [height, width, channels], at the positions of the map,
 /// bilinearly; `border` outside.

@@ -88,8 +88,6 @@ Json euler_json(const Eigen::Matrix3d& turn) {
           std::atan2(turn(1, 0), turn(0, 0))};
 }
 
-Json vector_json(const Eigen::Vector3d& v) { return {v.x(), v.y(), v.z()}; }
-
 /// Boxes lie in the axes of the rig at their own time.
 void write_cuboids(const Recording& drive, Sequence* sequence, DriveNotes* notes) {
   Json observations = Json::array();
@@ -111,8 +109,8 @@ void write_cuboids(const Recording& drive, Sequence* sequence, DriveNotes* notes
                               {"reference_frame_id", "rig"},
                               {"reference_frame_timestamp_us", us},
                               {"bbox3",
-                               {{"centroid", vector_json(box.body_from_box.translation())},
-                                {"dim", vector_json(box.size_m)},
+                               {{"centroid", vector_to_json(box.body_from_box.translation())},
+                                {"dim", vector_to_json(box.size_m)},
                                 {"rot", euler_json(box.body_from_box.linear())}}},
                               {"source", "EXTERNAL"},
                               {"source_version", nullptr}});

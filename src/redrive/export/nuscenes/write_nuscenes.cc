@@ -20,6 +20,7 @@
 #include "redrive/recording/core/trajectory.h"
 #include "redrive/recording/core/wording.h"
 #include "redrive/recording/formats/timed_images.h"
+#include "redrive/recording/parse/rigid_json.h"
 
 namespace redrive {
 namespace {
@@ -53,7 +54,6 @@ enum Table {
   kMap
 };
 
-Json vector_json(const Eigen::Vector3d& v) { return {v.x(), v.y(), v.z()}; }
 Json rotation_json(const Rigid3d& pose) {
   const Eigen::Quaterniond q(pose.linear());
   return {q.w(), q.x(), q.y(), q.z()};
@@ -253,7 +253,7 @@ class SceneWriter {
   }
 
   Json with_pose(const Rigid3d& pose) const {
-    return {{"rotation", rotation_json(pose)}, {"translation", vector_json(pose.translation())}};
+    return {{"rotation", rotation_json(pose)}, {"translation", vector_to_json(pose.translation())}};
   }
 
   /// Chains records by "prev" and "next".

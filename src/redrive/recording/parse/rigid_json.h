@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Rigid transforms as row-major 4x4 matrices in JSON.
+// Rigid transforms as row-major 4x4 matrices, and vectors, in JSON.
 #pragma once
 
 #include "redrive/base/json_field.h"
@@ -12,6 +12,7 @@ namespace redrive {
 Rigid3d rigid_from_json(const JsonField& field);
 
 nlohmann::json rigid_to_json(const Rigid3d& transform);
+inline nlohmann::json vector_to_json(const Eigen::Vector3d& v) { return {v.x(), v.y(), v.z()}; }
 
 /// Whether a quaternion is a rotation once it is normalised.
 inline bool is_rotation(const Eigen::Quaterniond& quaternion) {

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
-#include <chrono>
 #include <cmath>
-#include <cstdio>
 #include <map>
 #include <set>
 
@@ -10,7 +8,8 @@
 #include "redrive/base/files/files.h"
 #include "redrive/camera/models.h"
 #include "redrive/export/drive.h"
-#include "redrive/export/kitti360_scans.h"
+#include "redrive/export/kitti/kitti_parts.h"
+#include "redrive/export/kitti/velodyne_scans.h"
 #include "redrive/export/write_photo_set.h"
 #include "redrive/recording/core/actor_kind.h"
 #include "redrive/recording/core/trajectory.h"
@@ -27,21 +26,6 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr int kMaxInstances = 999;  // instances of a class, at most
-constexpr double kExact_m = 1e-6;
-
-std::string formatted(const char* format, auto... values) {
-  char text[256];
-  std::snprintf(text, sizeof text, format, values...);
-  return text;
-}
-
-/// The first `rows` rows of a matrix in one line.
-std::string row_text(const Rigid3d& transform, int rows) {
-  std::string text;
-  for (int i = 0; i < 4 * rows; ++i)
-    text += formatted(i == 0 ? "%.17g" : " %.17g", transform.matrix()(i / 4, i % 4));
-  return text;
-}
 
 // ---- Cameras
 
@@ -49,46 +33,22 @@ bool is_fisheye_of_format(const CameraCalibration& camera) {
   constexpr std::size_t kK3 = 8;
   return camera.model == "mei" && camera.parameters[kK3] == 0;
 }
-bool is_perspective(const CameraCalibration& camera) {
-  return find_camera_model(camera.model)->perspective;
-}
-
-using Slots = std::map<std::string, const RecordedCamera*>;  ///< key: folder, image_00 to image_03
-
-/// Gives each camera a folder of its kind: the folder of its own name, else the next from left to
-/// right.
-Slots assign_slots(const Recording& drive, DriveNotes* notes) {
-  Slots slots;
-  std::vector<const RecordedCamera*> others;
+/// Gives each camera a folder of its kind.
+KittiSlots assign_slots(const Recording& drive, DriveNotes* notes) {
   const auto fits = [](const CameraCalibration& camera, const std::string& slot) {
     return slot < "image_02" ? is_perspective(camera) : is_fisheye_of_format(camera);
   };
-  const std::vector<std::string> names = {"image_00", "image_01", "image_02", "image_03"};
-  for (const RecordedCamera& camera : drive.cameras) {
-    const std::string& name = camera.calibration.name;
-    if (std::ranges::find(names, name) != names.end() && fits(camera.calibration, name))
-      slots[name] = &camera;
-    else
-      others.push_back(&camera);
-  }
-  std::ranges::stable_sort(others, std::ranges::greater(), [](const RecordedCamera* camera) {
-    return camera->calibration.body_from_sensor.translation().y();
-  });
-  for (const RecordedCamera* camera : others) {
+  std::vector<const RecordedCamera*> cameras, left;
+  for (const RecordedCamera& camera : drive.cameras) cameras.push_back(&camera);
+  KittiSlots slots =
+      fill_slots(cameras, {"image_00", "image_01", "image_02", "image_03"}, fits, &left, notes);
+  for (const RecordedCamera* camera : left) {
     const CameraCalibration& calibration = camera->calibration;
-    const auto slot = std::ranges::find_if(names, [&](const std::string& name) {
-      return !slots.contains(name) && fits(calibration, name);
-    });
-    if (slot != names.end()) {
-      slots[*slot] = camera;
-      notes->changed.push_back(calibration.name + " is " + *slot);
-    } else {
-      const bool known = is_perspective(calibration) || is_fisheye_of_format(calibration);
-      notes->left_out.push_back(
-          "camera " + calibration.name + " (" + calibration.model + "): " +
-          (known ? "KITTI-360 has two perspective cameras and two fisheyes"
-                 : "KITTI-360 has pinholes, and fisheyes of the model mei without k3"));
-    }
+    const bool known = is_perspective(calibration) || is_fisheye_of_format(calibration);
+    notes->left_out.push_back(
+        "camera " + calibration.name + " (" + calibration.model + "): " +
+        (known ? "KITTI-360 has two perspective cameras and two fisheyes"
+               : "KITTI-360 has pinholes, and fisheyes of the model mei without k3"));
   }
   if (slots.empty())
     throw InputError(drive.root, "", "",
@@ -108,28 +68,16 @@ std::string fisheye_yaml(const CameraCalibration& camera, const std::string& nam
   return text + formatted("   u0: %.17g\n   v0: %.17g\n", p[2], p[3]);
 }
 
-/// P_rect, R_rect and S_rect of a perspective camera.
-std::string perspective_lines(const CameraCalibration& camera, const std::string& number,
-                              const Eigen::Vector3d& first_in_camera) {
-  Eigen::Matrix3d k = Eigen::Matrix3d::Identity();
-  k(0, 0) = camera.fx(), k(1, 1) = camera.fy(), k(0, 2) = camera.cx(), k(1, 2) = camera.cy();
-  Eigen::Matrix<double, 3, 4> p;
-  p << k, k * first_in_camera;
-  std::string text = formatted("S_rect_%s: %d %d\n", number.c_str(), camera.width, camera.height) +
-                     "R_rect_" + number + ": 1 0 0 0 1 0 0 0 1\nP_rect_" + number + ":";
-  for (int i = 0; i < 12; ++i) text += formatted(" %.17g", p(i / 4, i % 4));
-  return text + "\n";
-}
-
 /// Returns the pose of the camera from which calib_cam_to_velo.txt starts.
-Rigid3d body_from_first_camera(const Slots& slots) {
+Rigid3d body_from_first_camera(const KittiSlots& slots) {
   const auto first = slots.find("image_00");
   return first == slots.end() ? kitti::rectified_from_body().inverse(Eigen::Isometry)
                               : first->second->calibration.body_from_sensor;
 }
 
-void write_cameras(const kitti360::Layout& layout, const Slots& slots, std::int64_t earlier_ids,
-                   ThreadPool& pool, const std::atomic<bool>& stop, DriveNotes* notes) {
+void write_cameras(const kitti360::Layout& layout, const KittiSlots& slots,
+                   std::int64_t earlier_ids, ThreadPool& pool, const std::atomic<bool>& stop,
+                   DriveNotes* notes) {
   const Rigid3d body_from_first = body_from_first_camera(slots);
   PhotoSet photos;
   std::string perspective, places;
@@ -147,11 +95,7 @@ void write_cameras(const kitti360::Layout& layout, const Slots& slots, std::int6
       perspective += perspective_lines(
           camera.calibration, name.substr(6),
           (calibration.body_from_sensor.inverse(Eigen::Isometry) * body_from_first).translation());
-      if (camera.resampled)
-        notes->changed.push_back("the lens of " + name + " (" + calibration.model +
-                                 "): its images are resampled to a pinhole" +
-                                 formatted(" with a focal length of %.1f instead of %.1f pixels",
-                                           camera.calibration.fx(), calibration.fx()));
+      note_resampled(name, calibration, camera, notes);
     } else {
       photos.cameras.push_back(photo_camera(calibration, is_fisheye_of_format));
       write_file(layout.calibration() / (name + ".yaml"), fisheye_yaml(calibration, name));
@@ -172,33 +116,8 @@ void write_cameras(const kitti360::Layout& layout, const Slots& slots, std::int6
 
 // ---- Poses and times
 
-/// Frames at the times of a camera with this offset.
-std::vector<FramePose> frames_later_by(const std::vector<FramePose>& frames, std::int64_t offset_ns,
-                                       std::int64_t earlier_ids) {
-  std::vector<FramePose> later;
-  for (const FramePose& frame : frames) {
-    const std::int64_t t_ns = frame.t_ns + offset_ns;
-    later.push_back({frame.id - earlier_ids, t_ns, pose_at(frames, t_ns)});
-  }
-  return later;
-}
-
-/// Returns the greatest distance of a camera's poses from the poses that a reader of `written`
-/// finds, metres.
-double distance_from(const std::vector<FramePose>& written, const std::vector<FramePose>& frames,
-                     std::int64_t offset_ns) {
-  double most_m = 0;
-  for (const FramePose& frame : frames) {
-    const std::int64_t t_ns = frame.t_ns + offset_ns;
-    most_m = std::max(
-        most_m,
-        (pose_at(written, t_ns).translation() - pose_at(frames, t_ns).translation()).norm());
-  }
-  return most_m;
-}
-
 void write_poses(const kitti360::Layout& layout, const std::vector<FramePose>& frames,
-                 const Rigid3d& world_from_global, const Slots& slots) {
+                 const Rigid3d& world_from_global, const KittiSlots& slots) {
   const Rigid3d body_from_imu = kitti360::imu_from_body().inverse(Eigen::Isometry);
   const Rigid3d body_from_camera = body_from_first_camera(slots);
   std::string poses, cameras;
@@ -275,62 +194,33 @@ std::vector<kitti360::Object> objects_of(const Recording& drive,
   return objects;
 }
 
-std::string date_of(std::int64_t t_ns) {
-  const std::chrono::sys_time<std::chrono::nanoseconds> time{std::chrono::nanoseconds(t_ns)};
-  const std::chrono::year_month_day date(std::chrono::floor<std::chrono::days>(time));
-  return formatted("%04d_%02u_%02u", int(date.year()), unsigned(date.month()),
-                   unsigned(date.day()));
-}
-
 }  // namespace
 
 DriveNotes write_kitti360(const fs::path& folder, const Recording& drive, ThreadPool& pool,
                           const std::atomic<bool>& stop) {
   DriveNotes notes;
-  const Slots slots = assign_slots(drive, &notes);
-  const std::int64_t first_id = drive.frames.front().id, last_id = drive.frames.back().id;
-  const std::int64_t earlier_ids = last_id < kitti::kMaxTimes ? 0 : first_id;
-  if (last_id - earlier_ids >= kitti::kMaxTimes)
-    throw InputError(drive.root, "frame id", std::to_string(last_id),
-                     "KITTI-360 has files of a line for every number; a million fit");
-  if (earlier_ids != 0)
-    notes.changed.push_back("frame " + std::to_string(first_id) + " is frame 0");
-  if (drive.frames.front().t_ns < 0 ||
-      slots.begin()->second->calibration.time_offset_ns + drive.frames.front().t_ns < 0)
-    throw InputError(drive.root, "time", std::to_string(drive.frames.front().t_ns) + " ns",
-                     "dates before 1970 cannot be written");
-
-  // Frames have the times of the first camera, as readers take them.
-  const std::int64_t offset_ns = slots.begin()->second->calibration.time_offset_ns;
-  const std::vector<FramePose> frames = frames_later_by(drive.frames, offset_ns, earlier_ids);
+  const KittiSlots slots = assign_slots(drive, &notes);
+  const auto [frames, offset_ns, earlier_ids] =
+      frames_of_first_camera(drive, slots.begin()->second->calibration.time_offset_ns, &notes);
   const Rigid3d world_from_global = local_from_global(drive);
   if (drive.global_frame == GlobalFrame::kEcef)
     notes.changed.push_back("the world is the body frame (x forward, y left, z up) of frame " +
-                            std::to_string(first_id) + ", not ECEF");
+                            std::to_string(drive.frames.front().id) + ", not ECEF");
   const kitti360::Layout layout{folder, date_of(frames.front().t_ns) + "_drive_0000_sync"};
 
   write_cameras(layout, slots, earlier_ids, pool, stop, &notes);
-  std::string rolling;
-  for (const auto& [name, camera] : slots) {
-    const CameraCalibration& calibration = camera->calibration;
-    std::vector<std::pair<std::int64_t, std::int64_t>> times;
-    for (const FramePose& frame : frames)
-      times.emplace_back(frame.id, frame.t_ns + calibration.time_offset_ns - offset_ns);
-    make_folders(layout.camera(name));
-    write_file(layout.camera(name) / "timestamps.txt", kitti::make_timestamps(times));
-    if (calibration.readout_ns != 0) rolling += (rolling.empty() ? "" : ", ") + name;
-    if (const double m = distance_from(frames, drive.frames, calibration.time_offset_ns);
-        m > kExact_m)
-      notes.changed.push_back("poses of " + name + ", between those of " + slots.begin()->first +
-                              formatted(", are up to %.2g mm off", 1e3 * m));
-  }
-  if (!rolling.empty())
-    notes.left_out.push_back("rolling shutter of " + rolling +
-                             ": each image has the pose of its middle row");
+  for (const auto& [name, camera] : slots)
+    write_camera_times(layout.camera(name), name, *camera, drive, {frames, offset_ns, earlier_ids},
+                       &notes);
+  note_rolling(slots, &notes);
   write_poses(layout, frames, world_from_global, slots);
-  if (!drive.lidars.empty() && !drive.lidar_files.empty())
-    write_kitti360_scans(layout, drive, frames, earlier_ids, body_from_first_camera(slots), pool,
-                         stop, &notes);
+  if (!write_velodyne_scans(layout.velodyne(), drive, frames, earlier_ids, pool, stop, &notes)
+           .empty())
+    write_file(layout.calibration() / "calib_cam_to_velo.txt",
+               row_text(spinning_axes(drive.lidars[0].body_from_lidar).inverse(Eigen::Isometry) *
+                            body_from_first_camera(slots),
+                        3) +
+                   "\n");
   if (!drive.box_files.empty()) {
     make_folders(layout.boxes().parent_path());
     write_file(layout.boxes(), kitti360::make_objects(objects_of(drive, frames, world_from_global,

@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/export/kitti360_scans.h"
+#include "redrive/export/kitti/velodyne_scans.h"
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
+#include <numbers>
+#include <tuple>
 
 #include "redrive/base/error.h"
 #include "redrive/base/files/files.h"
@@ -12,6 +13,7 @@
 #include "redrive/recording/core/trajectory.h"
 #include "redrive/recording/core/wording.h"
 #include "redrive/recording/formats/kitti/kitti_write.h"
+#include "redrive/recording/formats/kitti360/kitti360.h"
 #include "redrive/scene/lidar/lidar_returns.h"
 
 namespace redrive {
@@ -49,6 +51,37 @@ std::size_t keep_nearest(const OffNs& off_ns, std::vector<Scan>* scans) {
   return nearest.size() - scans->size();
 }
 
+/// A point of a scan as it is written.
+struct Record {
+  std::uint8_t ring = kNoRing;
+  Eigen::Vector4f values;  ///< x, y, z, intensity
+
+  double elevation_rad() const {
+    return std::atan2(values.z(), std::hypot(values.x(), values.y()));
+  }
+  /// From ahead to the left, 0..2 pi.
+  double turn_rad() const {
+    const double azimuth_rad = std::atan2(values.y(), values.x());
+    return azimuth_rad < 0 ? azimuth_rad + 2 * std::numbers::pi : azimuth_rad;
+  }
+};
+
+/// Orders records as KITTI's files have them: ring after ring, the highest first, each from ahead
+/// to the left. Where a point has no ring, they stay in order of time.
+void order_by_rings(std::vector<Record>* records) {
+  if (std::ranges::any_of(*records, [](const Record& r) { return r.ring == kNoRing; })) return;
+  std::map<std::uint8_t, std::pair<double, int>> sums;  // elevation and number of points
+  for (const Record& record : *records) {
+    sums[record.ring].first += record.elevation_rad();
+    ++sums[record.ring].second;
+  }
+  const auto place = [&](const Record& record) {
+    const auto& [sum_rad, count] = sums.at(record.ring);
+    return std::tuple(-sum_rad / count, record.ring, record.turn_rad());
+  };
+  std::ranges::stable_sort(*records, {}, place);
+}
+
 /// Puts the points' records where the points were seen at the time of their azimuth.
 std::string make_scan(const std::vector<LidarPoint>& points, const kitti::ScanTime& time,
                       const std::vector<FramePose>& drive_frames,
@@ -56,7 +89,7 @@ std::string make_scan(const std::vector<LidarPoint>& points, const kitti::ScanTi
                       float full_scale, Counts* counts) {
   constexpr int kIterations = 6;  // the car moves far less than the points are away
   const std::int64_t column_ns = 1 + (time.end_ns - time.start_ns) / kitti::kScanColumns;
-  std::string bytes;
+  std::vector<Record> records;
   for (const LidarPoint& point : points) {
     const Eigen::Vector3d in_global =
         pose_at(drive_frames, point.t_ns) * point.in_body_m.cast<double>();
@@ -80,11 +113,15 @@ std::string make_scan(const std::vector<LidarPoint>& points, const kitti::ScanTi
       continue;
     }
     counts->most_ns = std::max(counts->most_ns, std::abs(t_ns - point.t_ns));
-    const Eigen::Vector4f record(
-        static_cast<float>(in_velodyne.x()), static_cast<float>(in_velodyne.y()),
-        static_cast<float>(in_velodyne.z()), static_cast<float>(point.intensity) / full_scale);
-    bytes.append(reinterpret_cast<const char*>(record.data()), kitti::kScanRecordBytes);
+    records.push_back(
+        {point.ring,
+         {static_cast<float>(in_velodyne.x()), static_cast<float>(in_velodyne.y()),
+          static_cast<float>(in_velodyne.z()), static_cast<float>(point.intensity) / full_scale}});
   }
+  order_by_rings(&records);
+  std::string bytes;
+  for (const Record& record : records)
+    bytes.append(reinterpret_cast<const char*>(record.values.data()), kitti::kScanRecordBytes);
   return bytes;
 }
 
@@ -112,10 +149,10 @@ void note_changes(const std::vector<Counts>& counts, DriveNotes* notes) {
 
 }  // namespace
 
-void write_kitti360_scans(const kitti360::Layout& layout, const Recording& drive,
-                          const std::vector<FramePose>& frames, std::int64_t earlier_ids,
-                          const Rigid3d& body_from_first_camera, ThreadPool& pool,
-                          const std::atomic<bool>& stop, DriveNotes* notes) {
+std::map<std::int64_t, kitti::ScanTime> write_velodyne_scans(
+    const fs::path& folder, const Recording& drive, const std::vector<FramePose>& frames,
+    std::int64_t earlier_ids, ThreadPool& pool, const std::atomic<bool>& stop, DriveNotes* notes) {
+  if (drive.lidars.empty() || drive.lidar_files.empty()) return {};
   std::vector<Scan> scans;
   std::size_t left_out = 0;
   const std::vector<FrameFile> files = drive.scans_of(0);
@@ -151,38 +188,32 @@ void write_kitti360_scans(const kitti360::Layout& layout, const Recording& drive
   if (const std::size_t others = keep_nearest(off_ns, &scans); others > 0)
     notes->left_out.push_back(counted(others, "LiDAR revolution") +
                               " of a frame to which another one is nearer");
-  if (scans.empty()) return;
+  if (scans.empty()) return {};
   const auto scale = static_cast<float>(
       intensity_scale(std::ranges::max(scans, {}, &Scan::most_intensity).most_intensity));
   std::vector<std::pair<std::int64_t, std::int64_t>> times;
   for (const Scan& scan : scans) times.emplace_back(scan.id, scan.middle_ns);
-  make_folders(layout.velodyne() / "data");
-  const fs::path times_file = layout.velodyne() / "timestamps.txt";
+  make_folders(folder / "data");
+  const fs::path times_file = folder / "timestamps.txt";
   write_file(times_file, kitti::make_timestamps(times));
   const std::int64_t revolution_ns = kitti360::revolution_ns(kitti::Timestamps(times_file));
 
+  std::map<std::int64_t, kitti::ScanTime> revolutions;
+  for (const Scan& scan : scans)
+    revolutions[scan.id] = kitti360::scan_at(scan.middle_ns, revolution_ns);
   const Rigid3d body_from_velodyne = spinning_axes(drive.lidars[0].body_from_lidar);
   pool.run(static_cast<int>(scans.size()), [&](int s) {
     if (stop) throw Interrupted();
     const Scan& scan = scans[static_cast<std::size_t>(s)];
     Counts& own = counts[static_cast<std::size_t>(s)];
-    write_file(layout.velodyne() / "data" / kitti::file_name(scan.id, ".bin"),
-               make_scan(new_points(drive, scan.file, scan.before, &own.repeated),
-                         kitti360::scan_at(scan.middle_ns, revolution_ns), drive.frames, frames,
-                         body_from_velodyne, scale, &own));
+    write_file(
+        folder / "data" / kitti::file_name(scan.id, ".bin"),
+        make_scan(new_points(drive, scan.file, scan.before, &own.repeated), revolutions.at(scan.id),
+                  drive.frames, frames, body_from_velodyne, scale, &own));
     progress.count();
   });
-  const Rigid3d velodyne_from_camera =
-      body_from_velodyne.inverse(Eigen::Isometry) * body_from_first_camera;
-  std::string text;
-  for (int i = 0; i < 12; ++i) {
-    char word[40];
-    std::snprintf(word, sizeof word, i == 0 ? "%.17g" : " %.17g",
-                  velodyne_from_camera.matrix()(i / 4, i % 4));
-    text += word;
-  }
-  write_file(layout.calibration() / "calib_cam_to_velo.txt", text + "\n");
   note_changes(counts, notes);
+  return revolutions;
 }
 
 }  // namespace redrive
