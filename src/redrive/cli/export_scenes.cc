@@ -35,6 +35,18 @@ std::size_t write_members(const std::string& out,
   return bytes;
 }
 
+/// Describes the lanes of a map.
+std::string lanes_text(const RoadMap& map) {
+  std::string text = map.measured == map.roads ? "lane between markings or kerbs"
+                     : map.measured > 0
+                         ? "lane between markings or kerbs, or of 3.5 m, as userData says"
+                         : "lane of 3.5 m, which is assumed";
+  for (const auto& [count, side] : {std::pair(map.left, "left"), std::pair(map.right, "right")})
+    text += std::string(count > 0 ? ", a lane" : ", none") + " to its " + side +
+            (count > 0 && count < map.roads ? " on " + counted(std::size_t(count), "road") : "");
+  return text;
+}
+
 }  // namespace
 
 void refuse_part_of_run(const ExportCommandOptions& options) {
@@ -67,10 +79,7 @@ int export_scene_bundle(const ExportCommandOptions& options) {
   if (map.roads > 0)
     std::printf("map.xodr: %s, %.1f m, at most %.3f m beside the poses; %s\n",
                 counted(static_cast<std::size_t>(map.roads), "road").c_str(), map.length_m,
-                map.deviation_m,
-                map.measured == map.roads ? "one lane, between markings"
-                : map.measured > 0 ? "one lane, between markings or of 3.5 m, as userData says"
-                                   : "one lane of 3.5 m, which is assumed");
+                map.deviation_m, lanes_text(map).c_str());
   else
     std::printf(
         "not exported: map.xodr, since less than %g m were driven forward; CARLA needs it\n",

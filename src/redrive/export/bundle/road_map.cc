@@ -10,8 +10,8 @@
 #include <Eigen/QR>
 #include <pugixml.hpp>
 
+#include "redrive/export/bundle/find_lanes.h"
 #include "redrive/export/bundle/fit_way.h"
-#include "redrive/export/bundle/lane_edges.h"
 #include "redrive/math/angles.h"
 
 namespace redrive {
@@ -184,10 +184,11 @@ std::vector<Station> stations_of(const Road& road, const Stretch& stretch, const
   return stations;
 }
 
-/// Returns the returns of the ground within 4 m of a road.
+/// Returns the returns of the ground near a road.
 std::vector<WayReturn> returns_beside(const Road& road, const std::vector<Station>& stations,
                                       std::span<const MapReturn> returns) {
-  constexpr double kSample_m = 0.5, kReach_m = 4, kHeight_m = 0.2;
+  constexpr double kSample_m = 0.5, kReach_m = kLanesReach_m;
+  constexpr double kHeight_m = 0.2, kCamber = 0.04;  // the road falls off to both sides
   struct Sample {
     double along_m;
     PlanPose place;
@@ -223,11 +224,37 @@ std::vector<WayReturn> returns_beside(const Road& road, const std::vector<Statio
     const double rise = station.along_m > before.along_m ? (station.height_m - before.height_m) /
                                                                (station.along_m - before.along_m)
                                                          : 0;
+    const double above_m = one.position.z() - height_m - rise * (along_m - station.along_m);
     if (std::abs(across_m) <= kReach_m &&
-        std::abs(one.position.z() - height_m - rise * (along_m - station.along_m)) <= kHeight_m)
-      beside.push_back({along_m, across_m, one.intensity});
+        std::abs(above_m) <= kHeight_m + kCamber * std::abs(across_m))
+      beside.push_back({along_m, across_m, above_m, one.intensity});
   }
   return beside;
+}
+
+/// Returns whether most vehicles on the lane to the left go along; nothing where there are none.
+std::optional<bool> left_goes_along(const Road& road, const Lanes& lanes,
+                                    std::span<const MapVehicle> vehicles) {
+  constexpr double kSample_m = 1;
+  if (!lanes.left_neighbour) return std::nullopt;
+  int along = 0, all = 0;
+  for (const MapVehicle& vehicle : vehicles) {
+    PlanPose nearest;
+    double least_m = kLanesReach_m;
+    for (double s = 0; s <= road.length_m; s += kSample_m) {
+      const PlanPose place = road.at(s);
+      const double m = (place.position() - vehicle.position).norm();
+      if (m < least_m) nearest = place, least_m = m;
+    }
+    if (least_m == kLanesReach_m) continue;
+    const Vector2d ahead = nearest.ahead(), from = vehicle.position - nearest.position();
+    const double across_m = from.dot(Vector2d(-ahead.y(), ahead.x()));
+    if (across_m < lanes.left.across_m || across_m > lanes.left_neighbour->across_m) continue;
+    ++all;
+    along += vehicle.velocity.dot(ahead) > 0;
+  }
+  if (all == 0) return std::nullopt;
+  return 2 * along > all;
 }
 
 // ---- XML
@@ -294,27 +321,57 @@ void write_mark(pugi::xml_node lane) {
   set(mark, "type", "none");
 }
 
-/// One lane to the right of its left edge; without markings the way is its middle.
-void write_lanes(pugi::xml_node road, const std::optional<LaneEdges>& seen) {
-  const LaneEdges edges = seen.value_or(LaneEdges{kAssumedLane_m / 2, -kAssumedLane_m / 2});
+void write_note(pugi::xml_node lane, const char* code, const char* value) {
+  pugi::xml_node note = lane.append_child("userData");
+  set(note, "code", code);
+  set(note, "value", value);
+}
+
+/// How the width between two edges is known.
+const char* width_note(const LaneEdge& a, const LaneEdge& b) {
+  using enum LaneEdge::Kind;
+  if (a.kind == kAssumed || b.kind == kAssumed) return "assumed";
+  if (a.kind == kMarking && b.kind == kMarking) return "between markings";
+  return a.kind == kKerb && b.kind == kKerb ? "between kerbs" : "between a marking and a kerb";
+}
+
+pugi::xml_node write_lane(pugi::xml_node side, int id, const LaneEdge& a, const LaneEdge& b) {
+  pugi::xml_node lane = side.append_child("lane");
+  set(lane, "id", std::to_string(id).c_str());
+  set(lane, "type", "driving");
+  set(lane, "level", "false");
+  write_cubic(lane.append_child("width"), "sOffset", 0,
+              {std::abs(a.across_m - b.across_m), 0, 0, 0});
+  write_mark(lane);
+  write_note(lane, "redrive:width", width_note(a, b));
+  return lane;
+}
+
+/// Lanes that go along are to the right of the reference, those that come to its left.
+/// `left_goes_along`: nothing where no vehicle shows it.
+void write_lanes(pugi::xml_node road, const Lanes& found, std::optional<bool> left_goes_along) {
+  const bool along = found.left_neighbour && left_goes_along.value_or(false);
   pugi::xml_node lanes = road.append_child("lanes");
-  write_cubic(lanes.append_child("laneOffset"), "s", 0, {edges.left_m, 0, 0, 0});
+  write_cubic(lanes.append_child("laneOffset"), "s", 0,
+              {(along ? *found.left_neighbour : found.left).across_m, 0, 0, 0});
   pugi::xml_node section = lanes.append_child("laneSection");
   set(section, "s", 0.0);
+  const auto note_direction = [&](pugi::xml_node lane) {
+    write_note(lane, "redrive:direction", left_goes_along ? "as traffic" : "assumed");
+  };
+  if (found.left_neighbour && !along)
+    note_direction(write_lane(section.append_child("left"), 1, *found.left_neighbour, found.left));
   pugi::xml_node centre = section.append_child("center").append_child("lane");
   set(centre, "id", "0");
   set(centre, "type", "none");
   set(centre, "level", "false");
   write_mark(centre);
-  pugi::xml_node lane = section.append_child("right").append_child("lane");
-  set(lane, "id", "-1");
-  set(lane, "type", "driving");
-  set(lane, "level", "false");
-  write_cubic(lane.append_child("width"), "sOffset", 0, {edges.left_m - edges.right_m, 0, 0, 0});
-  write_mark(lane);
-  pugi::xml_node note = lane.append_child("userData");
-  set(note, "code", "redrive:width");
-  set(note, "value", seen ? "between markings" : "assumed");
+  pugi::xml_node right = section.append_child("right");
+  int id = 0;
+  if (along) note_direction(write_lane(right, --id, *found.left_neighbour, found.left));
+  pugi::xml_node driven = write_lane(right, --id, found.left, found.right);
+  write_note(driven, "redrive:driven", "true");
+  if (found.right_neighbour) write_lane(right, --id, found.right, *found.right_neighbour);
 }
 
 void write_header(pugi::xml_node map, const RoadMapInput& input, const std::vector<Road>& roads) {
@@ -348,14 +405,16 @@ RoadMap make_road_map(const RoadMapInput& input) {
   RoadMap out;
   std::vector<Road> roads;
   std::vector<std::vector<Station>> heights;
-  std::vector<std::optional<LaneEdges>> edges;
+  std::vector<Lanes> lanes;
   const Ground ground(input.ground);
   for (const Stretch& stretch : forward_stretches(input.driven, &out.reversed_m)) {
     Road road = road_of(stretch);
     if (road.length_m < kShortestRoad_m) continue;
     heights.push_back(stations_of(road, stretch, ground));
-    edges.push_back(find_lane_edges(returns_beside(road, heights.back(), input.returns)));
-    out.measured += edges.back().has_value();
+    lanes.push_back(find_lanes(returns_beside(road, heights.back(), input.returns)));
+    out.measured += lanes.back().is_measured();
+    out.left += lanes.back().left_neighbour.has_value();
+    out.right += lanes.back().right_neighbour.has_value();
     out.length_m += road.length_m;
     out.deviation_m = std::max(out.deviation_m, road.deviation_m);
     roads.push_back(std::move(road));
@@ -381,7 +440,7 @@ RoadMap make_road_map(const RoadMapInput& input) {
                   &Station::height_m);
     write_profile(road.append_child("lateralProfile"), "superelevation", heights[r],
                   &Station::roll_rad);
-    write_lanes(road, edges[r]);
+    write_lanes(road, lanes[r], left_goes_along(roads[r], lanes[r], input.vehicles));
   }
   std::ostringstream text;
   document.save(text, " ");

@@ -121,17 +121,59 @@ TEST(RoadMap, TakesHeightsFromTheGroundWhereItAgrees) {
   }
 }
 
-TEST(RoadMap, LaneLiesBetweenMarkings) {
+/// A place beside the bend.
+Vector3d beside_bend(double along, double across) {
+  const double turn = along / 60;
+  return {(60 - across) * std::sin(turn), 60 - (60 - across) * std::cos(turn),
+          100 + kSlope * along + kRoll_rad * across};
+}
+
+/// A bend with markings at 1.5 m, -1.7 m and 4.6 m, and kerbs at 5 m and -2.1 m.
+RoadMapInput marked_bend() {
   RoadMapInput input = bend(0, 60, 1);
   for (double s = 0; s <= 60; s += 0.4)
-    for (double t = -4; t <= 4; t += 0.05) {
-      const double turn = s / 60, edge = std::min(std::abs(t - 1.5), std::abs(t + 1.7));
-      const Eigen::Vector3d at((60 - t) * std::sin(turn), 60 - (60 - t) * std::cos(turn),
-                               100 + kSlope * s + kRoll_rad * t);
+    for (double t = -6; t <= 6; t += 0.05) {
+      const double edge = std::min({std::abs(t - 1.5), std::abs(t + 1.7), std::abs(t - 4.6)});
+      const Vector3d at = beside_bend(s, t) + Vector3d(0, 0, t > 5 || t < -2.1 ? 0.12 : 0);
       input.returns.push_back({at, edge < 0.08 ? 0.5 : 0.1});
-      input.returns.push_back({at + Eigen::Vector3d(0, 0, 1), t > 0 ? 0.9 : 0.0});  // no ground
+      input.returns.push_back({at + Vector3d(0, 0, 1), t > 0 ? 0.9 : 0.0});  // no ground
     }
-  const RoadMap made = make_road_map(input);
+  return input;
+}
+
+TEST(RoadMap, LaneToTheLeftGoesAsItsTrafficDoes) {
+  const auto ids = [](double vehicle_along, RoadMap* made) {
+    RoadMapInput input = marked_bend();
+    const Vector3d at = beside_bend(20, 3), next = beside_bend(21, 3);
+    if (vehicle_along != 0)
+      input.vehicles.push_back({at.head<2>(), vehicle_along * (next - at).head<2>()});
+    // others, where no lane is
+    input.vehicles.push_back({beside_bend(20, 7).head<2>(), (at - next).head<2>()});
+    *made = make_road_map(input);
+    const Map map(*made);
+    const pugi::xml_node section = map.road().child("lanes").child("laneSection");
+    std::string text;
+    for (const char* side : {"left", "right"})
+      for (const pugi::xml_node lane : section.child(side).children("lane")) {
+        text += std::string(lane.attribute("id").as_string()) + ":";
+        for (const pugi::xml_node note : lane.children("userData"))
+          text += std::string(note.attribute("value").as_string()) + ",";
+        text += " ";
+      }
+    return text;
+  };
+  RoadMap made;
+  EXPECT_EQ(ids(0, &made), "1:between markings,assumed, -1:between markings,true, ");
+  EXPECT_EQ(made.left, 1);
+  EXPECT_EQ(made.right, 0) << "a kerb";
+  EXPECT_EQ(ids(-5, &made), "1:between markings,as traffic, -1:between markings,true, ");
+  EXPECT_EQ(ids(8, &made), "-1:between markings,as traffic, -2:between markings,true, ");
+  EXPECT_NEAR(Map(made).road().child("lanes").child("laneOffset").attribute("a").as_double(), 4.6,
+              0.06);
+}
+
+TEST(RoadMap, LaneLiesBetweenMarkings) {
+  const RoadMap made = make_road_map(marked_bend());
   EXPECT_EQ(made.measured, 1);
   const Map map(made);
   const pugi::xml_node lanes = map.road().child("lanes");

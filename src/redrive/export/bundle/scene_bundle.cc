@@ -13,6 +13,7 @@
 #include "redrive/export/field_mesh.h"
 #include "redrive/export/ncore/ncore_terms.h"
 #include "redrive/math/local_level.h"
+#include "redrive/recording/core/actor_kind.h"
 #include "redrive/recording/formats/recording_json.h"
 #include "redrive/recording/parse/rigid_json.h"
 #include "redrive/render/open_to_render.h"
@@ -170,12 +171,30 @@ void add_returns(const Run& run, const Rigid3d& map_from_world, ThreadPool& pool
          static_cast<double>(returns.intensity[i] / full[returns.sensor_of(i)])});
 }
 
+/// Adds moving vehicles where they are faster than 2 m/s.
+void add_vehicles(const Run& run, const Rigid3d& map_from_world, RoadMapInput* input) {
+  constexpr double kLeastSpeed_m_per_s = 2;
+  for (const MovingObject& object : run.moving.objects()) {
+    if (kind_of(object.type).core == 0) continue;  // people
+    for (const MovingObject::Key& key : object.keys) {
+      const Eigen::Vector3d at = map_from_world * key.world_from_box.translation(),
+                            velocity = map_from_world.linear() * key.velocity_in_world_m_per_s;
+      if (velocity.norm() >= kLeastSpeed_m_per_s)
+        input->vehicles.push_back({at.head<2>(), velocity.head<2>()});
+    }
+  }
+}
+
 /// The map lies in the world, or, where that has a place on the Earth, in the plane that touches
 /// the ellipsoid below the world's origin, x to the east.
 RoadMap map_of(const BundleScene& bundle, const TriangleMesh& ground, ThreadPool& pool) {
   const Scene& scene = bundle.run.scene;
-  RoadMapInput input{
-      .name = bundle.options.scene_id, .driven = {}, .ground = {}, .returns = {}, .origin = {}};
+  RoadMapInput input{.name = bundle.options.scene_id,
+                     .driven = {},
+                     .ground = {},
+                     .returns = {},
+                     .vehicles = {},
+                     .origin = {}};
   Rigid3d map_from_world = Rigid3d::Identity();
   if (bundle.run.recording.global_frame == GlobalFrame::kEcef) {
     const Eigen::Vector3d at = scene.global_from_world.translation();
@@ -190,6 +209,7 @@ RoadMap map_of(const BundleScene& bundle, const TriangleMesh& ground, ThreadPool
   for (const PlyPoint& vertex : ground.vertices)
     input.ground.emplace_back(map_from_world * vertex.position.cast<double>());
   add_returns(bundle.run, map_from_world, pool, &input);
+  add_vehicles(bundle.run, map_from_world, &input);
   return make_road_map(input);
 }
 
