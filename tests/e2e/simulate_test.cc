@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // A simulated drive with labels, read back by redrive's own reader.
 #include <csignal>
+#include <map>
 #include <thread>
 
 #include <nlohmann/json.hpp>
@@ -91,6 +92,46 @@ TEST_F(Simulated, ADriveIsReadBack) {
     path.replace(path.find('%'), 1, std::string(kTrafficCamera) + "/1012");
     EXPECT_TRUE(fs::exists(out_ / "labels" / path)) << path;
   }
+}
+
+/// The boxes of large objects of a simulated drive by image and track: x, y, width, height.
+std::map<std::pair<std::string, std::int64_t>, std::vector<double>> large_objects(
+    const fs::path& drive) {
+  constexpr double kLarge_px = 1500;
+  const nlohmann::json coco = nlohmann::json::parse(read_file(drive / "labels/instances.json"));
+  std::map<std::int64_t, std::string> files;
+  for (const auto& image : coco["images"]) files[image["id"]] = image["file_name"];
+  std::map<std::pair<std::string, std::int64_t>, std::vector<double>> objects;
+  for (const auto& one : coco["annotations"])
+    if (one["area"] > kLarge_px)
+      objects[{files.at(one["image_id"]), one["track_id"]}] =
+          one["bbox"].get<std::vector<double>>();
+  return objects;
+}
+
+// Of a drive in blocks, every image shows the objects of the same drive in one piece, also where
+// one block fades into the next.
+TEST_F(Simulated, BlocksHaveTheSameObjects) {
+  const fs::path divided = folder_ / "divided", in_blocks = folder_ / "in_blocks";
+  ASSERT_EQ(train_on(kSample, divided, 40, {"--blocks", "7"}).exit_code, kExitOk);
+  ASSERT_TRUE(fs::exists(divided / "blocks/001"));
+  const std::vector<std::string> more = {"--sensor", "none", "--labels", "masks"};
+  ASSERT_EQ(redrive(simulate(out_, more)).exit_code, kExitOk);
+  std::vector<std::string> arguments = simulate(in_blocks, more);
+  arguments[1] = divided.string();
+  const ProgramResult made = redrive(arguments);
+  ASSERT_EQ(made.exit_code, kExitOk) << made.err;
+  const auto whole = large_objects(out_), parts = large_objects(in_blocks);
+  EXPECT_GT(whole.size(), 24u);
+  std::size_t found = 0;
+  for (const auto& [key, box] : whole) {
+    const auto same = parts.find(key);
+    if (same == parts.end()) continue;
+    ++found;
+    for (std::size_t k = 0; k < 4; ++k)
+      EXPECT_NEAR(same->second[k], box[k], 12) << key.first << ' ' << key.second;
+  }
+  EXPECT_GE(found + 1, whole.size()) << "one may be just below the size";
 }
 
 TEST_F(Simulated, AKilledSimulationContinues) {
