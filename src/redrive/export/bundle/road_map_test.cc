@@ -2,10 +2,16 @@
 #include "redrive/export/bundle/road_map.h"
 
 #include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <sstream>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <pugixml.hpp>
+
+#include "redrive/base/files/files.h"
+#include "redrive/base/files/temporary_folder_testing.h"
 
 namespace redrive {
 namespace {
@@ -181,6 +187,42 @@ TEST(RoadMap, LaneLiesBetweenMarkings) {
   EXPECT_NEAR(lanes.child("laneOffset").attribute("a").as_double(), 1.5, 0.06);
   EXPECT_NEAR(lane.child("width").attribute("a").as_double(), 3.2, 0.1);
   EXPECT_STREQ(lane.child("userData").attribute("value").as_string(), "between markings");
+}
+
+// SUMO makes a network of it: its lanes lie where they were driven.
+TEST(RoadMap, NetconvertTakesIt) {
+  if (std::system("command -v netconvert >/dev/null") != 0)
+    GTEST_SKIP() << "there is no netconvert";
+  const TemporaryFolder folder;
+  folder.write("map.xodr", make_road_map(marked_bend()).xml);
+  const std::string map_file = (folder.path / "map.xodr").string(),
+                    net_file = (folder.path / "net.xml").string();
+  ASSERT_EQ(std::system(("SUMO_HOME=/usr/share/sumo netconvert --offset.disable-normalization "
+                         "--opendrive-files " +
+                         map_file + " -o " + net_file + " >" + net_file + ".log 2>&1")
+                            .c_str()),
+            0)
+      << read_file(net_file + ".log");
+  pugi::xml_document net;
+  ASSERT_TRUE(net.load_file(net_file.c_str()));
+  const auto lane = [&](const char* edge) {
+    return net.child("net").find_child_by_attribute("edge", "id", edge).child("lane");
+  };
+  EXPECT_NEAR(lane("1").attribute("width").as_double(), 3.1, 0.1) << "the one that comes";
+  const pugi::xml_node driven = lane("-1");
+  EXPECT_NEAR(driven.attribute("width").as_double(), 3.2, 0.1);
+  EXPECT_NEAR(driven.attribute("length").as_double(), 60, 1);
+  std::istringstream shape(driven.attribute("shape").as_string());
+  int points = 0;
+  for (std::string point; shape >> point; ++points) {
+    Vector3d at = Vector3d::Zero();
+    ASSERT_EQ(std::sscanf(point.c_str(), "%lf,%lf,%lf", &at.x(), &at.y(), &at.z()), 3) << point;
+    double least_m = 1e9;
+    for (double s = -1; s <= 61; s += 0.01)  // the way is 0.1 m to the left of the lane's middle
+      least_m = std::min(least_m, (beside_bend(s, -0.1) - at).norm());
+    EXPECT_LT(least_m, 0.08) << point;
+  }
+  EXPECT_GT(points, 10);
 }
 
 TEST(RoadMap, LeavesOutStandstillAndReversing) {
