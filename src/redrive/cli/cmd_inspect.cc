@@ -104,7 +104,6 @@ void check_calibration(const RecordedCamera& camera, double percent, Inspection*
 /// Reads the middle scan and looks for its returns in the images.
 void check_lidar(const Scene& scene, ThreadPool& pool, Inspection* result) {
   const Recording& recording = result->recording;
-  if (recording.lidars.empty() || recording.lidar_files.empty()) return;
   const std::vector<FrameFile> scans = recording.scans_of(recording.lidar_files[0].lidar);
   const std::int64_t middle = scans[scans.size() / 2].frame_id;
   const LidarReturns lidar = load_lidar_returns(recording, scene, {}, pool,
@@ -156,7 +155,7 @@ Inspection inspect(const InspectOptions& options, ThreadPool& pool) {
                            result.drive->findings.end());
   }
   const std::vector<std::string> grey = grey_cameras(result.recording);
-  const Scene scene = make_scene(result.recording, {});
+  std::optional<Scene> scene;  // of recordings with scans
   try {
     if (result.recording.lidar_files.empty() && !result.recording.points_file.empty())
       result.recording.reader->read_points(result.recording);
@@ -164,7 +163,10 @@ Inspection inspect(const InspectOptions& options, ThreadPool& pool) {
     result.problems.push_back({"points", error.what()});
   }
   try {
-    const LidarReturns sample = sample_returns(result.recording, scene, pool);
+    if (!result.recording.lidars.empty() && !result.recording.lidar_files.empty())
+      scene = make_scene(result.recording, {});
+    const LidarReturns sample =
+        scene ? sample_returns(result.recording, *scene, pool) : LidarReturns();
     if (const auto lost = lost_returns(sample)) result.findings.push_back(*lost);
     if (const auto unusable = unusable_returns(sample); unusable && options.report.empty())
       result.findings.push_back(*unusable);
@@ -188,7 +190,7 @@ Inspection inspect(const InspectOptions& options, ThreadPool& pool) {
     result.findings.push_back({first_few(grey),
                                "grey: train leaves them out beside colour cameras "
                                "unless --cameras names them"});
-  if (result.problems.empty()) check_lidar(scene, pool, &result);
+  if (result.problems.empty() && scene) check_lidar(*scene, pool, &result);
   return result;
 }
 

@@ -42,7 +42,7 @@ std::string lanes_text(const RoadMap& map) {
                          ? "lane between markings or kerbs, or of 3.5 m, as userData says"
                          : "lane of 3.5 m, which is assumed";
   for (const auto& [count, side] : {std::pair(map.left, "left"), std::pair(map.right, "right")})
-    text += std::string(count > 0 ? ", a lane" : ", none") + " to its " + side +
+    text += std::string(count > 0 ? ", a lane" : ", no lane") + " to its " + side +
             (count > 0 && count < map.roads ? " on " + counted(std::size_t(count), "road") : "");
   return text;
 }

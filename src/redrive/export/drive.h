@@ -62,9 +62,9 @@ DriveNotes write_kitti360(const std::filesystem::path& folder, const Recording& 
                           ThreadPool& pool, const std::atomic<bool>& stop);
 
 /// Writes KITTI's layout of raw drives (recording/formats/kitti/kitti.h), DATE/DATE_drive_0000_sync
-/// below `folder`, with up to four cameras that look the same way to 10 degrees, rectified to the
-/// axes of one of them. A drive without a place on the Earth is at latitude and longitude 0. Throws
-/// as write_kitti360.
+/// below `folder`, with up to four cameras that look within 10 degrees of each other, rectified to
+/// the axes of one of them. A drive without a place on the Earth begins at latitude and longitude
+/// 0. Throws as write_kitti360.
 DriveNotes write_kitti(const std::filesystem::path& folder, const Recording& drive,
                        ThreadPool& pool, const std::atomic<bool>& stop);
 

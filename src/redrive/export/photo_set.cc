@@ -118,6 +118,12 @@ PhotoCamera pinhole_photo_camera(const CameraCalibration& recorded,
   if (!same_axes) {
     camera.recorded_from_written = body_from_recorded.transpose() * written;
     camera.calibration.body_from_sensor.linear() = written;
+    // What was at the principal point stays there.
+    const Eigen::Vector3d axis = camera.recorded_from_written.transpose().col(2);
+    std::vector<double>& p = camera.calibration.parameters;  // fx, fy, cx, cy
+    p[2] -= p[0] * axis.x() / axis.z();
+    p[3] -= p[1] * axis.y() / axis.z();
+    camera.camera = make_camera(camera.calibration);
   }
   // A longer focal length crops what the lens does not see.
   constexpr double kStep = 1.02;

@@ -76,11 +76,34 @@ std::size_t lidar_index(const LidarRequest& request, const Recording& recording)
                    names.empty() ? "the recording has no LiDAR" : "must be " + first_few(names, 9));
 }
 
+namespace {
+
+/// Returns gains of beams, each that of the recorded beam with the nearest elevation: beams that
+/// are estimated have another order than rings.
+std::vector<BeamGain> gains_by_elevation(const std::vector<BeamGain>& recorded,
+                                         const std::vector<LidarBeam>& beams) {
+  std::vector<BeamGain> gains;
+  for (const LidarBeam& beam : beams) {
+    if (recorded.empty()) break;
+    const auto elevation_rad = static_cast<float>(beam.elevation_rad);
+    gains.push_back(*std::ranges::min_element(recorded, {}, [&](const BeamGain& other) {
+      return std::abs(other.elevation_rad - elevation_rad);
+    }));
+  }
+  return gains;
+}
+
+}  // namespace
+
 bool complete_sensor(const Recording& recording, LidarRequest* request) {
   const std::size_t lidar = lidar_index(*request, recording);
   if (request->is_of_recording() && lidar < recording.lidars.size())
     request->scan.gain = static_cast<float>(recording.lidars[lidar].gain);
-  if (request->recorded) return false;
+  if (request->recorded) {
+    if (lidar < recording.lidars.size())
+      request->scan.beam_gains = recording.lidars[lidar].beam_gains;
+    return false;
+  }
   const LidarOptions& options = request->options;
   const bool estimates = !request->sensor;
   if (estimates) {
@@ -89,6 +112,8 @@ bool complete_sensor(const Recording& recording, LidarRequest* request) {
     if (found) why = misfit(*found).value_or("");
     if (!why.empty()) throw UsageError("--sensor", options.sensor, "cannot be estimated: " + why);
     request->sensor = found->sensor;
+    request->scan.beam_gains =
+        gains_by_elevation(recording.lidars[lidar].beam_gains, found->sensor.beams);
   }
   LidarSensor& sensor = *request->sensor;
   sensor.azimuth_steps = options.azimuth_steps.value_or(sensor.azimuth_steps);

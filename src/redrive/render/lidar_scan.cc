@@ -114,8 +114,9 @@ LidarScan render_scan(kernels::Backend& backend, const Field& model, const Lidar
     }
     const Eigen::Vector3d& direction = firings.direction[i];
     LidarRecord point{axes_from_sensor * (range_m * direction), t_ns};
-    point.intensity = scan.has_intensity ? std::min(options.gain * rays.intensity[i], 1.0f) : 0;
     point.ring = firings.ring[i];
+    const float gain = options.gain * gain_of_ring(options.beam_gains, point.ring);
+    point.intensity = scan.has_intensity ? std::min(gain * rays.intensity[i], 1.0f) : 0;
     point.azimuth_rad = static_cast<float>(std::atan2(direction.y(), direction.x()));
     point.range_m = static_cast<float>(range_m);
     point.actor = actors[i];

@@ -39,7 +39,8 @@ enum class PointAxes { kSensor, kBody, kWorld };
 struct ScanOptions {
   double min_range_m = kMinReturn_m, max_range_m = kMaxReturn_m;
   PointAxes axes = PointAxes::kSensor;
-  float gain = 1;  ///< factor of intensities (RecordedLidar::gain)
+  float gain = 1;                         ///< factor of intensities (RecordedLidar::gain)
+  std::vector<BeamGain> beam_gains = {};  ///< more of them, by LidarFirings::ring
   /// draws rays with a return by their probability; nothing: kMinReturnOpacity decides
   std::optional<std::uint64_t> seed;
 };

@@ -73,9 +73,9 @@ struct Run {
 Run open_run(const std::filesystem::path& root, bool to_resume = false,
              std::optional<double> max_damaged = {});
 
-/// Sets RecordedLidar::gain of the recording's LiDARs; empty: none. InputError where they are not
-/// as many.
-void set_gains(const std::vector<float>& gains, Run* run);
+/// Sets RecordedLidar::gain and beam_gains of the recording's LiDARs where the state has them.
+/// InputError where they are not as many.
+void set_gains(const TrainState& state, Run* run);
 
 /// Sets run->moving to the annotated objects that move and to `found` ones
 /// (perception/find_moving.h). If the model draws objects, sets run->scene.actors to those with

@@ -126,11 +126,14 @@ class Trainer {
 
   /// Initialises parameters from the data, with fresh moments.
   void begin_from_data() {
-    if (data_.lidar.sensors.size() > 1) {
+    if (!data_.lidar.scan_ends.empty()) {
       state_.lidar_gains.clear();
-      for (const LidarReturns::Sensor& sensor : data_.lidar.sensors)
+      state_.lidar_beam_gains.clear();
+      for (const LidarReturns::Sensor& sensor : data_.lidar.sensors) {
         state_.lidar_gains.push_back(sensor.gain);
-      set_gains(state_.lidar_gains, &run_);
+        state_.lidar_beam_gains.push_back(sensor.beam_gains);
+      }
+      set_gains(state_, &run_);
     }
     Trainee& model = *state_.model;
     const Progress progress("preparing the first parameters");

@@ -127,9 +127,12 @@ TrainingData applied(const Run& run, ThreadPool& pool, Exclusions left_out,
   const std::vector<MovingObject> found = found_objects(moving);
   data.lidar = returns ? *std::move(returns) : training_returns(run, moving.without(found), pool);
   take_out(run.scene, MovingObjects(found), &data.lidar);
-  if (data.lidar.sensors.size() > 1 && run.state.lidar_gains.empty()) {
-    const std::vector<float> gains = estimate_gains(run.scene, data.lidar, pool);
-    for (std::size_t k = 0; k < gains.size(); ++k) data.lidar.sensors[k].gain = gains[k];
+  if (!data.lidar.scan_ends.empty() && run.state.step == 0 && run.state.lidar_gains.empty()) {
+    std::vector<LidarGains> gains = estimate_gains(run.scene, data.lidar, pool);
+    for (std::size_t k = 0; k < gains.size(); ++k) {
+      data.lidar.sensors[k].gain = gains[k].gain;
+      data.lidar.sensors[k].beam_gains = std::move(gains[k].beams);
+    }
   }
   return data;
 }

@@ -106,6 +106,12 @@ void print_summary(const Run& run, const TrainingData& training, const kernels::
   for (std::size_t k = 1; k < training.lidar.sensors.size(); ++k)
     std::printf("intensities of %s: %.3f of %s's\n", run.recording.lidars[k].name.c_str(),
                 double(training.lidar.sensors[k].gain), run.recording.lidars[0].name.c_str());
+  for (std::size_t k = 0; k < training.lidar.sensors.size(); ++k)
+    if (const auto& beams = training.lidar.sensors[k].beam_gains; !beams.empty()) {
+      const auto [least, most] = std::ranges::minmax(beams, {}, &BeamGain::gain);
+      std::printf("intensities of %s's beams: %.2f to %.2f of their mean\n",
+                  run.recording.lidars[k].name.c_str(), double(least.gain), double(most.gain));
+    }
   for (const Finding& damaged : training.damaged)
     std::printf("note: %s: %s\n", damaged.subject.c_str(), damaged.what.c_str());
   if (const auto& damaged = training.lidar.damaged)

@@ -22,11 +22,23 @@ constexpr int kAcrossStep = 2;
 // What is road: seen in these many parts, and no brighter, darker or rougher than the driven lane.
 constexpr double kLeastSeen = 0.5, kSameBrightness = 1.6, kRougher_m = 0.02;
 
-using Shares = std::array<double, kStrips>;
+using Shares = std::array<double, kStrips>;  ///< NaN: not known
 
 double across_of(int strip) { return (strip + 0.5) * kStrip_m - kLanesReach_m; }
 int strip_at(double across_m) {
   return static_cast<int>(std::floor((across_m + kLanesReach_m) / kStrip_m));
+}
+
+/// Returns the strips on a side (1: left, -1: right) whose middles are so far from the way,
+/// outwards.
+std::vector<int> strips_of(int side, double from_m, double to_m) {
+  std::vector<int> strips;
+  for (int k = 0; k < kStrips / 2; ++k) {
+    const double at_m = (k + 0.5) * kStrip_m;
+    if (at_m >= from_m && at_m <= to_m)
+      strips.push_back(side > 0 ? kStrips / 2 + k : kStrips / 2 - 1 - k);
+  }
+  return strips;
 }
 
 /// Sums over the returns of the strips of a part of the way.
@@ -88,26 +100,27 @@ class Strips {
   double road_beyond(int side, double edge_m, double most_m, const Lanes& lane) const {
     const auto [brightness, roughness_m] = surface_between(lane);
     if (!(brightness > 0)) return 0;
-    // Markings and what they brighten are passed over.
-    constexpr double kMarking_m = 0.3;
-    for (double beyond_m = kMarking_m; beyond_m <= most_m; beyond_m += kStrip_m) {
-      const int strip = strip_at(edge_m + side * beyond_m);
-      if (strip < 0 || strip >= kStrips) return beyond_m;
+    // A kerb between the way and an edge that is assumed ends the road, too.
+    const double from_m = std::min(kNearest_m, std::abs(edge_m));
+    for (const int strip : strips_of(side, from_m, std::abs(edge_m) + most_m)) {
+      const double beyond_m = side * across_of(strip) - std::abs(edge_m);
+      if (!(kerbs_[strip] < kLeastKerb)) return std::max(0.0, beyond_m);  // also where not known
+      if (beyond_m < kStrip_m) continue;
       const double ratio = brightness_[strip] / brightness;
       const bool even = roughness_m_[strip] <= roughness_m + kRougher_m,
                  same = ratio <= kSameBrightness && ratio >= 1 / kSameBrightness;
-      const bool marked = is_near_marking(strip);
-      if (seen_[strip] < kLeastSeen || kerbs_[strip] >= kLeastKerb || !even || !(same || marked))
-        return beyond_m;
+      // Markings and what they brighten are passed over.
+      if (seen_[strip] < kLeastSeen || !even || !(same || is_near_marking(strip))) return beyond_m;
     }
-    return most_m;
+    return std::min(most_m, kLanesReach_m - std::abs(edge_m));
   }
 
  private:
   /// Returns the share of the parts that show a strip in which `holds`.
   template <class Holds>
   Shares shares(const Holds& holds) const {
-    Shares out{};
+    Shares out;
+    out.fill(NAN);
     for (int strip = kBeside; strip < kStrips - kBeside; ++strip) {
       int seen = 0, all = 0;
       for (const auto& [place, part] : parts_)
@@ -115,7 +128,7 @@ class Strips {
           ++seen;
           all += *one;
         }
-      if (seen >= kFewestParts) out[strip] = static_cast<double>(all) / seen;
+      if (seen >= kFewestParts) out[strip] = static_cast<double>(all) / seen;  // else not known
     }
     return out;
   }
@@ -166,14 +179,12 @@ class Strips {
 
   static std::optional<double> nearest(const Shares& shares, double least, int side,
                                        double nearest_m, double farthest_m) {
-    for (double at = nearest_m; at <= farthest_m; at += kStrip_m) {
-      const int strip = strip_at(side * at);
-      if (strip < 0 || strip >= kStrips) break;
-      if (shares[strip] < least) continue;
+    for (const int strip : strips_of(side, nearest_m, farthest_m)) {
+      if (!(shares[strip] >= least)) continue;
       // The strips around it show it, too.
       double sum = 0, weights = 0;
       for (int k = strip - kBeside; k <= strip + kBeside; ++k) {
-        if (k < 0 || k >= kStrips) continue;
+        if (k < 0 || k >= kStrips || std::isnan(shares[k])) continue;
         sum += shares[k] * across_of(k);
         weights += shares[k];
       }

@@ -104,6 +104,22 @@ TEST(FindLanes, AKerbIsAnEdgeWithoutALaneBeyond) {
   EXPECT_NEAR(unmarked.left_neighbour->across_m, 1.6 + 3.4, 0.15);
 }
 
+// A pavement is no lane: behind a kerb where no edge was found on the other side, beside a line,
+// and where the road is too short to tell kerbs.
+TEST(FindLanes, NoLaneBehindAKerb) {
+  const auto right = [](double kerb_m, double line_m, double most_m) {
+    std::vector<WayReturn> returns = returns_of([&](double, double across) {
+      return Place{is_line(across, line_m) ? 0.5 : 0.1, across < kerb_m ? 0.12 : 0};
+    });
+    std::erase_if(returns, [&](const WayReturn& one) { return one.along_m > most_m; });
+    return find_lanes(returns).right_neighbour.has_value();
+  };
+  EXPECT_FALSE(right(-1.3, 5, 80));
+  EXPECT_FALSE(right(-1.75, -1.6, 80));
+  EXPECT_FALSE(right(-2.5, 5, 14)) << "three parts";
+  EXPECT_TRUE(right(-7, 5, 80)) << "no kerb near";
+}
+
 TEST(FindLanes, OtherGroundIsNoLane) {
   const auto left = [](const Place& beyond, double rough_m) {
     return find_lanes(returns_of([&](double along, double across) {

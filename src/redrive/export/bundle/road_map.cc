@@ -236,25 +236,24 @@ std::vector<WayReturn> returns_beside(const Road& road, const std::vector<Statio
 std::optional<bool> left_goes_along(const Road& road, const Lanes& lanes,
                                     std::span<const MapVehicle> vehicles) {
   constexpr double kSample_m = 1;
-  if (!lanes.left_neighbour) return std::nullopt;
-  int along = 0, all = 0;
+  if (!lanes.left_neighbour || vehicles.empty()) return std::nullopt;
+  std::vector<PlanPose> samples;
+  for (double s = 0; s <= road.length_m; s += kSample_m) samples.push_back(road.at(s));
+  std::map<std::int64_t, int> places;  // of each vehicle: those along, less those that come
   for (const MapVehicle& vehicle : vehicles) {
-    PlanPose nearest;
-    double least_m = kLanesReach_m;
-    for (double s = 0; s <= road.length_m; s += kSample_m) {
-      const PlanPose place = road.at(s);
-      const double m = (place.position() - vehicle.position).norm();
-      if (m < least_m) nearest = place, least_m = m;
-    }
-    if (least_m == kLanesReach_m) continue;
+    const auto distance_m = [&](const PlanPose& place) {
+      return (place.position() - vehicle.position).norm();
+    };
+    const PlanPose& nearest = *std::ranges::min_element(samples, {}, distance_m);
+    if (distance_m(nearest) > kLanesReach_m) continue;
     const Vector2d ahead = nearest.ahead(), from = vehicle.position - nearest.position();
     const double across_m = from.dot(Vector2d(-ahead.y(), ahead.x()));
     if (across_m < lanes.left.across_m || across_m > lanes.left_neighbour->across_m) continue;
-    ++all;
-    along += vehicle.velocity.dot(ahead) > 0;
+    places[vehicle.id] += vehicle.velocity.dot(ahead) > 0 ? 1 : -1;
   }
-  if (all == 0) return std::nullopt;
-  return 2 * along > all;
+  if (places.empty()) return std::nullopt;
+  const auto along = std::ranges::count_if(places, [](const auto& one) { return one.second > 0; });
+  return 2 * along > std::ssize(places);
 }
 
 // ---- XML
@@ -319,6 +318,7 @@ void write_mark(pugi::xml_node lane) {
   pugi::xml_node mark = lane.append_child("roadMark");
   set(mark, "sOffset", 0.0);
   set(mark, "type", "none");
+  set(mark, "color", "standard");
 }
 
 void write_note(pugi::xml_node lane, const char* code, const char* value) {

@@ -22,8 +22,9 @@ struct MapReturn {
   double intensity = 0;
 };
 
-/// A vehicle that moves, in the map.
+/// A place where a vehicle moves, in the map.
 struct MapVehicle {
+  std::int64_t id = 0;
   Eigen::Vector2d position, velocity;
 };
 
@@ -32,7 +33,7 @@ struct RoadMapInput {
   std::vector<Rigid3d> driven;          ///< poses of the body in the map, in driving order
   std::vector<Eigen::Vector3d> ground;  ///< points of the ground in the map; may be empty
   std::vector<MapReturn> returns;       ///< LiDAR returns in the map; may be empty
-  std::vector<MapVehicle> vehicles;     ///< seen at any time; may be empty
+  std::vector<MapVehicle> vehicles;     ///< several places of each; may be empty
   std::optional<Geodetic> origin;       ///< place of the map, with x to the east; height 0
 };
 

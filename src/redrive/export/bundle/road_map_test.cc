@@ -152,9 +152,9 @@ TEST(RoadMap, LaneToTheLeftGoesAsItsTrafficDoes) {
     RoadMapInput input = marked_bend();
     const Vector3d at = beside_bend(20, 3), next = beside_bend(21, 3);
     if (vehicle_along != 0)
-      input.vehicles.push_back({at.head<2>(), vehicle_along * (next - at).head<2>()});
+      input.vehicles.push_back({1, at.head<2>(), vehicle_along * (next - at).head<2>()});
     // others, where no lane is
-    input.vehicles.push_back({beside_bend(20, 7).head<2>(), (at - next).head<2>()});
+    input.vehicles.push_back({2, beside_bend(20, 7).head<2>(), (at - next).head<2>()});
     *made = make_road_map(input);
     const Map map(*made);
     const pugi::xml_node section = map.road().child("lanes").child("laneSection");

@@ -180,7 +180,7 @@ void add_vehicles(const Run& run, const Rigid3d& map_from_world, RoadMapInput* i
       const Eigen::Vector3d at = map_from_world * key.world_from_box.translation(),
                             velocity = map_from_world.linear() * key.velocity_in_world_m_per_s;
       if (velocity.norm() >= kLeastSpeed_m_per_s)
-        input->vehicles.push_back({at.head<2>(), velocity.head<2>()});
+        input->vehicles.push_back({object.id, at.head<2>(), velocity.head<2>()});
     }
   }
 }

@@ -8,6 +8,7 @@
 #include "redrive/base/files/files.h"
 #include "redrive/camera/models.h"
 #include "redrive/export/write_photo_set.h"
+#include "redrive/math/angles.h"
 #include "redrive/recording/core/trajectory.h"
 #include "redrive/recording/formats/kitti/kitti_write.h"
 
@@ -67,11 +68,11 @@ KittiSlots fill_slots(
   return slots;
 }
 
-KittiFrames frames_of_first_camera(const Recording& drive, std::int64_t offset_ns,
+KittiFrames frames_of_first_camera(const Recording& drive, std::int64_t offset_ns, bool from_zero,
                                    DriveNotes* notes) {
   KittiFrames out{{}, offset_ns, 0};
   const std::int64_t first_id = drive.frames.front().id, last_id = drive.frames.back().id;
-  out.earlier_ids = last_id < kitti::kMaxTimes ? 0 : first_id;
+  out.earlier_ids = last_id < kitti::kMaxTimes && !from_zero ? 0 : first_id;
   if (last_id - out.earlier_ids >= kitti::kMaxTimes)
     throw InputError(drive.root, "frame id", std::to_string(last_id),
                      "KITTI has files of a line for every number; a million fit");
@@ -113,10 +114,13 @@ void note_rolling(const KittiSlots& slots, DriveNotes* notes) {
 void note_resampled(const std::string& name, const CameraCalibration& recorded,
                     const PhotoCamera& camera, DriveNotes* notes) {
   if (!camera.resampled) return;
-  notes->changed.push_back("the lens of " + name + " (" + recorded.model +
-                           "): its images are resampled to a pinhole" +
-                           formatted(" with a focal length of %.1f instead of %.1f pixels",
-                                     camera.calibration.fx(), recorded.fx()));
+  const double turned_deg =
+      kDegreesPerRadian * Eigen::AngleAxisd(camera.recorded_from_written).angle();
+  notes->changed.push_back(
+      "the lens of " + name + " (" + recorded.model + "): its images are resampled to a pinhole" +
+      (turned_deg > 0 ? formatted(", turned by %.2f degrees,", turned_deg) : "") +
+      formatted(" with a focal length of %.1f instead of %.1f pixels", camera.calibration.fx(),
+                recorded.fx()));
 }
 
 std::string perspective_lines(const CameraCalibration& camera, const std::string& number,

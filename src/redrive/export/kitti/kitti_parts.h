@@ -32,8 +32,9 @@ struct KittiFrames {
   std::int64_t earlier_ids = 0;   ///< what written ids are less than the drive's
 };
 
-/// InputError: ids that do not fit into files of a line for every number, dates before 1970.
-KittiFrames frames_of_first_camera(const Recording& drive, std::int64_t offset_ns,
+/// `from_zero`: ids begin at 0, otherwise they stay where they fit into files of a line for every
+/// number. InputError: ids that do not fit, dates before 1970.
+KittiFrames frames_of_first_camera(const Recording& drive, std::int64_t offset_ns, bool from_zero,
                                    DriveNotes* notes);
 
 /// Writes timestamps.txt of a camera into `folder`. Notes where its poses, between those of the

@@ -12,6 +12,7 @@
 #include <pugixml.hpp>
 
 #include "redrive/export/kitti/kitti_parts.h"
+#include "redrive/math/angles.h"
 #include "redrive/recording/formats/kitti360/kitti360_boxes.h"
 
 namespace redrive::kitti {
@@ -49,22 +50,20 @@ void mark_class(pugi::xml_node node, int id) {
 }
 
 void add_pose(pugi::xml_node item, const Label& label) {
-  const Eigen::Matrix3d r = label.sensor_from_box.linear();
   const Eigen::Vector3d bottom =
       label.sensor_from_box * Eigen::Vector3d(0, 0, -label.size_m.z() / 2);
   add(item, "tx", bottom.x());
   add(item, "ty", bottom.y());
   add(item, "tz", bottom.z());
-  // R = Rz(rz) Ry(ry) Rx(rx)
-  add(item, "rx", std::atan2(r(2, 1), r(2, 2)));
-  add(item, "ry", std::atan2(-r(2, 0), std::hypot(r(2, 1), r(2, 2))));
-  add(item, "rz", std::atan2(r(1, 0), r(0, 0)));
+  const Eigen::Vector3d angles = roll_pitch_yaw(label.sensor_from_box.linear());
+  for (int k = 0; k < 3; ++k) add(item, std::array{"rx", "ry", "rz"}[std::size_t(k)], angles[k]);
   add(item, "state", "1");  // interpolated: no annotator set it
+  // The devkit's order and types; 99 is unset for parseTrackletXML.py, which refuses -1 here.
   add(item, "occlusion", "-1");
-  add(item, "occlusion_kf", "-1");
-  add(item, "truncation", "99");  // unset, as -1 is for the others
+  add(item, "occlusion_kf", "0");
+  add(item, "truncation", "99");
   for (const char* name :
-       {"amt_occlusion", "amt_border_l", "amt_border_r", "amt_occlusion_kf", "amt_border_kf"})
+       {"amt_occlusion", "amt_occlusion_kf", "amt_border_l", "amt_border_r", "amt_border_kf"})
     add(item, name, "-1");
 }
 

@@ -54,7 +54,8 @@ std::size_t keep_nearest(const OffNs& off_ns, std::vector<Scan>* scans) {
 /// A point of a scan as it is written.
 struct Record {
   std::uint8_t ring = kNoRing;
-  Eigen::Vector4f values;  ///< x, y, z, intensity
+  Eigen::Vector4f values;                ///< x, y, z, intensity
+  double below_rad = 0, turned_rad = 0;  ///< what order_by_rings sorts by
 
   double elevation_rad() const {
     return std::atan2(values.z(), std::hypot(values.x(), values.y()));
@@ -75,11 +76,14 @@ void order_by_rings(std::vector<Record>* records) {
     sums[record.ring].first += record.elevation_rad();
     ++sums[record.ring].second;
   }
-  const auto place = [&](const Record& record) {
+  for (Record& record : *records) {
     const auto& [sum_rad, count] = sums.at(record.ring);
-    return std::tuple(-sum_rad / count, record.ring, record.turn_rad());
-  };
-  std::ranges::stable_sort(*records, {}, place);
+    record.below_rad = -sum_rad / count;
+    record.turned_rad = record.turn_rad();
+  }
+  std::ranges::stable_sort(*records, {}, [](const Record& record) {
+    return std::tuple(record.below_rad, record.ring, record.turned_rad);
+  });
 }
 
 /// Puts the points' records where the points were seen at the time of their azimuth.

@@ -76,6 +76,18 @@ KittiSlots assign_folders(const Recording& drive, const RecordedCamera& referenc
   return slots;
 }
 
+/// Returns a camera's lines of calib_cam_to_cam.txt: size, matrix, distortion and pose before it
+/// was rectified, which are those after it. Arguments as perspective_lines.
+std::string calibration_lines(const CameraCalibration& camera, const std::string& number,
+                              const Eigen::Vector3d& first_in_camera) {
+  std::string text = formatted("S_%s: %d %d\n", number.c_str(), camera.width, camera.height) +
+                     formatted("K_%s: %.17g 0 %.17g 0", number.c_str(), camera.fx(), camera.cx()) +
+                     formatted(" %.17g %.17g 0 0 1\n", camera.fy(), camera.cy()) + "D_" + number +
+                     ": 0 0 0 0 0\nR_" + number + ": 1 0 0 0 1 0 0 0 1\nT_" + number + ":";
+  for (int i = 0; i < 3; ++i) text += formatted(" %.17g", first_in_camera[i]);
+  return text + "\n" + perspective_lines(camera, number, first_in_camera);
+}
+
 /// Writes images and calib_cam_to_cam.txt. Returns the pose of the rectified camera 0 in the body.
 Rigid3d write_cameras(const fs::path& day, const fs::path& drive_folder, const KittiSlots& slots,
                       const RecordedCamera& reference, std::int64_t earlier_ids, ThreadPool& pool,
@@ -84,14 +96,14 @@ Rigid3d write_cameras(const fs::path& day, const fs::path& drive_folder, const K
   // Where image_00 is missing, the first camera is camera 0, too.
   Rigid3d body_from_rectified = slots.begin()->second->calibration.body_from_sensor;
   body_from_rectified.linear() = axes;
-  std::string text = "calib_time: 01-Jan-1970 00:00:00\ncorner_dist: 0\n";
+  std::map<std::string, std::string> lines;  // of the calibration, by camera
   PhotoSet photos;
   for (const auto& [name, recorded] : slots) {
     photos.cameras.push_back(pinhole_photo_camera(recorded->calibration, axes));
     const PhotoCamera& camera = photos.cameras.back();
     note_resampled(name, recorded->calibration, camera, notes);
-    text +=
-        perspective_lines(camera.calibration, name.substr(6),
+    lines[name] =
+        calibration_lines(camera.calibration, name.substr(6),
                           axes.transpose() * (body_from_rectified.translation() -
                                               camera.calibration.body_from_sensor.translation()));
     add_photos(
@@ -101,7 +113,13 @@ Rigid3d write_cameras(const fs::path& day, const fs::path& drive_folder, const K
         },
         &photos);
   }
-  if (!slots.contains("image_00")) text += "R_rect_00: 1 0 0 0 1 0 0 0 1\n";
+  // Tools ask for all four cameras: those that are missing are where the first one is.
+  std::string text = "calib_time: 01-Jan-1970 00:00:00\ncorner_dist: 0\n";
+  for (const char* const name : {"image_00", "image_01", "image_02", "image_03"})
+    text += lines.contains(name)
+                ? lines[name]
+                : calibration_lines(photos.cameras.front().calibration, std::string(name).substr(6),
+                                    Eigen::Vector3d::Zero());
   make_folders(drive_folder);
   write_file(day / "calib_cam_to_cam.txt", text);
   write_images(drive_folder, {}, photos, pool, stop);
@@ -116,23 +134,25 @@ void write_rigid(const fs::path& file, const Rigid3d& transform, const char* mor
   write_file(file, text + "\n" + more);
 }
 
-/// Returns a packet of the GPS and IMU: pose, velocity and rates; accelerations are not known.
+/// Returns a packet of the GPS and IMU: pose and velocity; accelerations and turn rates are not
+/// known. Forward, left and up of the velocity are level.
 std::string packet_of(const Rigid3d& ecef_from_imu, const Eigen::Vector3d& velocity_in_imu) {
   const Eigen::Vector3d at = ecef_from_imu.translation();
   const Geodetic place = geodetic_from_ecef(at.x(), at.y(), at.z());
   const Eigen::Matrix3d r = ecef_from_enu(place).linear().transpose() * ecef_from_imu.linear();
-  const Eigen::Vector3d east_north_up = r * velocity_in_imu;
+  const Eigen::Vector3d east_north_up = r * velocity_in_imu, angles = roll_pitch_yaw(r);
+  const double ahead_x = std::cos(angles.z()), ahead_y = std::sin(angles.z());
   const double numbers[] = {kDegreesPerRadian * place.latitude_rad,
                             kDegreesPerRadian * place.longitude_rad,
                             place.height_m,
-                            std::atan2(r(2, 1), r(2, 2)),
-                            std::atan2(-r(2, 0), std::hypot(r(2, 1), r(2, 2))),
-                            std::atan2(r(1, 0), r(0, 0)),
+                            angles.x(),
+                            angles.y(),
+                            angles.z(),
                             east_north_up.y(),
                             east_north_up.x(),
-                            velocity_in_imu.x(),
-                            velocity_in_imu.y(),
-                            velocity_in_imu.z()};
+                            ahead_x * east_north_up.x() + ahead_y * east_north_up.y(),
+                            ahead_x * east_north_up.y() - ahead_y * east_north_up.x(),
+                            east_north_up.z()};
   std::string text;
   for (const double number : numbers) text += formatted(text.empty() ? "%.17g" : " %.17g", number);
   constexpr int kNotKnown = 14;  // accelerations and rates in both axes, accuracies
@@ -173,8 +193,8 @@ DriveNotes write_kitti(const fs::path& folder, const Recording& drive, ThreadPoo
   DriveNotes notes;
   const RecordedCamera& reference = reference_camera(drive);
   const KittiSlots slots = assign_folders(drive, reference, &notes);
-  const KittiFrames frames =
-      frames_of_first_camera(drive, slots.begin()->second->calibration.time_offset_ns, &notes);
+  const KittiFrames frames = frames_of_first_camera(
+      drive, slots.begin()->second->calibration.time_offset_ns, true, &notes);
   const std::string date = date_of(frames.frames.front().t_ns);
   const fs::path day = folder / date, root = day / (date + "_drive_0000_sync");
 
@@ -186,10 +206,10 @@ DriveNotes write_kitti(const fs::path& folder, const Recording& drive, ThreadPoo
 
   Rigid3d ecef_from_global = Rigid3d::Identity();
   if (drive.global_frame != GlobalFrame::kEcef) {
-    ecef_from_global = ecef_from_enu({});
+    ecef_from_global = ecef_from_enu({}) *
+                       Eigen::Translation3d(-drive.frames.front().global_from_body.translation());
     notes.changed.emplace_back(
-        "the drive, which has no place on the Earth, is at latitude 0 and "
-        "longitude 0");
+        "the drive, which has no place on the Earth, begins at latitude 0 and longitude 0");
   }
   write_oxts(root / "oxts", frames.frames, ecef_from_global);
   notes.left_out.emplace_back("accelerations and turn rates: 0 in the packets of oxts");

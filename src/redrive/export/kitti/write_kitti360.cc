@@ -200,8 +200,8 @@ DriveNotes write_kitti360(const fs::path& folder, const Recording& drive, Thread
                           const std::atomic<bool>& stop) {
   DriveNotes notes;
   const KittiSlots slots = assign_slots(drive, &notes);
-  const auto [frames, offset_ns, earlier_ids] =
-      frames_of_first_camera(drive, slots.begin()->second->calibration.time_offset_ns, &notes);
+  const auto [frames, offset_ns, earlier_ids] = frames_of_first_camera(
+      drive, slots.begin()->second->calibration.time_offset_ns, false, &notes);
   const Rigid3d world_from_global = local_from_global(drive);
   if (drive.global_frame == GlobalFrame::kEcef)
     notes.changed.push_back("the world is the body frame (x forward, y left, z up) of frame " +

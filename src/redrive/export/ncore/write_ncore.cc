@@ -7,6 +7,7 @@
 #include "redrive/export/drive.h"
 #include "redrive/export/ncore/ncore_sensors.h"
 #include "redrive/export/ncore/ncore_terms.h"
+#include "redrive/math/angles.h"
 #include "redrive/recording/core/trajectory.h"
 #include "redrive/recording/core/wording.h"
 #include "redrive/recording/parse/rigid_json.h"
@@ -82,12 +83,6 @@ void write_intrinsics(const std::vector<WrittenSensor>& cameras,
   }
 }
 
-/// Angles about the fixed axes x, then y, then z.
-Json euler_json(const Eigen::Matrix3d& turn) {
-  return {std::atan2(turn(2, 1), turn(2, 2)), std::asin(std::clamp(-turn(2, 0), -1.0, 1.0)),
-          std::atan2(turn(1, 0), turn(0, 0))};
-}
-
 /// Boxes lie in the axes of the rig at their own time.
 void write_cuboids(const Recording& drive, Sequence* sequence, DriveNotes* notes) {
   Json observations = Json::array();
@@ -103,17 +98,18 @@ void write_cuboids(const Recording& drive, Sequence* sequence, DriveNotes* notes
       sequence->cover(us, us);
       const std::string word = ncore::class_of_box(box.type);
       if (word != box.type) classes.insert(box.type + " is " + word);
-      observations.push_back({{"track_id", std::to_string(box.object_id)},
-                              {"class_id", word},
-                              {"timestamp_us", us},
-                              {"reference_frame_id", "rig"},
-                              {"reference_frame_timestamp_us", us},
-                              {"bbox3",
-                               {{"centroid", vector_to_json(box.body_from_box.translation())},
-                                {"dim", vector_to_json(box.size_m)},
-                                {"rot", euler_json(box.body_from_box.linear())}}},
-                              {"source", "EXTERNAL"},
-                              {"source_version", nullptr}});
+      observations.push_back(
+          {{"track_id", std::to_string(box.object_id)},
+           {"class_id", word},
+           {"timestamp_us", us},
+           {"reference_frame_id", "rig"},
+           {"reference_frame_timestamp_us", us},
+           {"bbox3",
+            {{"centroid", vector_to_json(box.body_from_box.translation())},
+             {"dim", vector_to_json(box.size_m)},
+             {"rot", vector_to_json(roll_pitch_yaw(box.body_from_box.linear()))}}},
+           {"source", "EXTERNAL"},
+           {"source_version", nullptr}});
     }
   const std::string component = sequence->component("cuboids", "default");
   sequence->store().group(component + "/cuboids",

@@ -56,8 +56,7 @@ Points unseen_returns(const TrainingSet& data, const PointCloud& seen) {
       continue;
     }
     points.push_back({poses.in_world(i).cast<float>(), Eigen::Vector3f::Constant(0.5f),
-                      poses.at(i).translation().cast<float>(),
-                      static_cast<float>(data.lidar.intensity[i]) / full[data.lidar.sensor_of(i)]});
+                      poses.at(i).translation().cast<float>(), data.lidar.intensity_of(i, full)});
   }
   return points;
 }
@@ -315,8 +314,7 @@ GaussianList initial_gaussians(const TrainingSet& data, const InitialGaussianOpt
     Points points = points_of(cloud);
     const std::vector<float> full = data.lidar.full_intensities();
     for (std::size_t i = 0; i < cloud.n; ++i)
-      points[i].intensity = static_cast<float>(data.lidar.intensity[cloud.source[i]]) /
-                            full[data.lidar.sensor_of(cloud.source[i])];
+      points[i].intensity = data.lidar.intensity_of(cloud.source[i], full);
     if (!data.lidar.scan_ends.empty() && options.max_unseen > 0) {
       Points kept = thinned(unseen_returns(data, cloud), cameras, options.voxel,
                             static_cast<double>(options.max_unseen), pool);

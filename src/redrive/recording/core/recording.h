@@ -81,12 +81,23 @@ struct RecordedCamera {
   std::vector<ImageFile> images;  ///< sorted by frame id; only frames that have a pose
 };
 
+/// A beam's intensities over those of all beams of the same surfaces.
+struct BeamGain {
+  float elevation_rad = 0, gain = 1;
+  bool operator==(const BeamGain&) const = default;
+};
+/// Returns the gain of a beam; 1 where none is known. `beams`: by LidarPoint::ring.
+inline float gain_of_ring(const std::vector<BeamGain>& beams, std::uint8_t ring) {
+  return ring < beams.size() ? beams[ring].gain : 1;
+}
+
 /// A LiDAR of the rig; Recording::lidar_files with its index are its scans.
 struct RecordedLidar {
   std::string name;
   Rigid3d body_from_lidar = Rigid3d::Identity();  ///< its origin is the origin of the rays
   double elevation_rad = 0;                       ///< added to the elevations of recorded returns
   double gain = 1;  ///< its intensities over the first LiDAR's of the same surface
+  std::vector<BeamGain> beam_gains = {};  ///< by LidarPoint::ring; empty: not known
 };
 
 /// Views that were never driven, with images as ground truth or to be rendered.

@@ -175,11 +175,14 @@ std::string recording_to_json(const Recording& recording) {
                {"frames", Json::array()},    {"boxes", Json::array()}};
   for (const RecordedCamera& camera : recording.cameras)
     json["cameras"].push_back(camera_to_json(camera));
-  for (const RecordedLidar& lidar : recording.lidars)
+  for (const RecordedLidar& lidar : recording.lidars) {
     json["lidars"].push_back({{"name", lidar.name},
                               {"body_from_lidar", pose_to_json(lidar.body_from_lidar)},
                               {"elevation_rad", lidar.elevation_rad},
                               {"gain", lidar.gain}});
+    for (const BeamGain& beam : lidar.beam_gains)
+      json["lidars"].back()["beam_gains"].push_back({beam.elevation_rad, beam.gain});
+  }
   for (const FramePose& frame : recording.frames)
     json["frames"].push_back({{"id", frame.id},
                               {"t_ns", frame.t_ns},
@@ -214,6 +217,13 @@ Recording parse_recording_json(std::string_view text, const fs::path& file) {
                                 pose_from_json(lidar.at("body_from_lidar")),
                                 lidar.at("elevation_rad").number(), lidar.at("gain").number()});
     if (!(recording.lidars.back().gain > 0)) lidar.at("gain").fail("must be above 0");
+    if (!lidar.has("beam_gains")) continue;
+    const JsonField beams = lidar.at("beam_gains");
+    for (std::size_t b = 0; b < beams.size(); ++b) {
+      const std::vector<double> beam = beams.at(b).numbers(2);
+      if (!(beam[1] > 0)) beams.at(b).fail("an elevation and a gain above 0 were expected");
+      recording.lidars.back().beam_gains.push_back({float(beam[0]), float(beam[1])});
+    }
   }
   read_frames(json.at("frames"), &recording);
   std::map<std::int64_t, std::vector<Box>> of_frame;

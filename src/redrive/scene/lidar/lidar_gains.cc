@@ -2,13 +2,15 @@
 #include "redrive/scene/lidar/lidar_gains.h"
 
 #include <algorithm>
+#include <array>
+#include <cmath>
 
 #include "redrive/math/voxel_grid.h"
 
 namespace redrive {
 namespace {
 
-constexpr double kVoxel_m = 0.3;
+constexpr double kVoxel_m = 0.3, kBeamVoxel_m = 0.2;
 constexpr int kLeastInVoxel = 3;  // returns of each sensor
 constexpr std::size_t kLeastVoxels = 30, kMostReturns = 4'000'000, kReturnsOfPart = 4096;
 
@@ -19,17 +21,101 @@ struct Mean {
   double value() const { return sum / n; }
 };
 
-}  // namespace
-
-std::vector<float> estimate_gains(const Scene& scene, const LidarReturns& returns,
-                                  ThreadPool& pool) {
-  const std::size_t every = 1 + returns.n / kMostReturns, n = returns.n / every;
-  std::vector<std::uint64_t> keys(n);
-  pool.run_ranges(n, kReturnsOfPart, [&](std::size_t begin, std::size_t end) {
+/// Returns the voxel of every `every`-th return.
+std::vector<std::uint64_t> voxels_of(const Scene& scene, const LidarReturns& returns,
+                                     std::size_t every, double voxel_m, ThreadPool& pool) {
+  std::vector<std::uint64_t> keys(returns.n / every);
+  pool.run_ranges(keys.size(), kReturnsOfPart, [&](std::size_t begin, std::size_t end) {
     LidarPoses poses(scene, returns, Poses::kRecorded);
     for (std::size_t i = begin; i < end; ++i)
-      keys[i] = voxel_key(voxel_of(poses.in_world(every * i), kVoxel_m));
+      keys[i] = voxel_key(voxel_of(poses.in_world(every * i), voxel_m));
   });
+  return keys;
+}
+
+/// Products of a beam's intensities and of what other beams measured there.
+struct BeamSums {
+  double both = 0, others = 0;
+  std::size_t n = 0;
+};
+
+/// Returns the beam gains of a sensor. `keys`: voxels of every `every`-th return.
+std::vector<BeamGain> beam_gains(const LidarReturns& returns, std::size_t sensor, std::size_t every,
+                                 const std::vector<std::uint64_t>& keys) {
+  constexpr int kRounds = 5;
+  constexpr std::size_t kLeastReturns = 500;
+  std::array<Mean, kNoRing> elevations;
+  std::vector<std::uint32_t> own;
+  std::vector<std::uint64_t> own_keys;
+  int rings = 0;
+  for (std::size_t i = 0; i < keys.size(); ++i) {
+    const std::uint8_t ring = returns.ring[every * i];
+    if (ring == kNoRing || returns.sensor_of(every * i) != sensor) continue;
+    elevations[ring].sum +=
+        std::asin(std::clamp(double(returns.direction[2 * returns.n + every * i]), -1.0, 1.0));
+    ++elevations[ring].n;
+    rings = std::max(rings, ring + 1);
+    own.push_back(static_cast<std::uint32_t>(every * i));
+    own_keys.push_back(keys[i]);
+  }
+  if (rings < 2) return {};
+  std::vector<BeamGain> gains(static_cast<std::size_t>(rings));
+  for (std::size_t r = 0; r < gains.size(); ++r)
+    if (elevations[r].n > 0) gains[r].elevation_rad = static_cast<float>(elevations[r].value());
+  const VoxelGroups voxels(own_keys);
+  std::size_t known = 0;
+  for (int round = 0; round < kRounds; ++round) {
+    std::vector<BeamSums> sums(gains.size());
+    std::array<Mean, kNoRing> of_ring;
+    for (std::size_t v = 0; v < voxels.size(); ++v) {
+      Mean all;
+      std::fill_n(of_ring.begin(), gains.size(), Mean());
+      for (const std::uint32_t k : voxels[v]) {
+        const std::uint8_t ring = returns.ring[own[k]];
+        const double level = double(returns.intensity[own[k]]) / double(gains[ring].gain);
+        all.sum += level, ++all.n;
+        of_ring[ring].sum += level, ++of_ring[ring].n;
+      }
+      for (std::size_t r = 0; r < gains.size(); ++r) {
+        const Mean& mine = of_ring[r];
+        if (mine.n == 0 || all.n - mine.n < kLeastInVoxel) continue;
+        const double others = (all.sum - mine.sum) / (all.n - mine.n);
+        sums[r].both += double(gains[r].gain) * mine.sum * others;
+        sums[r].others += mine.n * others * others;
+        sums[r].n += static_cast<std::size_t>(mine.n);
+      }
+    }
+    double log_sum = 0;
+    known = 0;
+    for (std::size_t r = 0; r < gains.size(); ++r)
+      if (sums[r].n >= kLeastReturns && sums[r].both > 0 && sums[r].others > 0) {
+        gains[r].gain = static_cast<float>(sums[r].both / sums[r].others);
+        log_sum += std::log(double(gains[r].gain));
+        ++known;
+      }
+    const auto mean =
+        static_cast<float>(std::exp(log_sum / double(std::max<std::size_t>(1, known))));
+    for (std::size_t r = 0; r < gains.size(); ++r)
+      if (sums[r].n >= kLeastReturns && sums[r].both > 0 && sums[r].others > 0)
+        gains[r].gain /= mean;
+  }
+  return known < 2 ? std::vector<BeamGain>() : gains;
+}
+
+}  // namespace
+
+std::vector<LidarGains> estimate_gains(const Scene& scene, const LidarReturns& returns,
+                                       ThreadPool& pool) {
+  const std::size_t every = 1 + returns.n / kMostReturns;
+  std::vector<LidarGains> gains(returns.sensors.size());
+  if (!returns.ring.empty()) {
+    const std::vector<std::uint64_t> keys = voxels_of(scene, returns, every, kBeamVoxel_m, pool);
+    pool.run(static_cast<int>(gains.size()), [&](int k) {
+      gains[std::size_t(k)].beams = beam_gains(returns, std::size_t(k), every, keys);
+    });
+  }
+  if (gains.size() < 2) return gains;
+  const std::vector<std::uint64_t> keys = voxels_of(scene, returns, every, kVoxel_m, pool);
   std::vector<float> full = returns.full_intensities();
   for (std::size_t k = 0; k < full.size(); ++k) full[k] /= returns.sensors[k].gain;
   std::vector<std::vector<double>> ratios(full.size());
@@ -45,12 +131,11 @@ std::vector<float> estimate_gains(const Scene& scene, const LidarReturns& return
     for (std::size_t k = 1; k < means.size(); ++k)
       if (means[k].n >= kLeastInVoxel) ratios[k].push_back(means[k].value() / means[0].value());
   }
-  std::vector<float> gains(full.size(), 1.0f);
   for (std::size_t k = 1; k < gains.size(); ++k) {
     if (ratios[k].size() < kLeastVoxels) continue;
     const auto middle = ratios[k].begin() + static_cast<std::ptrdiff_t>(ratios[k].size() / 2);
     std::ranges::nth_element(ratios[k], middle);
-    if (*middle > 0) gains[k] = static_cast<float>(*middle);
+    if (*middle > 0) gains[k].gain = static_cast<float>(*middle);
   }
   return gains;
 }

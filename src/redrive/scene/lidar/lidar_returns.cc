@@ -35,6 +35,7 @@ struct Return {
   float range_m;
   std::int64_t t_ns;
   std::uint16_t intensity;
+  std::uint8_t ring;
 };
 
 /// Whether one of the boxes, of the time of the return, has it; counts it if so.
@@ -46,8 +47,8 @@ bool is_on_moving(const std::vector<MovingBox>& boxes, const Eigen::Vector3d& in
   ++out->on_moving;
   const Eigen::Vector3d in_box = box->box_from_world * in_world;
   if (is_on_object(*box, in_box))
-    out->on_objects.push_back(
-        {box->id, one.t_ns, in_box.cast<float>(), one.direction, one.range_m, one.intensity});
+    out->on_objects.push_back({box->id, one.t_ns, in_box.cast<float>(), one.direction, one.range_m,
+                               one.intensity, one.ring});
   return true;
 }
 
@@ -92,7 +93,7 @@ std::vector<Return> returns_of(const std::vector<LidarPoint>& points,
       continue;
     }
     const Return one{(in_sensor / range_m).cast<float>(), static_cast<float>(range_m), point.t_ns,
-                     point.intensity};
+                     point.intensity, point.ring};
     if (!boxes.empty() && is_on_moving(boxes, world_from_body * in_body, one, out)) continue;
     returns.push_back(one);
   }
@@ -161,6 +162,7 @@ void join_files(const std::vector<std::vector<Return>>& of_files, LidarReturns* 
   returns->range_m.reserve(returns->n);
   returns->t_ns.reserve(returns->n);
   returns->intensity.reserve(returns->n);
+  returns->ring.reserve(returns->n);
   for (const std::vector<Return>& of_file : of_files)
     for (const Return& one : of_file) {
       const std::size_t i = returns->range_m.size();
@@ -169,6 +171,7 @@ void join_files(const std::vector<std::vector<Return>>& of_files, LidarReturns* 
       returns->range_m.push_back(one.range_m);
       returns->t_ns.push_back(one.t_ns);
       returns->intensity.push_back(one.intensity);
+      returns->ring.push_back(one.ring);
     }
 }
 
@@ -203,7 +206,8 @@ LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene,
   if (recording.lidars.empty()) return returns;
   returns.sensors.clear();
   for (const RecordedLidar& lidar : recording.lidars)
-    returns.sensors.push_back({lidar.body_from_lidar, static_cast<float>(lidar.gain)});
+    returns.sensors.push_back(
+        {lidar.body_from_lidar, static_cast<float>(lidar.gain), lidar.beam_gains});
   std::vector<const FrameFile*> files;
   for (const FrameFile& file : recording.lidar_files)
     if (file.frame_id >= scene.frames.front().id && file.frame_id <= scene.frames.back().id &&
@@ -288,6 +292,12 @@ std::vector<float> LidarReturns::full_intensities() const {
   for (std::size_t k = 0; k < sensors.size(); ++k)
     full.push_back(static_cast<float>(intensity_scale(largest[k])) * sensors[k].gain);
   return full;
+}
+
+float LidarReturns::intensity_of(std::size_t i, const std::vector<float>& full) const {
+  const std::size_t sensor = sensor_of(i);
+  const float beam = ring.empty() ? 1 : gain_of_ring(sensors[sensor].beam_gains, ring[i]);
+  return static_cast<float>(intensity[i]) / (full[sensor] * beam);
 }
 
 bool LidarReturns::same_ray(std::size_t i) const {
@@ -402,7 +412,7 @@ void take_out(const Scene& scene, const MovingObjects& moving, LidarReturns* ret
     for (; i < end; ++i) {
       if (i == 0 || r.t_ns[i] != r.t_ns[i - 1]) boxes = moving.at(r.t_ns[i]);
       const Return one{r.direction_in_sensor(i).cast<float>(), r.range_m[i], r.t_ns[i],
-                       r.intensity[i]};
+                       r.intensity[i], r.ring.empty() ? kNoRing : r.ring[i]};
       if (boxes.empty() || !is_on_moving(boxes, poses.in_world(i), one, returns)) kept.push_back(i);
     }
   };
@@ -421,6 +431,7 @@ void take_out(const Scene& scene, const MovingObjects& moving, LidarReturns* ret
   keep(r.range_m, 1);
   keep(r.t_ns, 1);
   keep(r.intensity, 1);
+  if (!r.ring.empty()) keep(r.ring, 1);
   r.n = kept.size();
 }
 

@@ -23,7 +23,8 @@ struct LidarReturns {
   /// A LiDAR; for a point cloud, whose points have no sensor, the scene's first camera.
   struct Sensor {
     Rigid3d body_from_sensor = Rigid3d::Identity();
-    float gain = 1;  ///< RecordedLidar::gain
+    float gain = 1;                         ///< RecordedLidar::gain
+    std::vector<BeamGain> beam_gains = {};  ///< RecordedLidar::beam_gains
   };
   std::size_t n = 0;
   std::vector<Sensor> sensors = {Sensor{}};  ///< as Recording::lidars; at least one
@@ -31,6 +32,7 @@ struct LidarReturns {
   std::vector<float> range_m;                ///< [n] > 0: the return is at range_m * direction
   std::vector<std::int64_t> t_ns;            ///< [n] host clock
   std::vector<std::uint16_t> intensity;      ///< [n] in the sensor's own scale; 0 for point clouds
+  std::vector<std::uint8_t> ring;            ///< [n] LidarPoint::ring; empty for point clouds
 
   /// Returns on moving objects that are known.
   struct OnObject {
@@ -39,6 +41,7 @@ struct LidarReturns {
     Eigen::Vector3f direction = Eigen::Vector3f::Zero();
     float range_m = 0;  ///< 0: the ray is unknown
     std::uint16_t intensity = 0;
+    std::uint8_t ring = kNoRing;
   };
   std::vector<OnObject> on_objects;
 
@@ -83,7 +86,10 @@ struct LidarReturns {
   /// Returns the sensor of return i.
   std::size_t sensor_of(std::size_t i) const;
   /// Returns the intensity of each sensor that counts as 1: sensors have 8 bits or 16, and a gain.
+  /// That of a return is times the gain of its beam.
   std::vector<float> full_intensities() const;
+  /// Returns the intensity of return i, 1: that of its sensor in `full`, full_intensities().
+  float intensity_of(std::size_t i, const std::vector<float>& full) const;
   /// Returns the position of a return in the sensor's axes, metres.
   Eigen::Vector3d in_sensor(std::size_t i) const {
     return double(range_m[i]) * direction_in_sensor(i);

@@ -72,25 +72,30 @@ ScanWindow ScanWindows::operator[](std::size_t which) const {
   const Window& window = windows_[which];
   const Scan& scan = scans_[window.scan];
   std::vector<FiredRay> rays;
+  const LidarReturns::Sensor& sensor = lidar_.sensors[scan.end.sensor];
+  const float full = full_intensities_[scan.end.sensor];
   const auto add = [&](const Eigen::Vector3f& direction, float range_m, std::uint16_t intensity,
-                       std::int64_t t_ns) {
+                       std::uint8_t ring, std::int64_t t_ns) {
     const float part = part_of(scan, t_ns, direction) * static_cast<float>(window.parts);
     if (static_cast<int>(part) != window.part) return;
     rays.push_back({direction, range_m > 0 ? std::log(range_m) : kernels::kNoRange,
-                    static_cast<float>(intensity) / full_intensities_[scan.end.sensor], t_ns});
+                    static_cast<float>(intensity) / (full * gain_of_ring(sensor.beam_gains, ring)),
+                    t_ns});
   };
   for (std::size_t i = scan.begin.returns; i < scan.end.returns;) {
     const LidarReturns::Ray ray = lidar_.ray_at(i, scan.end.returns);
     add(lidar_.direction_in_sensor(i).cast<float>(), lidar_.range_m[ray.strongest],
-        lidar_.intensity[ray.strongest], lidar_.t_ns[i]);
+        lidar_.intensity[ray.strongest], lidar_.ring.empty() ? kNoRing : lidar_.ring[ray.strongest],
+        lidar_.t_ns[i]);
     i = ray.end;
   }
   for (std::size_t i = scan.begin.on_objects; i < scan.end.on_objects; ++i) {
     const LidarReturns::OnObject& at = lidar_.on_objects[i];
-    if (at.range_m > 0 && drawn_(at.id)) add(at.direction, at.range_m, at.intensity, at.t_ns);
+    if (at.range_m > 0 && drawn_(at.id))
+      add(at.direction, at.range_m, at.intensity, at.ring, at.t_ns);
   }
   for (std::size_t i = scan.begin.lost; i < scan.end.lost; ++i)
-    add(lidar_.lost[i].direction, 0, 0, lidar_.lost[i].t_ns);
+    add(lidar_.lost[i].direction, 0, 0, kNoRing, lidar_.lost[i].t_ns);
   std::ranges::stable_sort(rays, {}, &FiredRay::t_ns);  // a pose is evaluated once for each time
 
   ScanWindow out;

@@ -49,6 +49,34 @@ TEST(NuScenesTables, AreThoseOfOneScene) {
                   .isApprox(-Eigen::Vector3d::UnitZ(), 1e-12));
 }
 
+// Records are used once and in order, also those of a batch before the one that is wrong.
+TEST(TokenTables, AFaultyRecordIsNamedOnce) {
+  constexpr std::size_t kRecords = 6000, kFaulty = 4321;
+  std::string text = "[";
+  Tokens wanted;
+  for (std::size_t i = 0; i < kRecords; ++i) {
+    const std::string token = "t" + std::to_string(i);
+    wanted.emplace(token, i);
+    text += (i > 0 ? ",{\"token\":\"" : "{\"token\":\"") + token + "\",\"pad\":\"" +
+            std::string(100, 'x') + "\"}";
+  }
+  const TokenTables tables("data", [&](RecordScanner* scanner) {
+    scanner->add(text + "]");
+    scanner->finish();
+  });
+  std::size_t used = 0;
+  const std::string message = input_error([&] {
+    tables.each_of("table", "token", wanted,
+                   [&](const JsonField& record, std::size_t index, std::size_t number) {
+                     EXPECT_EQ(index, used);
+                     EXPECT_EQ(number, used++);
+                     if (index == kFaulty) record.at("pad").fail("is wrong");
+                   });
+  });
+  EXPECT_THAT(message, AllOf(HasSubstr("record 4321.pad"), HasSubstr("is wrong")));
+  EXPECT_EQ(used, kFaulty + 1);
+}
+
 TEST(NuScenesTables, NameTheScenesThatThereAre) {
   EXPECT_THAT(input_error([] { read_tables({}, "scene-9"); }),
               AllOf(HasSubstr("scene.json: name = scene-9: no such scene"),

@@ -66,24 +66,25 @@ class RecordBatch {
     if (texts_.size() > kBytes) flush();
   }
 
-  /// InputError of the first record that is no JSON or whose use throws.
+  /// InputError of the first record that is no JSON or whose use throws; the batch is empty then,
+  /// too.
   void flush() {
     constexpr std::size_t kGrain = 64;
+    std::vector<Record> records = std::exchange(records_, {});
+    const std::string texts = std::exchange(texts_, {});
     const auto each = [&](const std::function<void(Record*)>& body) {
-      pool_.run_ranges(records_.size(), kGrain, [&](std::size_t begin, std::size_t end) {
-        for (std::size_t i = begin; i < end; ++i) body(&records_[i]);
+      pool_.run_ranges(records.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) body(&records[i]);
       });
     };
-    each([&](Record* record) { look_at(record); });
-    for (const Record& record : records_) {
+    each([&](Record* record) { look_at(texts, record); });
+    for (const Record& record : records) {
       if (record.failure) std::rethrow_exception(record.failure);
       if (record.found)
         use_(JsonField(record.document, file_).at(name_of_record(record.index)), record.index,
              record.found->second);
     }
     each([](Record* record) { record->document = nullptr; });
-    records_.clear();
-    texts_.clear();
   }
 
  private:
@@ -95,8 +96,8 @@ class RecordBatch {
     std::exception_ptr failure = nullptr;
   };
 
-  void look_at(Record* record) const {
-    const std::string_view text = std::string_view(texts_).substr(record->at, record->size);
+  void look_at(std::string_view texts, Record* record) const {
+    const std::string_view text = texts.substr(record->at, record->size);
     const auto parsed_token = [&] {
       record->document = parse_record_text(text, file_, record->index);
       return JsonField(record->document, file_).at(name_of_record(record->index)).at(key_);
