@@ -466,8 +466,8 @@ TEST_F(ServeTest, ABundleNeedsNoRecordingAndRendersTheBitsOfItsRun) {
                                "--voxel", "0.5", made.string()})
           .wait();
   ASSERT_EQ(exported.exit_code, 0) << exported.err;
-  EXPECT_THAT(exported.out,
-              AllOf(HasSubstr("scene one"), HasSubstr("map.xodr: 1 road"), HasSubstr("a lane to its left")));
+  EXPECT_THAT(exported.out, AllOf(HasSubstr("scene one"), HasSubstr("map.xodr: 1 road"),
+                                  HasSubstr("a lane to its left")));
   const ProgramResult inspected = Program(REDRIVE_BINARY, {"inspect", made.string()}).wait();
   EXPECT_EQ(inspected.exit_code, 0) << inspected.out << inspected.err;
   EXPECT_THAT(inspected.out,

@@ -88,7 +88,8 @@ struct LidarReturns {
   /// Returns the intensity of each sensor that counts as 1: sensors have 8 bits or 16, and a gain.
   /// That of a return is times the gain of its beam.
   std::vector<float> full_intensities() const;
-  /// Returns the intensity of return i, 1: that of its sensor in `full`, full_intensities().
+  /// Returns the intensity of return i over what counts as 1 for its beam. `full`: what
+  /// full_intensities() returned.
   float intensity_of(std::size_t i, const std::vector<float>& full) const;
   /// Returns the position of a return in the sensor's axes, metres.
   Eigen::Vector3d in_sensor(std::size_t i) const {
@@ -151,7 +152,8 @@ LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene,
 std::optional<Finding> lost_returns(const LidarReturns& returns);
 /// Returns a finding that counts returns that are not finite or out of range; nothing without any.
 std::optional<Finding> unusable_returns(const LidarReturns& returns);
-/// The returns of a few scans, spread over the drive. `scene`: of the recording, with any options.
+/// Loads a few scans, spread over the drive. `scene` belongs to the recording and may have any
+/// options.
 LidarReturns sample_returns(const Recording& recording, const Scene& scene, ThreadPool& pool);
 
 /// Removes the returns in the boxes of more moving objects from the static ones, as
