@@ -155,7 +155,7 @@ Inspection inspect(const InspectOptions& options, ThreadPool& pool) {
                            result.drive->findings.end());
   }
   const std::vector<std::string> grey = grey_cameras(result.recording);
-  std::optional<Scene> scene;  // of recordings with scans
+  std::optional<Scene> scene;  // only where there are scans
   try {
     if (result.recording.lidar_files.empty() && !result.recording.points_file.empty())
       result.recording.reader->read_points(result.recording);

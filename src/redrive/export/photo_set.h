@@ -22,7 +22,7 @@ struct PhotoCamera {
   Camera camera;                  ///< camera of the written images
   Camera recorded;                ///< camera of the recorded images
   bool resampled = false;         ///< whether they differ
-  /// Rotation from the axes of the written images to those of the recorded ones.
+  /// Rotation between the axes of both.
   Eigen::Matrix3d recorded_from_written = Eigen::Matrix3d::Identity();
 };
 
@@ -52,8 +52,8 @@ PhotoCamera photo_camera(const CameraCalibration& recorded,
 
 /// Returns the camera of images by a pinhole without distortion: the recorded one, or one at the
 /// same place with the same size whose every pixel the recorded lens sees, of 100 degrees across
-/// where that one is no perspective lens. `body_from_written`: axes of the written images; empty:
-/// those of the recorded ones.
+/// where that one is no perspective lens. `body_from_written`: axes of the written images;
+/// nothing: the camera is not turned.
 PhotoCamera pinhole_photo_camera(const CameraCalibration& recorded,
                                  const std::optional<Eigen::Matrix3d>& body_from_written = {});
 

@@ -78,8 +78,8 @@ std::size_t lidar_index(const LidarRequest& request, const Recording& recording)
 
 namespace {
 
-/// Returns gains of beams, each that of the recorded beam with the nearest elevation: beams that
-/// are estimated have another order than rings.
+/// Returns for each beam the gain of the recorded beam with the nearest elevation: estimated beams
+/// are ordered by elevation, rings are not.
 std::vector<BeamGain> gains_by_elevation(const std::vector<BeamGain>& recorded,
                                          const std::vector<LidarBeam>& beams) {
   std::vector<BeamGain> gains;

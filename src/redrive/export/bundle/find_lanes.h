@@ -26,7 +26,7 @@ struct LaneEdge {
 };
 
 struct Lanes {
-  LaneEdge left, right;  ///< of the driven lane; right.across_m < 0
+  LaneEdge left, right;  ///< edges of the driven lane; right.across_m < 0
   /// Outer edges of the lanes beside it, where the ground there is road.
   std::optional<LaneEdge> left_neighbour, right_neighbour;
 

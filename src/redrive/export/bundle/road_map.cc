@@ -239,7 +239,7 @@ std::optional<bool> left_goes_along(const Road& road, const Lanes& lanes,
   if (!lanes.left_neighbour || vehicles.empty()) return std::nullopt;
   std::vector<PlanPose> samples;
   for (double s = 0; s <= road.length_m; s += kSample_m) samples.push_back(road.at(s));
-  std::map<std::int64_t, int> places;  // of each vehicle: those along, less those that come
+  std::map<std::int64_t, int> places;  // number along less number against, by vehicle
   for (const MapVehicle& vehicle : vehicles) {
     const auto distance_m = [&](const PlanPose& place) {
       return (place.position() - vehicle.position).norm();

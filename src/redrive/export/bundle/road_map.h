@@ -49,8 +49,8 @@ struct RoadMap {
 /// Roads follow the poses by fit_way. A stretch ends where the body goes back by half a metre;
 /// standstill and jitter add nothing. Elevation and superelevation come from the ground beside the
 /// way, or from the poses where it has too few points or lies more than 10 cm or 2.3 degrees off.
-/// Lanes are those of export/bundle/find_lanes.h. The lane to the left goes the other way, unless
-/// most vehicles seen there go along; the one to the right goes along.
+/// Lanes come from export/bundle/find_lanes.h. The lane to the left goes the other way, unless most
+/// vehicles seen there go along; the one to the right goes along.
 RoadMap make_road_map(const RoadMapInput& input);
 
 }  // namespace redrive

@@ -18,7 +18,7 @@ using KittiSlots = std::map<std::string, const RecordedCamera*>;
 
 bool is_perspective(const CameraCalibration& camera);
 
-/// Gives each camera a folder that `fits`: that of its own name, else the first free one, from left
+/// Gives each camera a folder that `fits`: the one of its name, else the first free one, from left
 /// to right. Cameras without one go to `left`.
 KittiSlots fill_slots(
     const std::vector<const RecordedCamera*>& cameras, const std::vector<std::string>& folders,
@@ -28,7 +28,7 @@ KittiSlots fill_slots(
 /// Frames at the times of the first camera, as readers take them.
 struct KittiFrames {
   std::vector<FramePose> frames;  ///< ids and times as written, poses at these times
-  std::int64_t offset_ns = 0;     ///< of the first camera to the drive's frames
+  std::int64_t offset_ns = 0;     ///< time offset of the first camera
   std::int64_t earlier_ids = 0;   ///< what written ids are less than the drive's
 };
 
@@ -37,8 +37,8 @@ struct KittiFrames {
 KittiFrames frames_of_first_camera(const Recording& drive, std::int64_t offset_ns, bool from_zero,
                                    DriveNotes* notes);
 
-/// Writes timestamps.txt of a camera into `folder`. Notes where its poses, between those of the
-/// first camera, are off.
+/// Writes timestamps.txt of a camera into `folder`. Notes by how much interpolation from the poses
+/// of the first camera misses the camera's own.
 void write_camera_times(const std::filesystem::path& folder, const std::string& name,
                         const RecordedCamera& camera, const Recording& drive,
                         const KittiFrames& frames, DriveNotes* notes);
@@ -48,7 +48,7 @@ void note_resampled(const std::string& name, const CameraCalibration& recorded,
                     const PhotoCamera& camera, DriveNotes* notes);
 
 /// Returns P_rect, R_rect and S_rect of a pinhole. `number`: "00". `first_in_camera`: place of the
-/// rectified camera 0 in the camera's axes, which are those of camera 0.
+/// rectified camera 0 in the camera's axes; both have the same axes.
 std::string perspective_lines(const CameraCalibration& camera, const std::string& number,
                               const Eigen::Vector3d& first_in_camera);
 

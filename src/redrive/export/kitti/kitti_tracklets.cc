@@ -18,7 +18,7 @@
 namespace redrive::kitti {
 namespace {
 
-using Tracklet = std::vector<Label>;  ///< of consecutive frames
+using Tracklet = std::vector<Label>;  ///< one object in consecutive frames
 
 std::vector<Tracklet> cut_into_tracklets(std::vector<Label> labels) {
   std::ranges::stable_sort(

@@ -96,7 +96,7 @@ Rigid3d write_cameras(const fs::path& day, const fs::path& drive_folder, const K
   // Where image_00 is missing, the first camera is camera 0, too.
   Rigid3d body_from_rectified = slots.begin()->second->calibration.body_from_sensor;
   body_from_rectified.linear() = axes;
-  std::map<std::string, std::string> lines;  // of the calibration, by camera
+  std::map<std::string, std::string> lines;  // keyed by camera
   PhotoSet photos;
   for (const auto& [name, recorded] : slots) {
     photos.cameras.push_back(pinhole_photo_camera(recorded->calibration, axes));

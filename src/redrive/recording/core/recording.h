@@ -81,7 +81,7 @@ struct RecordedCamera {
   std::vector<ImageFile> images;  ///< sorted by frame id; only frames that have a pose
 };
 
-/// A beam's intensities over those of all beams of the same surfaces.
+/// Ratio of a beam's intensities to the mean of all beams, on the same surfaces.
 struct BeamGain {
   float elevation_rad = 0, gain = 1;
   bool operator==(const BeamGain&) const = default;
@@ -97,7 +97,7 @@ struct RecordedLidar {
   Rigid3d body_from_lidar = Rigid3d::Identity();  ///< its origin is the origin of the rays
   double elevation_rad = 0;                       ///< added to the elevations of recorded returns
   double gain = 1;  ///< its intensities over the first LiDAR's of the same surface
-  std::vector<BeamGain> beam_gains = {};  ///< by LidarPoint::ring; empty: not known
+  std::vector<BeamGain> beam_gains = {};  ///< a ring is an index; empty: not known
 };
 
 /// Views that were never driven, with images as ground truth or to be rendered.

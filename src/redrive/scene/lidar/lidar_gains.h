@@ -16,12 +16,15 @@ struct LidarGains {
   std::vector<BeamGain> beams;  ///< RecordedLidar::beam_gains
 };
 
-/// Returns the gains of each of returns.sensors. Of a sensor: the median, over the voxels of 0.3 m
-/// in which both have returns, of its mean intensity over the first sensor's, each of its own full
-/// scale. 1 for the first, and where fewer than 30 voxels tell. Of a beam, where returns have
-/// rings: least squares of its intensities against the mean, in voxels of 0.2 m, of those of other
-/// beams over their gains, five times; their logarithms have mean 0. 1 for beams with fewer than
-/// 500 such returns.
+/// Returns the gains of each of returns.sensors.
+///
+/// A sensor: the median, over the voxels of 0.3 m in which both have returns, of its mean intensity
+/// over the first sensor's, each of its own full scale. 1 for the first, and where fewer than 30
+/// voxels tell.
+///
+/// A beam, where returns have rings: the least-squares ratio of its intensities to the mean of
+/// other beams in voxels of 0.2 m, each divided by its own gain, in five rounds. The logarithms of
+/// these gains have mean 0. A beam with fewer than 500 such returns has 1.
 std::vector<LidarGains> estimate_gains(const Scene& scene, const LidarReturns& returns,
                                        ThreadPool& pool);
 

@@ -86,7 +86,7 @@ struct LidarReturns {
   /// Returns the sensor of return i.
   std::size_t sensor_of(std::size_t i) const;
   /// Returns the intensity of each sensor that counts as 1: sensors have 8 bits or 16, and a gain.
-  /// That of a return is times the gain of its beam.
+  /// Gains of beams are not in it.
   std::vector<float> full_intensities() const;
   /// Returns the intensity of return i over what counts as 1 for its beam. `full`: what
   /// full_intensities() returned.

@@ -49,7 +49,7 @@ TEST(NuScenesTables, AreThoseOfOneScene) {
                   .isApprox(-Eigen::Vector3d::UnitZ(), 1e-12));
 }
 
-// Records are used once and in order, also those of a batch before the one that is wrong.
+// Records before the faulty one are used once and in order, and none after it.
 TEST(TokenTables, AFaultyRecordIsNamedOnce) {
   constexpr std::size_t kRecords = 6000, kFaulty = 4321;
   std::string text = "[";
