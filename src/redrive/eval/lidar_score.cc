@@ -188,9 +188,7 @@ void LidarScores::add(const LidarReturns& scan, const SensorPoses& world_from_se
   const RenderedRays& rendered = traced.rendered;
   const bool has_signals = !rendered.lost.empty();
   const std::size_t sensor = scan.sensor_of(0);
-  const auto beam_gain = [&](std::size_t k) {
-    return scan.ring.empty() ? 1 : gain_of_ring(scan.sensors[sensor].beam_gains, scan.ring[k]);
-  };
+  const std::vector<BeamGain>& beams = scan.sensors[sensor].beam_gains;
   const float gain = scan.sensors[sensor].gain, full = scan.full_intensities()[sensor] / gain;
   Cloud measured, seen;
   std::vector<MovingBox> drawn, left_out;
@@ -224,9 +222,10 @@ void LidarScores::add(const LidarReturns& scan, const SensorPoses& world_from_se
     sums_->all.add(range_m, scan.range_m[nearest]);
     if (on_object(drawn, there)) sums_->on_moving.add(range_m, scan.range_m[nearest]);
     if (has_signals)
-      sums_->signals.add_return(traced.comes_back(i),
-                                double(gain * beam_gain(ray.strongest) * rendered.intensity[i] -
-                                       float(scan.intensity[ray.strongest]) / full));
+      sums_->signals.add_return(
+          traced.comes_back(i),
+          double(gain * gain_of_ring(beams, scan.ring_of(ray.strongest)) * rendered.intensity[i] -
+                 float(scan.intensity[ray.strongest]) / full));
   }
   ++sums_->scans;
   if (!seen.empty()) {

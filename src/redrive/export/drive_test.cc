@@ -247,7 +247,7 @@ TEST_F(DriveTest, Kitti360TellsHowFarPosesAreOff) {
   recording_.cameras[1].calibration.time_offset_ns = 20'000'000;
   written(write_kitti360);
   EXPECT_THAT(notes_.changed,
-              Contains(HasSubstr("poses of image_02, between those of the first camera")));
+              Contains(HasSubstr("poses of image_02, interpolated from the first camera's")));
 }
 
 TEST_F(DriveTest, RefusesPhotographs) {

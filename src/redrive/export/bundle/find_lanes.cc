@@ -19,7 +19,8 @@ constexpr double kStep_m = 0.05, kLeastKerb = 0.5;
 constexpr int kFewestParts = 5;
 constexpr int kBeside = 3;  // strips from the middle of a marking to the ground beside it
 constexpr int kAcrossStep = 2;
-// What is road: seen in these many parts, and no brighter, darker or rougher than the driven lane.
+// Road has returns in this share of the parts, and is no brighter, darker or rougher than the
+// driven lane.
 constexpr double kLeastSeen = 0.5, kSameBrightness = 1.6, kRougher_m = 0.02;
 
 using Shares = std::array<double, kStrips>;  ///< NaN: not known

@@ -347,7 +347,7 @@ pugi::xml_node write_lane(pugi::xml_node side, int id, const LaneEdge& a, const 
   return lane;
 }
 
-/// Lanes that go along are to the right of the reference, those that come to its left.
+/// Lanes in the driven direction lie to the right of the reference line, oncoming ones to its left.
 /// `left_goes_along`: nothing where no vehicle shows it.
 void write_lanes(pugi::xml_node road, const Lanes& found, std::optional<bool> left_goes_along) {
   const bool along = found.left_neighbour && left_goes_along.value_or(false);

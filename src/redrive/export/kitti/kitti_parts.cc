@@ -98,7 +98,8 @@ void write_camera_times(const std::filesystem::path& folder, const std::string& 
   make_folders(folder);
   write_file(folder / "timestamps.txt", kitti::make_timestamps(times));
   if (const double m = distance_from(frames.frames, drive.frames, offset_ns); m > kExact_m)
-    notes->changed.push_back("poses of " + name + ", between those of the first camera, are up to" +
+    notes->changed.push_back("poses of " + name +
+                             ", interpolated from the first camera's, are up to" +
                              formatted(" %.2g mm off", 1e3 * m));
 }
 

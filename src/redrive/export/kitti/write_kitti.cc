@@ -2,7 +2,6 @@
 // KITTI's raw drives, synced and rectified.
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
 #include "redrive/base/error.h"
 #include "redrive/base/files/files.h"
@@ -51,7 +50,7 @@ const RecordedCamera& reference_camera(const Recording& drive) {
   return *reference;
 }
 
-/// Gives cameras that look the way of the reference a folder.
+/// Gives a folder to each camera that looks the same way as the reference.
 KittiSlots assign_folders(const Recording& drive, const RecordedCamera& reference,
                           DriveNotes* notes) {
   std::vector<const RecordedCamera*> cameras, left;

@@ -85,10 +85,13 @@ std::vector<BeamGain> beam_gains(const LidarReturns& returns, std::size_t sensor
         sums[r].n += static_cast<std::size_t>(mine.n);
       }
     }
+    const auto tells = [&](std::size_t r) {
+      return sums[r].n >= kLeastReturns && sums[r].both > 0 && sums[r].others > 0;
+    };
     double log_sum = 0;
     known = 0;
     for (std::size_t r = 0; r < gains.size(); ++r)
-      if (sums[r].n >= kLeastReturns && sums[r].both > 0 && sums[r].others > 0) {
+      if (tells(r)) {
         gains[r].gain = static_cast<float>(sums[r].both / sums[r].others);
         log_sum += std::log(double(gains[r].gain));
         ++known;
@@ -96,8 +99,7 @@ std::vector<BeamGain> beam_gains(const LidarReturns& returns, std::size_t sensor
     const auto mean =
         static_cast<float>(std::exp(log_sum / double(std::max<std::size_t>(1, known))));
     for (std::size_t r = 0; r < gains.size(); ++r)
-      if (sums[r].n >= kLeastReturns && sums[r].both > 0 && sums[r].others > 0)
-        gains[r].gain /= mean;
+      if (tells(r)) gains[r].gain /= mean;
   }
   return known < 2 ? std::vector<BeamGain>() : gains;
 }

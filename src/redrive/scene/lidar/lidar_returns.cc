@@ -296,7 +296,7 @@ std::vector<float> LidarReturns::full_intensities() const {
 
 float LidarReturns::intensity_of(std::size_t i, const std::vector<float>& full) const {
   const std::size_t sensor = sensor_of(i);
-  const float beam = ring.empty() ? 1 : gain_of_ring(sensors[sensor].beam_gains, ring[i]);
+  const float beam = gain_of_ring(sensors[sensor].beam_gains, ring_of(i));
   return static_cast<float>(intensity[i]) / (full[sensor] * beam);
 }
 
@@ -412,7 +412,7 @@ void take_out(const Scene& scene, const MovingObjects& moving, LidarReturns* ret
     for (; i < end; ++i) {
       if (i == 0 || r.t_ns[i] != r.t_ns[i - 1]) boxes = moving.at(r.t_ns[i]);
       const Return one{r.direction_in_sensor(i).cast<float>(), r.range_m[i], r.t_ns[i],
-                       r.intensity[i], r.ring.empty() ? kNoRing : r.ring[i]};
+                       r.intensity[i], r.ring_of(i)};
       if (boxes.empty() || !is_on_moving(boxes, poses.in_world(i), one, returns)) kept.push_back(i);
     }
   };

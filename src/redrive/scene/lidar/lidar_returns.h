@@ -83,6 +83,8 @@ struct LidarReturns {
   };
   /// Returns the ray whose first return is `first`. `last`: end of its scan's returns.
   Ray ray_at(std::size_t first, std::size_t last) const;
+  /// Returns the ring of return i; kNoRing for point clouds.
+  std::uint8_t ring_of(std::size_t i) const { return ring.empty() ? kNoRing : ring[i]; }
   /// Returns the sensor of return i.
   std::size_t sensor_of(std::size_t i) const;
   /// Returns the intensity of each sensor that counts as 1: sensors have 8 bits or 16, and a gain.

@@ -85,8 +85,7 @@ ScanWindow ScanWindows::operator[](std::size_t which) const {
   for (std::size_t i = scan.begin.returns; i < scan.end.returns;) {
     const LidarReturns::Ray ray = lidar_.ray_at(i, scan.end.returns);
     add(lidar_.direction_in_sensor(i).cast<float>(), lidar_.range_m[ray.strongest],
-        lidar_.intensity[ray.strongest], lidar_.ring.empty() ? kNoRing : lidar_.ring[ray.strongest],
-        lidar_.t_ns[i]);
+        lidar_.intensity[ray.strongest], lidar_.ring_of(ray.strongest), lidar_.t_ns[i]);
     i = ray.end;
   }
   for (std::size_t i = scan.begin.on_objects; i < scan.end.on_objects; ++i) {
