@@ -89,6 +89,20 @@ TEST_P(ImageScoreStages, PsnrFollowsItsDefinition) {
   EXPECT_EQ(one.by(*backend).psnr_db, std::numeric_limits<double>::infinity());
 }
 
+// Luma is the mean of the channels: errors of opposite sign cancel there.
+TEST_P(ImageScoreStages, PsnrByChannelAndOfLuma) {
+  const auto backend = make();
+  const ImageScore score = uniform_images(4, 3, {0.5f, 0.25f, 0.5f}, {51, 51, 0}).by(*backend);
+  const auto psnr_db = [](double error) { return -20 * std::log10(std::fabs(error)); };
+  EXPECT_NEAR(score.channel_psnr_db[0], psnr_db(0.3), 1e-6);
+  EXPECT_NEAR(score.channel_psnr_db[1], psnr_db(0.05), 1e-6);
+  EXPECT_NEAR(score.channel_psnr_db[2], psnr_db(0.5), 1e-6);
+  EXPECT_NEAR(score.luma_psnr_db, psnr_db(0.85 / 3), 1e-6);
+  const ImageScore cancelled = uniform_images(4, 3, {0.3f, 0.1f, 0.2f}, {51, 51, 51}).by(*backend);
+  EXPECT_GT(cancelled.luma_psnr_db, 120);
+  EXPECT_NEAR(cancelled.channel_psnr_db[0], psnr_db(0.1), 1e-5);
+}
+
 TEST_P(ImageScoreStages, ReturnsNaNWhereEverythingIsMasked) {
   const auto backend = make();
   TestImages images = noisy_images(20, 15);

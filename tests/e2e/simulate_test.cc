@@ -94,6 +94,49 @@ TEST_F(Simulated, ADriveIsReadBack) {
   }
 }
 
+/// Cameras of one's own: another lens and place, and the recorded one under another name.
+TEST_F(Simulated, AnotherRigIsRendered) {
+  nlohmann::json rig = nlohmann::json::parse(
+      read_file(std::string(kSample) + "/sensor/calibration/calibration_true.json"));
+  const nlohmann::json recorded = rig.at(kTrafficCamera);
+  rig = {{"SAME", recorded},
+         {"WIDE",
+          {{"sensor_type", "camera"},
+           {"model", "opencv_fisheye"},
+           {"image_resolution_px", {200, 150}},
+           {"focal_length_px", {70, 70}},
+           {"principal_point_px", {99.5, 74.5}},
+           {"distortion_coeffs", {0, 0, 0, 0}},
+           {"RT_body_from_sensor", recorded.at("RT_body_from_sensor")}}}};
+  const fs::path file = folder_ / "rig.json";
+  write_file(file, rig.dump());
+  const ProgramResult made = redrive(simulate(out_, {"--rig", file.string(), "--sensor", "none"}));
+  ASSERT_EQ(made.exit_code, kExitOk) << made.err;
+  const Recording now = open_recording(out_);
+  ASSERT_EQ(now.cameras.size(), 2u);
+  EXPECT_EQ(now.cameras[0].calibration.name, "SAME");
+  EXPECT_EQ(now.cameras[1].calibration.model, "opencv_fisheye");
+  ASSERT_EQ(now.cameras[1].images.size(), 24u);
+  const Image8 same = read_image(now.cameras[0].images[12].path),
+               expected = rendered(run_, {"--exposure", "none"}),
+               wide = read_image(now.cameras[1].images[12].path);
+  EXPECT_EQ(wide.width, 200);
+  ASSERT_EQ(same.rgb.size(), expected.rgb.size());
+  int others = 0;
+  for (std::size_t i = 0; i < same.rgb.size(); ++i) others += same.rgb[i] != expected.rgb[i];
+  EXPECT_LT(others, 20) << "poses agree to rounding";
+  const nlohmann::json labels = read_json(out_ / "labels/instances.json");
+  EXPECT_EQ(labels.at("images").size(), 48u);
+  EXPECT_EQ(
+      redrive(simulate(folder_ / "other", {"--rig", (folder_ / "none.json").string()})).exit_code,
+      kExitBadInput);
+  rig["WIDE"]["focal_length_px"] = {0, 70};
+  write_file(file, rig.dump());
+  const ProgramResult refused = redrive(simulate(folder_ / "other", {"--rig", file.string()}));
+  EXPECT_EQ(refused.exit_code, kExitBadInput);
+  EXPECT_THAT(refused.err, HasSubstr("WIDE.focal_length_px"));
+}
+
 /// The boxes of large objects of a simulated drive by image and track: x, y, width, height.
 std::map<std::pair<std::string, std::int64_t>, std::vector<double>> large_objects(
     const fs::path& drive) {

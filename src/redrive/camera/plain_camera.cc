@@ -11,8 +11,6 @@
 namespace redrive {
 namespace {
 
-constexpr double kMargin = 1.15;  // times the radius of the image's corners
-
 /// Returns the radius on the model's plane where the distorted one reaches `radius`, or the model's
 /// edge.
 template <class Model>
@@ -30,19 +28,19 @@ double valid_radius(const Model& model, double radius) {
 }
 
 template <class Model>
-void set_model(const Model& model, double corner, PlainCamera* out) {
+void set_model(const Model& model, double most, PlainCamera* out) {
   using Numbers = typename Model::template Numbers<double>;
   const Numbers numbers = model.numbers();
   const auto all = std::bit_cast<std::array<double, sizeof(Numbers) / sizeof(double)>>(numbers);
   std::ranges::transform(all, out->numbers, [](double x) { return static_cast<float>(x); });
   out->perspective = Model::kPerspective;
-  const double radius = valid_radius(model, kMargin * corner);
+  const double radius = valid_radius(model, most);
   out->max_radius2 = static_cast<float>(radius * radius);
 }
 
 }  // namespace
 
-PlainCamera make_plain_camera(const Camera& camera) {
+PlainCamera make_plain_camera(const Camera& camera, double margin) {
   PlainCamera out;
   out.model = static_cast<int>(camera.model.index());
   out.fx = static_cast<float>(camera.fx);
@@ -56,7 +54,7 @@ PlainCamera make_plain_camera(const Camera& camera) {
     for (const double v : {-0.5, camera.height - 0.5})
       corner =
           std::max(corner, std::hypot((u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy));
-  std::visit([&](const auto& model) { set_model(model, corner, &out); }, camera.model);
+  std::visit([&](const auto& model) { set_model(model, margin * corner, &out); }, camera.model);
   return out;
 }
 

@@ -38,9 +38,9 @@ REDRIVE_LANES auto with_camera(const PlainCamera& camera, const Use& use) {
   return camera.model == PlainCamera::kSpherical ? use(SphericalCamera(camera)) : use(camera);
 }
 
-/// Points count up to 1.15 times the radius of the image's corners, so that what is centred beyond
-/// the edge reaches into the image, or to where the model folds.
-PlainCamera make_plain_camera(const Camera& camera);
+/// Points count up to `margin` times the radius of the image's corners, so that what is centred
+/// beyond the edge reaches into the image, or to where the model folds.
+PlainCamera make_plain_camera(const Camera& camera, double margin = 1.15);
 
 /// u and v are angles times `per_radian`; points count up to `radius_rad` from u = v = 0, which
 /// must stay below pi / 2, the poles.

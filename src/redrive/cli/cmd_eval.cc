@@ -33,9 +33,15 @@ struct EvalCommandOptions {
   kernels::BackendChoice backend;
 };
 
+/// Prints the titles of print_row's columns. "px masked" is Score::left_out.
+void print_header(const char* title, bool has_depth = false) {
+  std::printf("%-24s %6s %8s %8s %8s %8s %9s%s\n", title, "images", "PSNR dB", "luma dB", "SSIM",
+              "FLIP", "px masked", has_depth ? " depth err %" : "");
+}
+
 void print_row(const std::string& name, const Score& score) {
-  std::printf("%-24s %6d %8.2f %8.4f %8.4f %9lld", name.c_str(), score.images, score.psnr_db,
-              score.ssim, score.flip, static_cast<long long>(score.left_out));
+  std::printf("%-24s %6d %8.2f %8.2f %8.4f %8.4f %9lld", name.c_str(), score.images, score.psnr_db,
+              score.luma_psnr_db, score.ssim, score.flip, static_cast<long long>(score.left_out));
   if (!std::isnan(score.depth_error)) std::printf(" %11.2f", 100 * score.depth_error);
   std::printf("\n");
 }
@@ -44,8 +50,9 @@ void print_moving(const MovingEvaluation& moving) {
   print_row("moving objects", moving.inside);
   print_row("beside moving objects", moving.outside);
   for (const auto& [id, object] : moving.objects)
-    std::printf("%-24s %6d %8.2f %8.4f\n", ("  " + object.type + " " + std::to_string(id)).c_str(),
-                object.score.images, object.score.psnr_db, object.score.ssim);
+    std::printf("%-24s %6d %8.2f %8.2f %8.4f\n",
+                ("  " + object.type + " " + std::to_string(id)).c_str(), object.score.images,
+                object.score.psnr_db, object.score.luma_psnr_db, object.score.ssim);
 }
 
 /// Prints the share of the images that the scores cover.
@@ -101,10 +108,11 @@ void print_lidar(const LidarScore& lidar) {
 void print_evaluation(const Evaluation& evaluation) {
   std::printf("%s\n",
               evaluation.held_out ? "held-out frames" : "training frames (no frame was held out)");
-  std::printf("%-24s %6s %8s %8s %8s %9s\n", "camera", "images", "PSNR dB", "SSIM", "FLIP",
-              "px masked");
+  print_header("camera");
   for (const auto& [name, score] : evaluation.cameras) print_row(name, score);
   print_row("all", evaluation.overall);
+  const auto& [red, green, blue] = evaluation.overall.channel_psnr_db;
+  std::printf("PSNR by channel: red %.2f, green %.2f, blue %.2f dB\n", red, green, blue);
   for (const Finding& damaged : evaluation.damaged)
     std::printf("note: %s: %s\n", damaged.subject.c_str(), damaged.what.c_str());
   print_scored_share(evaluation.cameras, evaluation.overall);
@@ -131,8 +139,7 @@ void print_evaluation(const Evaluation& evaluation) {
         alignment->residual_deg);
   print_scans("novel scans", evaluation.novel_lidar);
   if (evaluation.novel.empty()) return;
-  std::printf("%-24s %6s %8s %8s %8s %9s %11s\n", "novel views", "images", "PSNR dB", "SSIM",
-              "FLIP", "px masked", "depth err %");
+  print_header("novel views", true);
   for (const auto& [name, score] : evaluation.novel) {
     print_row(name, score);
     for (const auto& [block, part] : evaluation.parts)
@@ -142,8 +149,7 @@ void print_evaluation(const Evaluation& evaluation) {
 }
 
 void print_other_cameras(const std::map<std::string, OtherCameraScore>& scores) {
-  std::printf("%-24s %6s %8s %8s %8s %9s\n", "camera not trained on", "images", "PSNR dB", "SSIM",
-              "FLIP", "px masked");
+  print_header("camera not trained on");
   for (const auto& [name, other] : scores) {
     print_row(name, other.score);
     if (other.moving) print_moving(*other.moving);
@@ -159,8 +165,7 @@ void print_other_cameras(const std::map<std::string, OtherCameraScore>& scores) 
 }
 
 void print_edited(const std::map<std::string, EditedScore>& scores) {
-  std::printf("%-24s %6s %8s %8s %8s %9s\n", "edit", "images", "PSNR dB", "SSIM", "FLIP",
-              "px masked");
+  print_header("edit");
   for (const auto& [name, score] : scores) {
     print_row(name + ", changed region", score.inside);
     print_row(name + ", seen part of it", score.seen);

@@ -23,6 +23,7 @@
 #include "redrive/export/simulate.h"
 #include "redrive/export/write_photo_set.h"
 #include "redrive/recording/core/wording.h"
+#include "redrive/recording/formats/calibration_json.h"
 
 namespace redrive {
 namespace {
@@ -31,7 +32,7 @@ namespace fs = std::filesystem;
 
 struct SimulateCommandOptions : RenderOptions {
   SimulateOptions simulate;
-  std::string format = "aimotive", labels = "flow";
+  std::string format = "aimotive", labels = "flow", rig;
 };
 
 /// A layout of --to.
@@ -63,6 +64,7 @@ nlohmann::json plan_of(const SimulateCommandOptions& options, const Run& run) {
           {"step", run.state.step},
           {"path", options.simulate.path},
           {"poses", is_file ? read_file(options.simulate.path) : ""},
+          {"rig", options.rig.empty() ? "" : read_file(options.rig)},
           {"edit", options.edit.empty() ? "" : read_file(options.edit)},
           {"actors", options.actors},
           {"lidar", {options.simulate.with_lidar, lidar.sensor, lidar.mount, lidar.range}},
@@ -104,24 +106,39 @@ void print_times(const SimulateTimes& times, std::size_t frames) {
   if (times.images == 0) return;
   const double all_s = times.images_s + times.labels_s + times.files_s + times.scans_s;
   std::printf(
-      "%s, %s in %.1f s, %.2f frames a second: images %.1f s, labels %.1f s, files %.1f s, scans "
-      "%.1f s\n",
+      "%s, %s in %.1f s, %.2f frames a second: images %.2f s, labels %.2f s, files %.2f s, scans "
+      "%.2f s\n",
       counted(times.images, "image").c_str(), counted(times.scans, "scan").c_str(), all_s,
       static_cast<double>(frames) / all_s, times.images_s, times.labels_s, times.files_s,
       times.scans_s);
 }
 
-int run_simulate(const SimulateCommandOptions& options) {
+/// Returns the cameras of --rig. InputError.
+std::vector<CameraCalibration> read_rig(const fs::path& file) {
+  std::vector<CameraCalibration> cameras = parse_calibration(read_file(file), file, nullptr);
+  for (const CameraCalibration& camera : cameras) {
+    try {
+      make_rig_camera(camera, {});
+    } catch (const InputError& error) {
+      throw InputError(file, error.field, error.value, error.rule);
+    }
+  }
+  return cameras;
+}
+
+int run_simulate(SimulateCommandOptions options) {
   const fs::path out = fs::path(options.out).has_filename() ? fs::path(options.out)
                                                             : fs::path(options.out).parent_path();
   check_output_folder("--out", out, options.force);
   check_path(options.simulate.path);
+  if (!options.rig.empty()) options.simulate.rig = read_rig(options.rig);
   if (options.simulate.with_lidar) parse_lidar_request(options.simulate.lidar);
   RunRenderer renderer(std::make_shared<const Run>(open_edited_run(options)), options.backend);
   const Run& run = renderer.run();
   if (!run.recording.metric)
     throw UsageError("RUN", options.run, "is of photographs; a drive has metres and times");
-  const Scene scene = scene_on_path(run.scene, options.simulate.path);
+  Scene scene = scene_on_path(run.scene, options.simulate.path);
+  if (!options.simulate.rig.empty()) scene = scene_with_rig(scene, options.simulate.rig);
   std::printf("%s\n", kernels::describe(renderer.backend()).c_str());
   const fs::path folder = unfinished_folder(out, plan_of(options, run));
   const std::atomic<bool>& stop = stop_on_signal();
@@ -155,6 +172,11 @@ Action configure_simulate(CLI::App& command) {
                   "drive (as driven), sideways:N (N metres to its left), speed:F (F times as fast "
                   "along the same way), or a file of poses, egomotion.json as align writes it")
       ->capture_default_str();
+  command
+      .add_option("--rig", options->rig,
+                  "cameras to render instead of the recording's, without their exposures: a "
+                  "calibration.json, as export --to aimotive writes it")
+      ->type_name("FILE");
   command
       .add_option("--to", options->format,
                   "layout of the drive: aimotive, kitti, kitti360, nuscenes or ncore")

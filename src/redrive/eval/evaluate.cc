@@ -106,6 +106,8 @@ nlohmann::json lidar_score_to_json(const LidarScore& score) {
 
 nlohmann::json score_to_json(const Score& score) {
   return {{"psnr_db", score.psnr_db},
+          {"luma_psnr_db", score.luma_psnr_db},
+          {"channel_psnr_db", score.channel_psnr_db},
           {"ssim", score.ssim},
           {"flip", score.flip},
           {"depth_error", score.depth_error},
@@ -134,9 +136,18 @@ Score score_image(kernels::Backend& backend, const RenderedImage& rendered,
   const kernels::ImageScore score =
       backend.score({rendered.width, rendered.height, rendered.rgb, ground_truth.rgb, mask});
   const auto scored = std::ranges::count_if(mask, [](std::uint8_t used) { return used != 0; });
-  return {std::min(score.psnr_db, kPsnrCapDb),         score.ssim, score.flip,
-          median_depth_error(rendered, mask, depth_m), 1,          left_out,
-          static_cast<std::int64_t>(mask.size()),      scored};
+  Score out{.psnr_db = std::min(score.psnr_db, kPsnrCapDb),
+            .luma_psnr_db = std::min(score.luma_psnr_db, kPsnrCapDb),
+            .ssim = score.ssim,
+            .flip = score.flip,
+            .depth_error = median_depth_error(rendered, mask, depth_m),
+            .images = 1,
+            .left_out = left_out,
+            .pixels = static_cast<std::int64_t>(mask.size()),
+            .scored = scored};
+  for (std::size_t c = 0; c < 3; ++c)
+    out.channel_psnr_db[c] = std::min(score.channel_psnr_db[c], kPsnrCapDb);
+  return out;
 }
 
 namespace {
@@ -282,6 +293,7 @@ nlohmann::json moving_to_json(const MovingEvaluation& moving) {
   for (const auto& [id, object] : moving.objects)
     json["objects"][std::to_string(id)] = {{"type", object.type},
                                            {"psnr_db", object.score.psnr_db},
+                                           {"luma_psnr_db", object.score.luma_psnr_db},
                                            {"ssim", object.score.ssim},
                                            {"images", object.score.images}};
   return json;

@@ -3,6 +3,7 @@
 // with the ground truth of novel views where the recording has it.
 #pragma once
 
+#include <array>
 #include <functional>
 #include <map>
 #include <optional>
@@ -42,7 +43,10 @@ struct EvalOptions {
 /// Means over images. NaN where undefined: ssim of images smaller than its 11 x 11 window,
 /// depth_error without ground-truth depth.
 struct Score {
-  double psnr_db = 0, ssim = 0;
+  double psnr_db = 0;
+  double luma_psnr_db = 0;                  ///< PSNR of the mean of the channels
+  std::array<double, 3> channel_psnr_db{};  ///< red, green, blue
+  double ssim = 0;
   double flip = 0;  ///< optim/flip.h, 0..1, less is better
   double depth_error =
       0;  ///< median over an image's pixels of |depth - ground truth| / ground truth, along the ray
@@ -102,8 +106,8 @@ Score score_image(kernels::Backend& backend, const RenderedImage& rendered,
 /// Renders and scores the run. Throws InputError as load_view and load_lidar_returns.
 Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions& options = {});
 
-/// Returns {"inside": SCORE, "outside": SCORE, "objects": {ID: {"type", "psnr_db", "ssim",
-/// "images"}}}; SCORE as in evaluation_to_json.
+/// Returns {"inside": SCORE, "outside": SCORE, "objects": {ID: {"type", "psnr_db", "luma_psnr_db",
+/// "ssim", "images"}}}; SCORE as in evaluation_to_json.
 nlohmann::json moving_to_json(const MovingEvaluation& moving);
 
 /// Returns {"overall": SCORE, "cameras": {CAM: SCORE}, "novel": {NAME: SCORE}, "held_out": bool,
@@ -114,10 +118,10 @@ nlohmann::json moving_to_json(const MovingEvaluation& moving);
 /// {"translation_m", "rotation_deg", "at_bound"}, "cameras": {CAM: {"translation_m": [3],
 /// "rotation_deg": [3], "time_offset_s", "at_bound"}}} or null}, with parts also "blocks": {NAME:
 /// {"overall": SCORE, "novel": {NAME: SCORE}}}, SCORE =
-/// {"psnr_db", "ssim", "flip", "depth_error", "images", "masked_pixels", "scored_share"}, LIDAR =
-/// {RANGES, "chamfer_m", "revolutions", "intensity_rmse" or null, "lost": {"rays", "accuracy",
-/// "f1"} or null, "moving": {RANGES} or null}, RANGES = "range_error_m", "mean_range_error_m",
-/// "hit_rate", "near_hit_rate", "returns"; null for NaN.
+/// {"psnr_db", "luma_psnr_db", "channel_psnr_db": [3], "ssim", "flip", "depth_error", "images",
+/// "masked_pixels", "scored_share"}, LIDAR = {RANGES, "chamfer_m", "revolutions", "intensity_rmse"
+/// or null, "lost": {"rays", "accuracy", "f1"} or null, "moving": {RANGES} or null}, RANGES =
+/// "range_error_m", "mean_range_error_m", "hit_rate", "near_hit_rate", "returns"; null for NaN.
 nlohmann::json evaluation_to_json(const Evaluation& evaluation);
 
 }  // namespace redrive

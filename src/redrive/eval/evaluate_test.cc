@@ -105,6 +105,9 @@ TEST_F(EvaluateTest, AveragesOverHeldOutViewsOnly) {
   EXPECT_NEAR(result.cameras.at("B").psnr_db, 0, kTolerance);
   EXPECT_EQ(result.overall.images, 4);
   EXPECT_NEAR(result.overall.psnr_db, (psnr_of(0.2) + psnr_of(0.6)) / 4, kTolerance);
+  EXPECT_NEAR(result.overall.luma_psnr_db, result.overall.psnr_db, kTolerance);  // greys
+  EXPECT_NEAR(result.cameras.at("A").channel_psnr_db[2], result.cameras.at("A").psnr_db,
+              kTolerance);
   // Constant images of 0 and m: C1 / (m^2 + C1).
   EXPECT_NEAR(result.cameras.at("A").ssim, (1e-4 / (0.04 + 1e-4) + 1e-4 / (0.36 + 1e-4)) / 2, 1e-9);
   EXPECT_TRUE(result.novel.empty());
@@ -289,8 +292,23 @@ TEST_F(EvaluateTest, TransformsGroundTruthPosesByTheAlignment) {
 TEST(EvaluationJson, HasTheDocumentedKeys) {
   Evaluation evaluation;
   evaluation.held_out = false;
-  evaluation.overall = {20.5, 0.5, 0.25, std::nan(""), 3};
-  evaluation.cameras["F_CAM"] = {20.5, std::nan(""), 0.25, 0.125, 3, 7, 80, 20};
+  const Score three{.psnr_db = 20.5,
+                    .luma_psnr_db = 22,
+                    .channel_psnr_db = {20, 20.25, 20.75},
+                    .ssim = 0.5,
+                    .flip = 0.25,
+                    .depth_error = std::nan(""),
+                    .images = 3};
+  Score camera = three, inside = three, car = three;
+  camera.ssim = std::nan("");
+  camera.depth_error = 0.125;
+  camera.left_out = 7;
+  camera.pixels = 80;
+  camera.scored = 20;
+  inside.psnr_db = 24;
+  car.psnr_db = 25;
+  evaluation.overall = three;
+  evaluation.cameras["F_CAM"] = camera;
   evaluation.view_alignment = ViewAlignment{8, 0.25, 0.5};
   evaluation.alignment = TrajectoryRegistration{Rigid3d::Identity(), 5, 0.5, 0.25, 0.125, 1};
   EXPECT_TRUE(
@@ -300,9 +318,7 @@ TEST(EvaluationJson, HasTheDocumentedKeys) {
       PoseChanges{{change, {}}, {{"F_CAM", change, 0.125}}, 0.75, std::numbers::pi};
   EXPECT_TRUE(nlohmann::json::parse(evaluation_to_json(evaluation).dump()).at("moving").is_null());
   EXPECT_TRUE(nlohmann::json::parse(evaluation_to_json(evaluation).dump()).at("lidar").is_null());
-  evaluation.moving = MovingEvaluation{{24, 0.75, 0.125, std::nan(""), 2},
-                                       {22, 0.5, 0.25, std::nan(""), 3},
-                                       {{-7, {"CAR", {25, 0.625, std::nan(""), std::nan(""), 2}}}}};
+  evaluation.moving = MovingEvaluation{inside, three, {{-7, {"CAR", car}}}};
   evaluation.lidar =
       LidarScore{{100, 0.25, 0.375, 0.75, 0.5},     2, 0.125, 0.0625, LostRayScore{20, 0.75, 0.5},
                  RangeScore{7, 0.5, 0.625, 1, 0.25}};
@@ -310,16 +326,21 @@ TEST(EvaluationJson, HasTheDocumentedKeys) {
       LidarScore{{9, std::nan(""), std::nan(""), 0, 0}, 1, 0.5};
   const auto json = nlohmann::json::parse(evaluation_to_json(evaluation).dump());
   EXPECT_EQ(json, nlohmann::json::parse(R"({
-    "overall": {"psnr_db": 20.5, "ssim": 0.5, "flip": 0.25, "depth_error": null, "images": 3,
+    "overall": {"psnr_db": 20.5, "luma_psnr_db": 22, "channel_psnr_db": [20, 20.25, 20.75],
+      "ssim": 0.5, "flip": 0.25, "depth_error": null, "images": 3,
       "masked_pixels": 0, "scored_share": 1},
-    "cameras": {"F_CAM": {"psnr_db": 20.5, "ssim": null, "flip": 0.25, "depth_error": 0.125,
+    "cameras": {"F_CAM": {"psnr_db": 20.5, "luma_psnr_db": 22,
+      "channel_psnr_db": [20, 20.25, 20.75], "ssim": null, "flip": 0.25, "depth_error": 0.125,
       "images": 3, "masked_pixels": 7, "scored_share": 0.25}},
     "moving": {
-      "inside": {"psnr_db": 24, "ssim": 0.75, "flip": 0.125, "depth_error": null, "images": 2,
+      "inside": {"psnr_db": 24, "luma_psnr_db": 22, "channel_psnr_db": [20, 20.25, 20.75],
+        "ssim": 0.5, "flip": 0.25, "depth_error": null, "images": 3,
         "masked_pixels": 0, "scored_share": 1},
-      "outside": {"psnr_db": 22, "ssim": 0.5, "flip": 0.25, "depth_error": null, "images": 3,
+      "outside": {"psnr_db": 20.5, "luma_psnr_db": 22, "channel_psnr_db": [20, 20.25, 20.75],
+        "ssim": 0.5, "flip": 0.25, "depth_error": null, "images": 3,
         "masked_pixels": 0, "scored_share": 1},
-      "objects": {"-7": {"type": "CAR", "psnr_db": 25, "ssim": 0.625, "images": 2}}},
+      "objects": {"-7": {"type": "CAR", "psnr_db": 25, "luma_psnr_db": 22, "ssim": 0.5,
+        "images": 3}}},
     "lidar": {"returns": 100, "range_error_m": 0.25, "mean_range_error_m": 0.375,
       "hit_rate": 0.75, "near_hit_rate": 0.5, "revolutions": 2, "chamfer_m": 0.125,
       "intensity_rmse": 0.0625,

@@ -16,6 +16,8 @@ class ScoreMean {
  public:
   void add(const Score& score) {
     psnr_db_.add(score.psnr_db);
+    luma_psnr_db_.add(score.luma_psnr_db);
+    for (std::size_t c = 0; c < 3; ++c) channel_psnr_db_[c].add(score.channel_psnr_db[c]);
     ssim_.add(score.ssim);
     flip_.add(score.flip);
     depth_error_.add(score.depth_error);
@@ -26,8 +28,17 @@ class ScoreMean {
   }
   Score mean() const {
     if (images_ == 0) return {};
-    return {psnr_db_.mean(), ssim_.mean(), flip_.mean(), depth_error_.mean(),
-            images_,         left_out_,    pixels_,      scored_};
+    const auto& [red, green, blue] = channel_psnr_db_;
+    return {.psnr_db = psnr_db_.mean(),
+            .luma_psnr_db = luma_psnr_db_.mean(),
+            .channel_psnr_db = {red.mean(), green.mean(), blue.mean()},
+            .ssim = ssim_.mean(),
+            .flip = flip_.mean(),
+            .depth_error = depth_error_.mean(),
+            .images = images_,
+            .left_out = left_out_,
+            .pixels = pixels_,
+            .scored = scored_};
   }
 
  private:
@@ -41,7 +52,7 @@ class ScoreMean {
       return count > 0 ? sum / count : std::numeric_limits<double>::quiet_NaN();
     }
   };
-  Mean psnr_db_, ssim_, flip_, depth_error_;
+  Mean psnr_db_, luma_psnr_db_, channel_psnr_db_[3], ssim_, flip_, depth_error_;
   int images_ = 0;
   std::int64_t left_out_ = 0, pixels_ = 0, scored_ = 0;
 };

@@ -2,34 +2,41 @@
 #include "redrive/export/labels.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstring>
+#include <limits>
 #include <map>
 
+#include "redrive/kernels/gaussian/gaussian_stages.h"
 #include "redrive/scene/project_shutter.h"
 
 namespace redrive {
 namespace {
 
-constexpr double kInfinity_m = 1e6;  // background
+constexpr float kInfinity_m = 1e6f;  // background
 constexpr float kOpaque = 0.5f;
 
-/// Poses of a camera in the axes of the static world or of an object.
-struct Motion {
-  PixelPoses now;            ///< the first image
-  ShutterPoses later;        ///< the later image
-  Rigid3d camera_from_axes;  ///< at its middle line
+/// Pixels that show the static world, or one object. Poses are in the axes of the first camera at
+/// its middle line, which move along with what the pixels show.
+struct MovingPixels {
+  std::vector<std::uint32_t> rays;           ///< entries of the RayTable
+  std::vector<Eigen::Affine3f> from_line;    ///< [lines of the first camera]; empty: one pose
+  std::vector<PlainPose> from_later_camera;  ///< keys
 };
 
-Motion motion_of(std::span<const PlainPose> now, std::span<const PlainPose> later, bool by_column,
-                 int width, int height) {
-  const auto poses = [by_column](std::span<const PlainPose> keys) {
-    std::vector<Rigid3d> rigid_keys;
-    for (const PlainPose& key : keys) rigid_keys.push_back(rigid(key));
-    return ShutterPoses(rigid_keys, by_column);
-  };
-  Motion motion{PixelPoses(poses(now), width, height), poses(later), Rigid3d::Identity()};
-  motion.camera_from_axes = motion.later.at(0.5).inverse(Eigen::Isometry);
-  return motion;
+MovingPixels moving_pixels(std::span<const PlainPose> now, std::span<const PlainPose> later,
+                           bool by_column, int lines) {
+  std::vector<Rigid3d> keys;
+  for (const PlainPose& key : now) keys.push_back(rigid(key));
+  const ShutterPoses poses(keys, by_column);
+  const Rigid3d middle_from_axes = poses.at(0.5).inverse(Eigen::Isometry);
+  MovingPixels out;
+  for (const PlainPose& key : later)
+    out.from_later_camera.push_back(plain(middle_from_axes * rigid(key)));
+  for (int line = 0; poses.is_rolling() && line < lines; ++line)
+    out.from_line.emplace_back(
+        Rigid3d(middle_from_axes * poses.at(row_fraction(line, lines))).cast<float>());
+  return out;
 }
 
 nlohmann::json coco_box(const PixelBox& box) {
@@ -195,39 +202,62 @@ nlohmann::json coco_document(const std::vector<nlohmann::json>& images) {
 
 std::vector<float> optical_flow(const RenderedImage& image, const RayTable& rays,
                                 const ShutterPoses& now, const ShutterPoses& later,
-                                ThreadPool& pool) {
-  std::map<int, Motion> motions;  // key: number
-  const auto motion = [&](std::span<const PlainPose> from, std::span<const PlainPose> to) {
-    return motion_of(from, to, now.by_column(), image.width, image.height);
+                                kernels::Backend& backend) {
+  const std::size_t width = image.width;
+  const bool by_column = now.by_column();
+  std::vector<std::optional<MovingPixels>> moving(1);  // index: number
+  const auto add = [&](int number, std::span<const PlainPose> from, std::span<const PlainPose> to) {
+    if (number >= std::ssize(moving)) moving.resize(number + 1);
+    moving[number] = moving_pixels(from, to, by_column, by_column ? image.width : image.height);
   };
-  motions.emplace(0, motion(now.keys(), later.keys()));
+  add(0, now.keys(), later.keys());
   for (const ShutterPoses::Actor& actor : now.actors()) {
     const auto then = std::ranges::find(later.actors(), actor.number, &ShutterPoses::Actor::number);
     if (then != later.actors().end())
-      motions.emplace(actor.number, motion(actor.actor_from_camera, then->actor_from_camera));
+      add(actor.number, actor.actor_from_camera, then->actor_from_camera);
   }
-  std::vector<const Motion*> by_number(1 + motions.rbegin()->first);
-  for (const auto& [number, motion] : motions) by_number[number] = &motion;
+  moving[0]->rays.reserve(rays.pixel.size());
+  for (std::size_t i = 0; i < rays.pixel.size(); ++i) {
+    const std::size_t number = image.ids[rays.pixel[i]];
+    if (number < moving.size() && moving[number])
+      moving[number]->rays.push_back(static_cast<std::uint32_t>(i));
+  }
+
+  kernels::GaussianCamera camera;
+  camera.camera = make_plain_camera(rays.camera, std::numeric_limits<double>::infinity());
+  camera.image_rows = static_cast<float>(by_column ? image.width : image.height);
+  camera.by_column = by_column;
   std::vector<float> flow(2 * image.depth.size(), kUnknownFlow);
   constexpr std::size_t kRaysPerRange = 4096;
-  pool.run_ranges(rays.pixel.size(), kRaysPerRange, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) {
-      const std::size_t pixel = rays.pixel[i], number = image.ids[pixel];
-      if (number >= by_number.size() || !by_number[number]) continue;
-      const Motion& motion = *by_number[number];
-      const int x = static_cast<int>(pixel % image.width),
-                y = static_cast<int>(pixel / image.width);
-      const bool solid = image.opacity[pixel] >= kOpaque && image.depth[pixel] > 0;
-      const Eigen::Vector3d in_camera =
-          (solid ? double(image.depth[pixel]) : kInfinity_m) *
-          Eigen::Map<const Eigen::Vector3f>(&rays.direction[3 * i]).cast<double>();
-      const auto to = project_shutter(rays.camera, motion.later, motion.camera_from_axes,
-                                      motion.now.of(pixel) * in_camera);
-      if (!to) continue;
-      flow[2 * pixel] = static_cast<float>(to->pixel.x() - x);
-      flow[2 * pixel + 1] = static_cast<float>(to->pixel.y() - y);
-    }
-  });
+  std::vector<float> points, pixels;
+  for (const auto& part : moving) {
+    if (!part || part->rays.empty()) continue;
+    const std::size_t n = part->rays.size();
+    points.resize(3 * n);
+    pixels.resize(2 * n);
+    backend.pool().run_ranges(n, kRaysPerRange, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t k = begin; k < end; ++k) {
+        const std::size_t i = part->rays[k], pixel = rays.pixel[i];
+        const bool solid = image.opacity[pixel] >= kOpaque && image.depth[pixel] > 0;
+        Eigen::Vector3f at = (solid ? image.depth[pixel] : kInfinity_m) *
+                             Eigen::Map<const Eigen::Vector3f>(&rays.direction[3 * i]);
+        if (!part->from_line.empty())
+          at = part->from_line[by_column ? pixel % width : pixel / width] * at;
+        for (int c = 0; c < 3; ++c) points[c * n + k] = at[c];
+      }
+    });
+    camera.world_from_camera = part->from_later_camera;
+    backend.gaussians().project_points(camera, points, pixels);
+    backend.pool().run_ranges(n, kRaysPerRange, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t k = begin; k < end; ++k) {
+        const std::size_t pixel = rays.pixel[part->rays[k]];
+        const float u = pixels[k], v = pixels[n + k];
+        if (std::isnan(u)) continue;
+        flow[2 * pixel] = u - static_cast<float>(pixel % width);
+        flow[2 * pixel + 1] = v - static_cast<float>(pixel / width);
+      }
+    });
+  }
   return flow;
 }
 

@@ -10,7 +10,7 @@
 
 #include <nlohmann/json.hpp>
 
-#include "redrive/base/parallel.h"
+#include "redrive/kernels/backend.h"
 #include "redrive/model/rendered_image.h"
 #include "redrive/rays/ray_table.h"
 #include "redrive/scene/scene.h"
@@ -58,7 +58,7 @@ constexpr float kUnknownFlow = 1e10f;
 /// transparent is infinitely far.
 std::vector<float> optical_flow(const RenderedImage& image, const RayTable& rays,
                                 const ShutterPoses& now, const ShutterPoses& later,
-                                ThreadPool& pool);
+                                kernels::Backend& backend);
 /// Returns the bytes of a .flo file (Baker et al. 2011).
 std::string make_flo(const std::vector<float>& flow, int width, int height);
 

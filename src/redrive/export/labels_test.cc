@@ -85,8 +85,8 @@ TEST(LabelsTest, AnObjectHalfOutsideIsTruncated) {
 /// The camera moves 0.2 m to the right past a wall 10 m ahead, which moves by -50 0.2 / 10 = -1
 /// pixel; an object 5 m ahead moves with the camera.
 TEST(LabelsTest, FlowIsParallaxAndMotion) {
-  ThreadPool pool(2);
-  const RayTable rays = make_ray_table(pinhole(), pool);
+  const auto backend = kernels::make_backend({.threads = 2});
+  const RayTable rays = make_ray_table(pinhole(), backend->pool());
   RenderedImage image;
   image.labelled = true;
   image.clear(kWidth, kHeight);
@@ -98,7 +98,7 @@ TEST(LabelsTest, FlowIsParallaxAndMotion) {
   }
   const ShutterPoses now = poses_with_object({0, 0, 0}, {-1, 0, 5}),
                      later = poses_with_object({0.2, 0, 0}, {-0.8, 0, 5});
-  const std::vector<float> flow = optical_flow(image, rays, now, later, pool);
+  const std::vector<float> flow = optical_flow(image, rays, now, later, *backend);
   for (int y = 0; y < kHeight; ++y)
     for (int x = 0; x < kWidth; ++x) {
       const double expected = x < 10 || x == 39 ? 0 : -1;
@@ -107,12 +107,62 @@ TEST(LabelsTest, FlowIsParallaxAndMotion) {
     }
   ShutterPoses gone = later;
   gone.set_actors({});
-  EXPECT_EQ(optical_flow(image, rays, now, gone, pool)[0], kUnknownFlow);
+  EXPECT_EQ(optical_flow(image, rays, now, gone, *backend)[0], kUnknownFlow);
   const std::string file = make_flo(flow, kWidth, kHeight);
   ASSERT_EQ(file.size(), 12 + 8u * kWidth * kHeight);
   float tag = 0;
   std::memcpy(&tag, file.data(), 4);
   EXPECT_EQ(tag, 202021.25f);
+}
+
+/// A camera moves at 0.2 m an image across its lines, N of them, before a wall 10 m ahead. The next
+/// line is exposed 0.2 / N m further on, so the motion d obeys d = -50 (0.2 + 0.2 d / N) / 10.
+TEST(LabelsTest, FlowOfARollingShutter) {
+  const auto backend = kernels::make_backend({.threads = 2});
+  const RayTable rays = make_ray_table(pinhole(), backend->pool());
+  RenderedImage image;
+  image.labelled = true;
+  image.clear(kWidth, kHeight);
+  for (std::size_t i = 0; i < rays.pixel.size(); ++i) {
+    image.opacity[rays.pixel[i]] = 1;
+    image.depth[rays.pixel[i]] = 10 / rays.direction[3 * i + 2];
+  }
+  for (const bool by_column : {false, true}) {
+    const auto moving = [&](double first_m) {
+      std::vector<Rigid3d> keys;
+      for (int key = 0; key < 3; ++key) {
+        const double m = first_m + 0.1 * key;
+        keys.emplace_back(Eigen::Translation3d(by_column ? m : 0, by_column ? 0 : m, 0));
+      }
+      return ShutterPoses(keys, by_column);
+    };
+    const std::vector<float> flow = optical_flow(image, rays, moving(0), moving(0.2), *backend);
+    const double across = -1 / (1 + 1.0 / (by_column ? kWidth : kHeight));
+    for (int y = 2; y < kHeight; ++y)
+      for (int x = 2; x < kWidth; ++x) {
+        ASSERT_NEAR(flow[2 * (y * kWidth + x)], by_column ? across : 0, 1e-3) << x << " " << y;
+        ASSERT_NEAR(flow[2 * (y * kWidth + x) + 1], by_column ? 0 : across, 1e-3) << x << " " << y;
+      }
+  }
+}
+
+TEST(SimulateTest, ARigReplacesTheCameras) {
+  const TemporaryFolder folder;
+  const Recording recording = make_test_recording(folder.path, 5);
+  CameraCalibration left{"LEFT", "opencv_pinhole", {50, 50, 19.5, 14.5, 0, 0, 0, 0, 0}, 40, 30};
+  left.body_from_sensor = Rigid3d(Eigen::Translation3d(1, 0.5, 1.4));
+  left.time_offset_ns = 5'000'000;
+  CameraCalibration roof = left;
+  roof.name = "ROOF";
+  const Scene scene = scene_with_rig(make_scene(recording, {}), {left, roof});
+  ASSERT_EQ(scene.rig.size(), 2u);
+  ASSERT_EQ(scene.views.size(), 10u);
+  EXPECT_EQ(scene.views[7].camera, 1);
+  EXPECT_EQ(scene.views[7].frame, 2);
+  EXPECT_EQ(scene.exposed_ns(scene.views[7]), scene.frames[2].t_ns + 5'000'000);
+  const Rigid3d expected =
+      scene.world_from_body(scene.exposed_ns(scene.views[7])) * roof.body_from_sensor;
+  EXPECT_LT((scene.world_from_camera(scene.views[7]).matrix() - expected.matrix()).norm(), 1e-9);
 }
 
 TEST(SimulateTest, PathsMoveTheBody) {

@@ -154,7 +154,8 @@ class Simulation {
       }
       RenderedView out{view, scene_.shutter_poses(*view)};
       ImageRequest request{scene_.rig[view->camera], scene_.camera_during(*view),
-                           scene_.exposed_ns(*view), scene_.exposure(*view)};
+                           scene_.exposed_ns(*view),
+                           options_.rig.empty() ? scene_.exposure(*view) : Exposure()};
       request.camera.camera = request.camera.recorded;
       request.labelled = options_.labels;
       out.image = renderer_.image(request, scene_);
@@ -261,7 +262,7 @@ class Simulation {
     const View* const next = options_.flow ? next_of(view) : nullptr;
     if (next)
       out->flow = optical_flow(image, *out->rays, out->poses, scene_.shutter_poses(*next),
-                               renderer_.backend().pool());
+                               renderer_.backend());
   }
 
   void write(const RenderedView& out) const {
@@ -327,6 +328,18 @@ Scene scene_on_path(const Scene& scene, const std::string& path) {
   return out;
 }
 
+Scene scene_with_rig(Scene scene, const std::vector<CameraCalibration>& cameras) {
+  scene.rig.clear();
+  scene.views.clear();
+  for (const CameraCalibration& calibration : cameras) {
+    const int camera = static_cast<int>(scene.rig.size());
+    scene.rig.push_back(make_rig_camera(calibration, {}));
+    for (int frame = 0; frame < std::ssize(scene.frames); ++frame)
+      scene.views.push_back({.camera = camera, .frame = frame});
+  }
+  return scene;
+}
+
 std::vector<Box> boxes_at(const Scene& scene, const MovingObjects& moving, const Frame& frame) {
   std::vector<const MovingObject*> objects;
   for (const MovingObject& object : scene.actors) objects.push_back(&object);
@@ -357,7 +370,10 @@ std::vector<Box> boxes_at(const Scene& scene, const MovingObjects& moving, const
 Recording simulate(RunRenderer& renderer, const Scene& scene, const SimulateOptions& options,
                    const fs::path& folder, const std::atomic<bool>& stop, SimulateTimes* times) {
   const Run& run = renderer.run();
-  Recording drive = drive_of_scene(run.recording, scene);
+  Recording recorded = run.recording;
+  if (!options.rig.empty()) recorded.cameras.clear();
+  for (const CameraCalibration& camera : options.rig) recorded.cameras.push_back({camera, {}});
+  Recording drive = drive_of_scene(recorded, scene);
   LidarRequest request;
   if (options.with_lidar) request = parse_lidar_request(options.lidar);
   const bool with_lidar =

@@ -17,6 +17,9 @@ namespace redrive {
 /// poses of a file (recording/formats/egomotion_json.h), which must hold the scene's frames. Moving
 /// objects keep their times. UsageError, InputError.
 Scene scene_on_path(const Scene& scene, const std::string& path);
+/// Returns the scene with these cameras in place of its own, each with an image of every frame.
+/// InputError for a calibration of no lens.
+Scene scene_with_rig(Scene scene, const std::vector<CameraCalibration>& cameras);
 /// Throws UsageError where `path` is no number that scene_on_path takes.
 void check_path(const std::string& path);
 
@@ -26,6 +29,8 @@ std::vector<Box> boxes_at(const Scene& scene, const MovingObjects& moving, const
 
 struct SimulateOptions {
   std::string path = "drive";
+  /// Cameras of the scene (scene_with_rig), which have no exposures; empty: the run's.
+  std::vector<CameraCalibration> rig;
   LidarOptions lidar;
   bool with_lidar = true;  ///< where the recording or the options have one
   bool labels = true, flow = true, guesses = false;

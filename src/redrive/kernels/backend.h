@@ -55,6 +55,9 @@ struct ImagePair {
 /// where a filter or a window reaches them.
 struct ImageScore {
   double psnr_db = 0;  ///< 10 log10(1 / MSE) over all three channels; +infinity for equal images
+  /// likewise of the mean of the channels, in which demosaicing leaves less than in red or blue
+  double luma_psnr_db = 0;
+  std::array<double, 3> channel_psnr_db{};  ///< likewise of red, green, blue
   double ssim = 0;  ///< optim/ssim.h, mean over channels and the pixels at least 5 from the border
   double flip = 0;  ///< optim/flip.h, mean over the pixels; in [0, 1], 0 for equal images
 };

@@ -49,10 +49,9 @@ void fill_planes_of_pixel(const ImagePair& images, std::size_t pixel, std::span<
   }
 }
 
-/// Returns the squared error of channel at / n of pixel at % n.
-double squared_error_at(std::span<const float> planes, std::size_t at) {
-  const double error = static_cast<double>(planes[at]) - planes[planes.size() / 2 + at];
-  return error * error;
+/// Returns the error of channel at / n of pixel at % n.
+double error_at(std::span<const float> planes, std::size_t at) {
+  return static_cast<double>(planes[at]) - planes[planes.size() / 2 + at];
 }
 
 /// Returns the number of windows along a row or column of `size` pixels.
@@ -87,7 +86,7 @@ void opponent_colour_of_pixel(std::span<float> planes, std::size_t pixel) {
 
 /// Sums over the pixels or windows that count.
 struct ScoreSums {
-  double squares = 0, ssim = 0, flip = 0;
+  double luma_squares = 0, squares[3] = {0, 0, 0}, ssim = 0, flip = 0;
 };
 ImageScore score_from_sums(const ImagePair& images, const ScoreSums& sums) {
   std::size_t pixels = 0, windows = 0;
@@ -100,8 +99,15 @@ ImageScore score_from_sums(const ImagePair& images, const ScoreSums& sums) {
   const auto mean = [](double sum, std::size_t count) {
     return count > 0 ? sum / static_cast<double>(count) : std::numeric_limits<double>::quiet_NaN();
   };
-  return {-10 * std::log10(mean(sums.squares, 3 * pixels)), mean(sums.ssim, 3 * windows),
-          mean(sums.flip, pixels)};
+  const auto psnr_db = [&](double squares, std::size_t count) {
+    return -10 * std::log10(mean(squares, count));
+  };
+  const auto& [red, green, blue] = sums.squares;
+  return {.psnr_db = psnr_db(red + green + blue, 3 * pixels),
+          .luma_psnr_db = psnr_db(sums.luma_squares, pixels),
+          .channel_psnr_db = {psnr_db(red, pixels), psnr_db(green, pixels), psnr_db(blue, pixels)},
+          .ssim = mean(sums.ssim, 3 * windows),
+          .flip = mean(sums.flip, pixels)};
 }
 
 /// Filters some rows of a plane along x and y. Reads neighbouring rows beyond them as well.
@@ -161,8 +167,15 @@ ImageScore score_images(const ImagePair& images, ThreadPool& pool) {
   ScoreSums sums;
 
   for_pixels([&](std::size_t pixel) { fill_planes_of_pixel(images, pixel, planes); });
-  for (std::size_t pixel = 0; pixel < n; ++pixel)
-    for (std::size_t c = 0; c < 3; ++c) sums.squares += squared_error_at(planes, c * n + pixel);
+  for (std::size_t pixel = 0; pixel < n; ++pixel) {
+    double luma_error = 0;
+    for (std::size_t c = 0; c < 3; ++c) {
+      const double error = error_at(planes, c * n + pixel);
+      sums.squares[c] += error * error;
+      luma_error += error / 3;
+    }
+    sums.luma_squares += luma_error * luma_error;
+  }
 
   const SsimTaps taps = ssim_taps();
   const std::size_t across = window_count(images.width), down = window_count(images.height);

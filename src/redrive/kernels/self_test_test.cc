@@ -74,6 +74,7 @@ class WrongStages final : public GaussianStages {
   }
   void update_gaussians(const GaussianUpdate&, std::size_t, std::span<const float>,
                         std::span<const float>) override {}
+  void project_points(const GaussianCamera&, std::span<const float>, std::span<float>) override {}
   void release() override {}
 
  private:

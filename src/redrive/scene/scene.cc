@@ -67,6 +67,35 @@ std::size_t leave_out_unseen(const std::vector<const RecordedCamera*>& cameras,
   return std::ranges::all_of(*frames, is_unseen) ? 0 : std::erase_if(*frames, is_unseen);
 }
 
+/// Adds the actors where a camera with these poses sees them.
+ShutterPoses add_actors(ShutterPoses poses, const std::vector<MovingObject>& actors,
+                        std::int64_t exposed_ns, std::int64_t readout_ns) {
+  const std::size_t keys = poses.keys().size();
+  std::vector<std::int64_t> t_ns;
+  for (std::size_t key = 0; key < keys; ++key) {
+    const double part =
+        keys == 1 ? 0 : static_cast<double>(key) / static_cast<double>(keys - 1) - 0.5;
+    t_ns.push_back(exposed_ns + std::llround(part * static_cast<double>(readout_ns)));
+  }
+  poses.set_actors(seen_actors(actors, poses.keys(), t_ns));
+  return poses;
+}
+
+/// Returns the cube around all camera centres, grown by far_m on every side. 1e-6: room for
+/// rounding to float.
+UnitFromWorld enclosing_cube(const Scene& scene) {
+  Eigen::AlignedBox3d box;
+  for (const View& view : scene.views) box.extend(scene.world_from_camera(view).translation());
+  const Eigen::Vector3d center = box.center();
+  const double half_side_m = (box.sizes().maxCoeff() / 2 + scene.far_m) * (1 + 1e-6);
+  UnitFromWorld unit;
+  for (int d = 0; d < 3; ++d) unit.center[d] = static_cast<float>(center[d]);
+  unit.scale = static_cast<float>(1 / half_side_m);
+  return unit;
+}
+
+}  // namespace
+
 RigCamera make_rig_camera(const CameraCalibration& calibration, const SceneOptions& options) {
   constexpr int kColumns = 40;  // photographs may have a camera each
   RigCamera camera{calibration.name,
@@ -98,35 +127,6 @@ RigCamera make_rig_camera(const CameraCalibration& calibration, const SceneOptio
                          std::to_string(calibration.height));
   return camera;
 }
-
-/// Adds the actors where a camera with these poses sees them.
-ShutterPoses add_actors(ShutterPoses poses, const std::vector<MovingObject>& actors,
-                        std::int64_t exposed_ns, std::int64_t readout_ns) {
-  const std::size_t keys = poses.keys().size();
-  std::vector<std::int64_t> t_ns;
-  for (std::size_t key = 0; key < keys; ++key) {
-    const double part =
-        keys == 1 ? 0 : static_cast<double>(key) / static_cast<double>(keys - 1) - 0.5;
-    t_ns.push_back(exposed_ns + std::llround(part * static_cast<double>(readout_ns)));
-  }
-  poses.set_actors(seen_actors(actors, poses.keys(), t_ns));
-  return poses;
-}
-
-/// Returns the cube around all camera centres, grown by far_m on every side. 1e-6: room for
-/// rounding to float.
-UnitFromWorld enclosing_cube(const Scene& scene) {
-  Eigen::AlignedBox3d box;
-  for (const View& view : scene.views) box.extend(scene.world_from_camera(view).translation());
-  const Eigen::Vector3d center = box.center();
-  const double half_side_m = (box.sizes().maxCoeff() / 2 + scene.far_m) * (1 + 1e-6);
-  UnitFromWorld unit;
-  for (int d = 0; d < 3; ++d) unit.center[d] = static_cast<float>(center[d]);
-  unit.scale = static_cast<float>(1 / half_side_m);
-  return unit;
-}
-
-}  // namespace
 
 int Scene::camera_index(const std::string& name) const {
   const auto found = std::find_if(rig.begin(), rig.end(),

@@ -313,6 +313,11 @@ class GaussianStages {
   virtual void update_gaussians(const GaussianUpdate& update, std::size_t n,
                                 std::span<const float> gradients,
                                 std::span<const float> errors) = 0;
+  /// Projects points [3, n], x, y, z in the axes of GaussianCamera::world_from_camera, to pixels
+  /// [2, n], u and v, as the means of Gaussians; NaN where the camera does not see a point. The
+  /// camera's parts and centres are not used.
+  virtual void project_points(const GaussianCamera& camera, std::span<const float> points,
+                              std::span<float> pixels) = 0;
   /// Writes what updates have changed on a device to the spans of GaussianUpdate, which until then
   /// have old values: to be called before anyone else reads, writes or frees them.
   virtual void fetch() {}

@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <vector>
 
+#include "redrive/base/error.h"
 #include "redrive/kernels/gaussian/check_gaussian_sizes.h"
 #include "redrive/kernels/gaussian/cpu/cpu_raster.h"
 #include "redrive/kernels/gaussian/target_window.h"
@@ -99,6 +100,19 @@ class CpuGaussianStages final : public GaussianStages {
     const UpdateJob job = update_job(update);
     pool_.run_ranges(gaussian_blocks(n), kBlocksPerRange, [&](std::size_t begin, std::size_t end) {
       kernels_.update(job, gradients.data(), errors.data(), begin, end);
+    });
+  }
+  void project_points(const GaussianCamera& camera, std::span<const float> points,
+                      std::span<float> pixels) override {
+    const std::size_t n = points.size() / 3;
+    REDRIVE_CHECK_OP(pixels.size(), ==, 2 * n);
+    const Segment segment = make_segment(camera, camera.world_from_camera, 0, 0);
+    ProjectionJob job;
+    job.camera = camera.camera;
+    job.shutter = segment.shutter;
+    constexpr std::size_t kPointsPerRange = 8192;
+    pool_.run_ranges(n, kPointsPerRange, [&](std::size_t begin, std::size_t end) {
+      kernels_.project_points(job, points.data(), n, begin, end, pixels.data());
     });
   }
   void release() override { arena_.release(); }

@@ -42,6 +42,19 @@ void sort_by_distance(std::uint64_t* keys, std::uint64_t* memory, std::size_t n)
   }
 }
 
+std::uint64_t count_tiles(const RasterRecord& record, const TileGrid& grid) {
+  const TileRange t = tiles_of(record, grid);
+  return static_cast<std::uint64_t>(std::max(t.x1 - t.x0 + 1, 0)) *
+         static_cast<std::uint64_t>(std::max(t.y1 - t.y0 + 1, 0));
+}
+
+TileAxis tile_axis(const float* low, const float* high, int tiles) {
+  const float first = low[0], length = high[tiles - 1] - first;
+  return {low, high, first, static_cast<float>(tiles) / std::max(length, 1e-6f)};
+}
+
+}  // namespace
+
 Segment make_segment(const GaussianCamera& camera, std::span<const PlainPose> poses,
                      std::size_t begin, std::size_t end) {
   Segment segment{.begin = begin, .end = end, .shutter = {}, .keys = {}};
@@ -57,19 +70,6 @@ Segment make_segment(const GaussianCamera& camera, std::span<const PlainPose> po
   shutter.row_offset = (camera.first_row + 0.5f) * shutter.row_scale;
   return segment;
 }
-
-std::uint64_t count_tiles(const RasterRecord& record, const TileGrid& grid) {
-  const TileRange t = tiles_of(record, grid);
-  return static_cast<std::uint64_t>(std::max(t.x1 - t.x0 + 1, 0)) *
-         static_cast<std::uint64_t>(std::max(t.y1 - t.y0 + 1, 0));
-}
-
-TileAxis tile_axis(const float* low, const float* high, int tiles) {
-  const float first = low[0], length = high[tiles - 1] - first;
-  return {low, high, first, static_cast<float>(tiles) / std::max(length, 1e-6f)};
-}
-
-}  // namespace
 
 float* tile_memory(std::size_t floats) {
   thread_local Buffer<float> memory;

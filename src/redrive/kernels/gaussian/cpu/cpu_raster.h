@@ -37,6 +37,10 @@ struct Segment {
   std::vector<float> keys;  ///< keys of the shutter
 };
 
+/// Returns blocks [begin, end) as `camera` sees them from these poses at the edges of its image.
+Segment make_segment(const GaussianCamera& camera, std::span<const PlainPose> poses,
+                     std::size_t begin, std::size_t end);
+
 class CpuRaster final : public HostRaster {
  public:
   CpuRaster(const GaussianKernels& kernels, GaussianStages* stages, ThreadPool* pool)

@@ -150,6 +150,29 @@ std::size_t project(const ProjectionJob& job, std::size_t begin, std::size_t end
       });
 }
 
+void project_points(const ProjectionJob& job, const float* points, std::size_t n, std::size_t begin,
+                    std::size_t end, float* pixels) {
+  with_camera(
+      job.camera, [&](const auto& camera) __attribute__((always_inline)) {
+        const Vf unseen = splat(__builtin_nanf(""));
+        for (std::size_t i = begin; i < end; i += kLanes) {
+          const int count = end - i < kLanes ? static_cast<int>(end - i) : kLanes;
+          Vf rows[kPositionRow + 3];
+          for (int k = 0; k < 3; ++k)
+            rows[kPositionRow + k] = load_first(points + k * n + i, count);
+          Pose pose;
+          Projected at;
+          project_means(job, camera, rows, &pose, &at);
+          if (job.shutter.n > 1) {  // once more than a Gaussian
+            pose_at(job.shutter, at.mean[job.shutter.by_column ? 0 : 1], &pose);
+            project_mean<LaneMath>(camera, pose, rows + kPositionRow, &at);
+          }
+          for (int k = 0; k < 2; ++k)
+            store_first(pixels + k * n + i, at.visible ? at.mean[k] : unseen, count);
+        }
+      });
+}
+
 /// The bits of vectors of optim/packed_moments.h.
 REDRIVE_INLINE Vi load_words(const std::uint32_t* p) {
   return reinterpret_cast<Vi>(load(reinterpret_cast<const float*>(p)));
@@ -309,8 +332,8 @@ void update(const UpdateJob& job, const float* gradients, const float* errors, s
 
 }  // namespace
 
-const GaussianKernels kGaussianKernels = {project,       bin,        tile_forward,
-                                          tile_backward, tile_parts, project_backward,
-                                          update,        loss_row,   kBlockRows};
+const GaussianKernels kGaussianKernels = {
+    project,    project_points,   bin,    tile_forward, tile_backward,
+    tile_parts, project_backward, update, loss_row,     kBlockRows};
 
 }  // namespace redrive::kernels::REDRIVE_ISA

@@ -203,6 +203,9 @@ struct GaussianKernels {
   /// index in the lower) of those drawn; returns their number.
   std::size_t (*project)(const ProjectionJob& job, std::size_t begin, std::size_t end,
                          RasterRecord* records, std::uint16_t* visible, std::uint64_t* keys);
+  /// Projects points [begin, end) of [3, n] to pixels [2, n] (GaussianStages::project_points).
+  void (*project_points)(const ProjectionJob& job, const float* points, std::size_t n,
+                         std::size_t begin, std::size_t end, float* pixels);
   /// Writes the pairs of the Gaussians of keys [n] with tiles; sets RasterRecord::pairs. Returns
   /// their number. wanted: by tile, or null.
   std::size_t (*bin)(RasterRecord* records, const std::uint64_t* keys, std::size_t n,

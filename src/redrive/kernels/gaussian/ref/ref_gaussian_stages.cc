@@ -9,9 +9,10 @@
 
 #include "redrive/kernels/gaussian/check_gaussian_sizes.h"
 #include "redrive/kernels/gaussian/host_raster.h"
+#include "redrive/kernels/gaussian/line_pose.h"
 #include "redrive/kernels/gaussian/mean_bounds.h"
+#include "redrive/kernels/gaussian/plain_points.h"
 #include "redrive/kernels/gaussian/target_window.h"
-#include "redrive/math/shutter_row.h"
 #include "redrive/optim/packed_moments.h"
 #include "redrive/optim/ssim.h"
 #include "redrive/optim/ssim_gradient.h"
@@ -33,18 +34,6 @@ struct Drawn {
 
 std::span<const PlainPose> poses_of(const GaussianCamera& camera, std::size_t part) {
   return part == 0 ? camera.world_from_camera : camera.parts[part - 1].part_from_camera;
-}
-
-GaussianPose<Math> pose_at(const GaussianCamera& camera, std::span<const PlainPose> poses,
-                           const double* mean) {
-  const double v = mean[camera.by_column ? 0 : 1],
-               row = (v + 0.5 + static_cast<double>(camera.first_row)) /
-                     static_cast<double>(camera.image_rows);
-  const PlainPose pose = pose_at_row(poses.data(), poses.size(), row);
-  GaussianPose<Math> out;
-  for (int k = 0; k < 9; ++k) out.rotation[k] = pose.rotation[3 * (k % 3) + k / 3];
-  for (int k = 0; k < 3; ++k) out.centre[k] = pose.translation[k];
-  return out;
 }
 
 bool holds_mean(const RasterBounds& means, const Projected& at) {
@@ -134,10 +123,10 @@ struct RefRaster final : HostRaster {
       for (int row = 0; row < kDistanceRow; ++row)
         d.rows[row] = static_cast<double>(gaussians.numbers[gaussian_slot(id, row)]);
       d.at.mean[camera.by_column ? 0 : 1] = double(first_line(camera));
-      const int iterations = poses.size() > 1 ? 3 : 1;
+      const int iterations = line_iterations(poses);
       bool seen = true;
       for (int i = 0; i < iterations; ++i) {
-        d.pose = pose_at(camera, poses, d.at.mean);
+        d.pose = line_pose(camera, poses, d.at.mean);
         with_camera(camera.camera, [&](const auto& lens) {
           project_mean<Math>(lens, d.pose, d.rows.data() + kPositionRow, &d.at);
         });
@@ -269,6 +258,10 @@ class RefGaussianStages final : public GaussianStages {
     raster->set(camera, gaussians, options);
     raster->forward();
     return {std::move(raster), &arena_};
+  }
+  void project_points(const GaussianCamera& camera, std::span<const float> points,
+                      std::span<float> pixels) override {
+    project_plain_points(camera, points, nullptr, pixels);
   }
   void release() override { arena_.release(); }
 

@@ -3,6 +3,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/kernels/gaussian/check_gaussian_sizes.h"
+#include "redrive/kernels/gaussian/plain_points.h"
 #include "redrive/kernels/gaussian/vulkan/gaussian_device.h"
 #include "redrive/kernels/gaussian/vulkan/vulkan_loss.h"
 #include "redrive/kernels/gaussian/vulkan/vulkan_raster.h"
@@ -13,7 +14,7 @@ namespace {
 class VulkanGaussianStages final : public GaussianStages {
  public:
   VulkanGaussianStages(vulkan::Queue* queue, ThreadPool* pool)
-      : queue_(*queue), shared_(queue, pool), loss_(&shared_) {}
+      : queue_(*queue), pool_(pool), shared_(queue, pool), loss_(&shared_) {}
   ~VulkanGaussianStages() override { queue_.wait_idle(); }  // before its memory goes
 
   Raster rasterise(const GaussianCamera& camera, const Gaussians& gaussians,
@@ -55,6 +56,11 @@ class VulkanGaussianStages final : public GaussianStages {
     queue_.submit();
   }
 
+  /// On the host: points come from there and pixels go there.
+  void project_points(const GaussianCamera& camera, std::span<const float> points,
+                      std::span<float> pixels) override {
+    project_plain_points(camera, points, pool_, pixels);
+  }
   void fetch() override { shared_.fetch(); }
   std::uint64_t training_bytes(std::size_t n, std::size_t pixels) const override {
     return vulkan::VulkanRaster::training_bytes(n, pixels);
@@ -65,6 +71,7 @@ class VulkanGaussianStages final : public GaussianStages {
 
  private:
   vulkan::Queue& queue_;
+  ThreadPool* const pool_;
   vulkan::GaussianDevice shared_;
   vulkan::VulkanLoss loss_;
   vulkan::DeviceBuffer rgb_, d_rgb_, error_;
