@@ -370,9 +370,11 @@ std::vector<Box> boxes_at(const Scene& scene, const MovingObjects& moving, const
 Recording simulate(RunRenderer& renderer, const Scene& scene, const SimulateOptions& options,
                    const fs::path& folder, const std::atomic<bool>& stop, SimulateTimes* times) {
   const Run& run = renderer.run();
+  // The rig's cameras come first, since a recorded one may have the same name.
   Recording recorded = run.recording;
-  if (!options.rig.empty()) recorded.cameras.clear();
+  recorded.cameras.clear();
   for (const CameraCalibration& camera : options.rig) recorded.cameras.push_back({camera, {}});
+  std::ranges::copy(run.recording.cameras, std::back_inserter(recorded.cameras));
   Recording drive = drive_of_scene(recorded, scene);
   LidarRequest request;
   if (options.with_lidar) request = parse_lidar_request(options.lidar);

@@ -36,6 +36,10 @@ class InterferingRasteriser final : public InterferingBackend, public kernels::G
                         std::span<const float> gradients, std::span<const float> errors) override {
     inner_.update_gaussians(update, n, gradients, errors);
   }
+  void project_points(const kernels::GaussianCamera& camera, std::span<const float> points,
+                      std::span<float> pixels) override {
+    inner_.project_points(camera, points, pixels);
+  }
   void fetch() override { inner_.fetch(); }
   void release() override { inner_.release(); }
 
