@@ -45,16 +45,14 @@ std::vector<PlyPoint> field_points(const Run& run, kernels::Backend& backend, st
     poses.set_actors({});  // objects are at other places in other images
     const RenderedImage image =
         render_image(backend, *run.field(), table, poses, scene.exposure(*view));
-    const std::vector<float> normals = surface_normals(image, table);
+    const SurfaceNormals normals(image, table);
     for (std::size_t entry = 0; entry < table.pixel.size(); ++entry) {
       if (taken++ % every != 0) continue;
       const std::uint32_t pixel = table.pixel[entry];
       const double depth = static_cast<double>(image.depth[pixel]);
-      const Eigen::Vector3d normal(normals[3 * pixel], normals[3 * pixel + 1],
-                                   normals[3 * pixel + 2]);
-      if (!(image.opacity[pixel] >= least_opacity && depth > 0 && depth < scene.far_m) ||
-          normal.isZero())
-        continue;
+      if (!(image.opacity[pixel] >= least_opacity && depth > 0 && depth < scene.far_m)) continue;
+      const Eigen::Vector3d normal = normals.at(pixel);
+      if (normal.isZero()) continue;
       const Rigid3d pose =
           poses.at_pixel(static_cast<int>(pixel) % table.width,
                          static_cast<int>(pixel) / table.width, table.width, table.height);

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <optional>
 
 #include <Eigen/Cholesky>
 
@@ -17,62 +16,55 @@ constexpr float kLeastOpacity = 0.5f;
 // largest difference of distances on one surface, as a part of the distance
 constexpr double kSameSurface = 0.05;
 
-/// Points of an image's pixels, in camera axes.
-struct PointImage {
-  int width, height;
-  std::vector<Eigen::Vector3d> points;  ///< 0: no surface
-  std::vector<double> distance;
-
-  std::size_t index(int x, int y) const { return static_cast<std::size_t>(y) * width + x; }
-  /// Returns the vector n of the plane n . p = 1 that fits the pixel's surface best, or nothing.
-  std::optional<Eigen::Vector3d> plane_at(int x, int y) const {
-    const std::size_t centre = index(x, y);
-    // Divides lengths by the pixel's distance, so that nothing depends on the scene's scale.
-    const double scale = 1 / distance[centre];
-    Eigen::Matrix3d squares = Eigen::Matrix3d::Zero();
-    Eigen::Vector3d sum = Eigen::Vector3d::Zero();
-    for (int v = std::max(y - kRadius, 0); v <= std::min(y + kRadius, height - 1); ++v)
-      for (int u = std::max(x - kRadius, 0); u <= std::min(x + kRadius, width - 1); ++u) {
-        const std::size_t i = index(u, v);
-        if (!(std::fabs(distance[i] * scale - 1) < kSameSurface)) continue;
-        const Eigen::Vector3d p = scale * points[i];
-        squares += p * p.transpose();
-        sum += p;
-      }
-    const Eigen::LDLT<Eigen::Matrix3d> solver(squares);
-    // Points on a line determine no plane.
-    if (!(solver.vectorD().minCoeff() > 1e-9 * solver.vectorD().maxCoeff())) return std::nullopt;
-    return solver.solve(sum);
-  }
-};
-
 }  // namespace
 
-std::vector<float> surface_normals(const RenderedImage& image, const RayTable& table) {
+SurfaceNormals::SurfaceNormals(const RenderedImage& image, const RayTable& table)
+    : width_(image.width),
+      height_(image.height),
+      points_(image.depth.size(), Eigen::Vector3d::Zero()),
+      distance_(image.depth.size(), 0.0) {
   REDRIVE_CHECK_OP(image.width, ==, table.width);
   REDRIVE_CHECK_OP(image.height, ==, table.height);
-  const std::size_t pixels = static_cast<std::size_t>(image.width) * image.height;
-  PointImage seen{image.width, image.height,
-                  std::vector<Eigen::Vector3d>(pixels, Eigen::Vector3d::Zero()),
-                  std::vector<double>(pixels, 0.0)};
   for (std::size_t k = 0; k < table.pixel.size(); ++k) {
     const std::size_t i = table.pixel[k];
     if (!(image.opacity[i] >= kLeastOpacity) || !(image.depth[i] > 0)) continue;
-    seen.distance[i] = static_cast<double>(image.depth[i]);
-    seen.points[i] = seen.distance[i] *
-                     Eigen::Map<const Eigen::Vector3f>(&table.direction[3 * k]).cast<double>();
+    distance_[i] = static_cast<double>(image.depth[i]);
+    points_[i] =
+        distance_[i] * Eigen::Map<const Eigen::Vector3f>(&table.direction[3 * k]).cast<double>();
   }
-  std::vector<float> normals(3 * pixels, 0.0f);
-  for (int y = 0; y < image.height; ++y)
-    for (int x = 0; x < image.width; ++x) {
-      const std::size_t i = seen.index(x, y);
-      if (seen.distance[i] == 0) continue;
-      const auto plane = seen.plane_at(x, y);
-      if (!plane || !(plane->norm() > 0)) continue;
-      const Eigen::Vector3d normal =
-          (plane->dot(seen.points[i]) > 0 ? -1.0 : 1.0) * plane->normalized();
-      for (int k = 0; k < 3; ++k) normals[3 * i + k] = static_cast<float>(normal[k]);
+}
+
+Eigen::Vector3d SurfaceNormals::at(std::size_t pixel) const {
+  if (distance_[pixel] == 0) return Eigen::Vector3d::Zero();
+  const int x = static_cast<int>(pixel % width_), y = static_cast<int>(pixel / width_);
+  // Divides lengths by the pixel's distance, so that nothing depends on the scene's scale.
+  const double scale = 1 / distance_[pixel];
+  Eigen::Matrix3d squares = Eigen::Matrix3d::Zero();
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  for (int v = std::max(y - kRadius, 0); v <= std::min(y + kRadius, height_ - 1); ++v)
+    for (int u = std::max(x - kRadius, 0); u <= std::min(x + kRadius, width_ - 1); ++u) {
+      const std::size_t i = static_cast<std::size_t>(v) * width_ + u;
+      if (!(std::fabs(distance_[i] * scale - 1) < kSameSurface)) continue;
+      const Eigen::Vector3d p = scale * points_[i];
+      squares += p * p.transpose();
+      sum += p;
     }
+  const Eigen::LDLT<Eigen::Matrix3d> solver(squares);
+  // Points on a line determine no plane.
+  if (!(solver.vectorD().minCoeff() > 1e-9 * solver.vectorD().maxCoeff()))
+    return Eigen::Vector3d::Zero();
+  const Eigen::Vector3d plane = solver.solve(sum);  // n of the plane n . p = 1
+  if (!(plane.norm() > 0)) return Eigen::Vector3d::Zero();
+  return (plane.dot(points_[pixel]) > 0 ? -1.0 : 1.0) * plane.normalized();
+}
+
+std::vector<float> surface_normals(const RenderedImage& image, const RayTable& table) {
+  const SurfaceNormals surface(image, table);
+  std::vector<float> normals(3 * image.depth.size());
+  for (std::size_t i = 0; i < image.depth.size(); ++i) {
+    const Eigen::Vector3f normal = surface.at(i).cast<float>();
+    std::copy_n(normal.data(), 3, &normals[3 * i]);
+  }
   return normals;
 }
 
