@@ -5,9 +5,9 @@
     bench/cores.py build/release/redrive RECORDING FOLDER [--frames A:B] [--steps N] [--runs N]
 
 Runs each part of the work with 1, 2, 4, ... threads, as many as there are cores, in turn, and
-writes its runs to FOLDER. T(n) = serial + parallel / n, fitted to the times with one and two
-threads (Amdahl 1967), gives the serial share, and a projection to 4, 16 and 64 cores; its range is
-that of the runs. Memory bandwidth, which cores share, is not in it.
+replaces `run`, `aligned`, `drive` and `points.ply` in FOLDER. The times with one and two threads
+give T(n) = serial + parallel / n (Amdahl 1967), hence the serial share and a projection to 4, 16
+and 64 cores, with the spread of the runs. The projection leaves out the limit of memory bandwidth.
 """
 import argparse
 import json

@@ -82,19 +82,29 @@ TEST(LabelsTest, AnObjectHalfOutsideIsTruncated) {
   EXPECT_EQ(document.at("categories")[0].at("name"), "CAR");
 }
 
+/// What a camera sees of an opaque wall 10 m ahead.
+RenderedImage image_of_wall(const RayTable& rays) {
+  RenderedImage image;
+  image.labelled = true;
+  image.clear(kWidth, kHeight);
+  for (std::size_t i = 0; i < rays.pixel.size(); ++i) {
+    image.opacity[rays.pixel[i]] = 1;
+    image.depth[rays.pixel[i]] = 10 / rays.direction[3 * i + 2];
+  }
+  return image;
+}
+
 /// The camera moves 0.2 m to the right past a wall 10 m ahead, which moves by -50 0.2 / 10 = -1
 /// pixel; an object 5 m ahead moves with the camera.
 TEST(LabelsTest, FlowIsParallaxAndMotion) {
   const auto backend = kernels::make_backend({.threads = 2});
   const RayTable rays = make_ray_table(pinhole(), backend->pool());
-  RenderedImage image;
-  image.labelled = true;
-  image.clear(kWidth, kHeight);
-  for (std::size_t i = 0; i < rays.pixel.size(); ++i) {
-    const std::size_t pixel = rays.pixel[i];
-    image.ids[pixel] = pixel % kWidth < 10;
-    image.opacity[pixel] = pixel % kWidth == 39 ? 0 : 1;
-    image.depth[pixel] = (image.ids[pixel] ? 5 : 10) / rays.direction[3 * i + 2];
+  RenderedImage image = image_of_wall(rays);
+  for (const std::uint32_t pixel : rays.pixel) {
+    if (pixel % kWidth == 39) image.opacity[pixel] = 0;
+    if (pixel % kWidth >= 10) continue;
+    image.ids[pixel] = 1;
+    image.depth[pixel] /= 2;
   }
   const ShutterPoses now = poses_with_object({0, 0, 0}, {-1, 0, 5}),
                      later = poses_with_object({0.2, 0, 0}, {-0.8, 0, 5});
@@ -120,13 +130,7 @@ TEST(LabelsTest, FlowIsParallaxAndMotion) {
 TEST(LabelsTest, FlowOfARollingShutter) {
   const auto backend = kernels::make_backend({.threads = 2});
   const RayTable rays = make_ray_table(pinhole(), backend->pool());
-  RenderedImage image;
-  image.labelled = true;
-  image.clear(kWidth, kHeight);
-  for (std::size_t i = 0; i < rays.pixel.size(); ++i) {
-    image.opacity[rays.pixel[i]] = 1;
-    image.depth[rays.pixel[i]] = 10 / rays.direction[3 * i + 2];
-  }
+  const RenderedImage image = image_of_wall(rays);
   for (const bool by_column : {false, true}) {
     const auto moving = [&](double first_m) {
       std::vector<Rigid3d> keys;

@@ -18,7 +18,7 @@ namespace redrive {
 /// objects keep their times. UsageError, InputError.
 Scene scene_on_path(const Scene& scene, const std::string& path);
 /// Returns the scene with these cameras in place of its own, each with an image of every frame.
-/// InputError for a calibration of no lens.
+/// Throws as make_rig_camera.
 Scene scene_with_rig(Scene scene, const std::vector<CameraCalibration>& cameras);
 /// Throws UsageError where `path` is no number that scene_on_path takes.
 void check_path(const std::string& path);

@@ -162,8 +162,8 @@ struct Scene {
 /// Returns the colour that images are rendered and scored over, rgb in [0, 1].
 std::array<float, 3> background_colour(Background background);
 
-/// Returns a camera as SceneOptions::undistort and downscale have it. InputError for a calibration
-/// of no lens, UsageError for options that do not fit the camera.
+/// Returns a camera after SceneOptions::undistort and downscale. InputError if more
+/// than 90 % of its pixels have no direction; UsageError for options that do not fit the camera.
 RigCamera make_rig_camera(const CameraCalibration& calibration, const SceneOptions& options);
 
 /// InputError/UsageError for an unknown camera (the known ones are listed), no frames left,
