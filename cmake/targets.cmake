@@ -75,18 +75,21 @@ endif()
 
 # Unit tests sit beside the source:
 #   redrive_test(camera SOURCES mei_test.cc DEPENDS redrive::camera
-#     [SANITIZE address|thread|none...] [THREAD_TESTS FILTER] [APART] [OPTIMISED])
+#     [SANITIZE address|thread|none...] [ADDRESS_TESTS FILTER] [THREAD_TESTS FILTER]
+#     [APART] [OPTIMISED])
 # makes the program test_camera. A build with a sanitizer has only the tests that name it. SANITIZE
 # is `address` if it is not given: it is for what parses or indexes, `thread` for what runs on
 # several threads, and `none` for formulas, and optimisations and trainings as a whole, whose parts
-# have tests of their own. THREAD_TESTS is a filter of GoogleTest: which run with ThreadSanitizer,
-# where others have one thread or the same threads again. APART: its files, whose names are alike,
+# have tests of their own. ADDRESS_TESTS and THREAD_TESTS are filters of GoogleTest: which tests run
+# with that sanitizer, where others are trainings or references at length, have one thread, or the
+# same threads again. APART: its files, whose names are alike,
 # are never compiled together. OPTIMISED: computes so much itself that it is optimised with
 # sanitizers, too, and has no precompiled header there. The paths of the shipped samples and of the
 # optional private recordings are compiled in; a test that needs the latter skips visibly where they
 # are not.
 function(redrive_test name)
-  cmake_parse_arguments(ARG "APART;OPTIMISED" "THREAD_TESTS" "SOURCES;DEPENDS;SANITIZE" ${ARGN})
+  cmake_parse_arguments(ARG "APART;OPTIMISED" "ADDRESS_TESTS;THREAD_TESTS"
+    "SOURCES;DEPENDS;SANITIZE" ${ARGN})
   if(ARG_UNPARSED_ARGUMENTS)
     message(FATAL_ERROR "redrive_test(${name}): unknown arguments ${ARG_UNPARSED_ARGUMENTS}")
   endif()
@@ -113,9 +116,11 @@ function(redrive_test name)
     REDRIVE_SAMPLES="${CMAKE_SOURCE_DIR}/samples" REDRIVE_SHARED="${CMAKE_SOURCE_DIR}/../shared"
     REDRIVE_SOURCE="${CMAKE_SOURCE_DIR}" REDRIVE_BINARY="${CMAKE_BINARY_DIR}/redrive")
   add_dependencies(tests test_${name})
-  if(NOT sanitizer STREQUAL "thread")
-    set(ARG_THREAD_TESTS "")
+  set(filter "")
+  if(sanitizer)
+    string(TOUPPER ${sanitizer} sanitizer)
+    set(filter "${ARG_${sanitizer}_TESTS}")
   endif()
-  gtest_discover_tests(test_${name} TEST_FILTER "${ARG_THREAD_TESTS}" DISCOVERY_TIMEOUT 60
+  gtest_discover_tests(test_${name} TEST_FILTER "${filter}" DISCOVERY_TIMEOUT 60
     PROPERTIES TIMEOUT 600)
 endfunction()

@@ -99,7 +99,8 @@ TEST_F(Simulated, AnotherRigIsRendered) {
   nlohmann::json rig = nlohmann::json::parse(
       read_file(std::string(kSample) + "/sensor/calibration/calibration_true.json"));
   const nlohmann::json recorded = rig.at(kTrafficCamera);
-  rig = {{"SAME", recorded},
+  rig = {{"ROOF", {{"sensor_type", "lidar"}}},
+         {"SAME", recorded},
          {"WIDE",
           {{"sensor_type", "camera"},
            {"model", "opencv_fisheye"},
@@ -112,6 +113,7 @@ TEST_F(Simulated, AnotherRigIsRendered) {
   write_file(file, rig.dump());
   const ProgramResult made = redrive(simulate(out_, {"--rig", file.string(), "--sensor", "none"}));
   ASSERT_EQ(made.exit_code, kExitOk) << made.err;
+  EXPECT_THAT(made.out, HasSubstr("ROOF is no camera"));
   const Recording now = open_recording(out_);
   ASSERT_EQ(now.cameras.size(), 2u);
   EXPECT_EQ(now.cameras[0].calibration.name, "SAME");

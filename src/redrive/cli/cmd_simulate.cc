@@ -113,9 +113,13 @@ void print_times(const SimulateTimes& times, std::size_t frames) {
       times.scans_s);
 }
 
-/// Returns the cameras of --rig. InputError.
+/// Returns the cameras of --rig; names its other sensors. InputError.
 std::vector<CameraCalibration> read_rig(const fs::path& file) {
-  std::vector<CameraCalibration> cameras = parse_calibration(read_file(file), file, nullptr);
+  OtherSensors others;
+  std::vector<CameraCalibration> cameras = parse_calibration(read_file(file), file, &others);
+  for (const std::string& name : others.names)
+    std::printf("%s: %s is no camera and is not used; --sensor and --mount place a LiDAR\n",
+                file.c_str(), name.c_str());
   for (const CameraCalibration& camera : cameras) {
     try {
       make_rig_camera(camera, {});
