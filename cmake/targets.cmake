@@ -79,10 +79,10 @@ endif()
 #     [APART] [OPTIMISED])
 # makes the program test_camera. A build with a sanitizer has only the tests that name it. SANITIZE
 # is `address` if it is not given: it is for what parses or indexes, `thread` for what runs on
-# several threads, and `none` for formulas, and optimisations and trainings as a whole, whose parts
-# have tests of their own. ADDRESS_TESTS and THREAD_TESTS are filters of GoogleTest: which tests run
-# with that sanitizer, where others are trainings or references at length, have one thread, or the
-# same threads again. APART: its files, whose names are alike,
+# several threads, and `none` for formulas, for writers, and for optimisations and trainings as a
+# whole, whose parts have tests of their own. ADDRESS_TESTS and THREAD_TESTS are filters of
+# GoogleTest: the tests that run with that sanitizer, where others are trainings or references at
+# length, have one thread, or run the same threads again. APART: its files, whose names are alike,
 # are never compiled together. OPTIMISED: computes so much itself that it is optimised with
 # sanitizers, too, and has no precompiled header there. The paths of the shipped samples and of the
 # optional private recordings are compiled in; a test that needs the latter skips visibly where they
