@@ -75,14 +75,12 @@ endif()
 
 # Unit tests sit beside the source:
 #   redrive_test(camera SOURCES mei_test.cc DEPENDS redrive::camera
-#     [SANITIZE address|thread|none...] [ADDRESS_TESTS FILTER] [THREAD_TESTS FILTER]
-#     [APART] [OPTIMISED])
-# makes the program test_camera. A build with a sanitizer has only the tests that name it. SANITIZE
-# is `address` if it is not given: it is for what parses or indexes, `thread` for what runs on
-# several threads, and `none` for formulas, for writers, and for optimisations and trainings as a
-# whole, whose parts have tests of their own. ADDRESS_TESTS and THREAD_TESTS are filters of
-# GoogleTest: the tests that run with that sanitizer, where others are trainings or references at
-# length, have one thread, or run the same threads again. APART: its files, whose names are alike,
+#     [SANITIZE address|thread...] [ADDRESS_TESTS FILTER] [THREAD_TESTS FILTER] [APART] [OPTIMISED])
+# makes the program test_camera. A build with a sanitizer has only the tests that name it and the
+# libraries that these need: `address` is for what parses bytes from outside and for kernels, which
+# index by hand, `thread` for what runs on several threads. ADDRESS_TESTS and THREAD_TESTS are
+# filters of GoogleTest: the tests that run with that sanitizer, where others are trainings or
+# references at length, have one thread, or run the same threads again. APART: its files, whose names are alike,
 # are never compiled together. OPTIMISED: computes so much itself that it is optimised with
 # sanitizers, too, and has no precompiled header there. The paths of the shipped samples and of the
 # optional private recordings are compiled in; a test that needs the latter skips visibly where they
@@ -92,9 +90,6 @@ function(redrive_test name)
     "SOURCES;DEPENDS;SANITIZE" ${ARGN})
   if(ARG_UNPARSED_ARGUMENTS)
     message(FATAL_ERROR "redrive_test(${name}): unknown arguments ${ARG_UNPARSED_ARGUMENTS}")
-  endif()
-  if(NOT ARG_SANITIZE)
-    set(ARG_SANITIZE address)
   endif()
   string(REGEX MATCH "address|thread" sanitizer "${REDRIVE_SANITIZE}")
   if(NOT REDRIVE_TESTS OR (sanitizer AND NOT sanitizer IN_LIST ARG_SANITIZE))

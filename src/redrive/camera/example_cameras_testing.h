@@ -41,6 +41,10 @@ inline std::vector<ExampleCamera> example_cameras() {
   add("rational as barrel", "opencv_rational", {-0.3, 0.08, 0.002, 0.0006, 0, 0, 0, 0}, 293, 250);
   add("rational that folds in the image", "opencv_rational", {-0.4, 0, 0, 0, 0, 0.1, 0, 0}, 180,
       190);
+  add("pinhole with a prism", "opencv_thin_prism",
+      {0.2, -0.1, 0.001, -0.0005, 0.01, 0.5, -0.08, 0.02, 0.004, -0.002, -0.003, 0.001}, 290, 280);
+  add("pinhole with a prism that folds in the image", "opencv_thin_prism",
+      {-0.4, 0, 0, 0, 0, 0.1, 0, 0, 0.01, 0.01, -0.01, 0.02}, 180, 190);
   add("field of view", "fov", {0.9}, 300, 260);
   add("field of view of a pinhole", "fov", {0}, 300, 260);
   add("wide field of view, sphere's edge in the image", "fov", {2.2}, 150, 150);

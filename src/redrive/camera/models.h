@@ -41,14 +41,15 @@
 #include "redrive/camera/lenses/opencv_fisheye.h"
 #include "redrive/camera/lenses/opencv_pinhole.h"
 #include "redrive/camera/lenses/opencv_rational.h"
+#include "redrive/camera/lenses/opencv_thin_prism.h"
 #include "redrive/camera/lenses/thin_prism_fisheye.h"
 #include "redrive/camera/lenses/windshield.h"
 
 namespace redrive {
 
-using CameraModel =
-    std::variant<OpenCvPinhole, Mei, OpenCvFisheye, OpenCvRational, Fov, ThinPrismFisheye, FTheta,
-                 FThetaInverse, DoubleSphere, Eucm, Windshield<FTheta>, Windshield<FThetaInverse>>;
+using CameraModel = std::variant<OpenCvPinhole, Mei, OpenCvFisheye, OpenCvRational, OpenCvThinPrism,
+                                 Fov, ThinPrismFisheye, FTheta, FThetaInverse, DoubleSphere, Eucm,
+                                 Windshield<FTheta>, Windshield<FThetaInverse>>;
 
 /// A model's description, for readers and writers of calibrations.
 struct CameraModelInfo {

@@ -86,11 +86,10 @@ void bind_camera(py::module_& module) {
            py::arg("height"), py::arg("intrinsics"), py::arg("rig_from_camera") = py::none(),
            py::arg("time_offset_ns") = 0, py::arg("readout_ns") = 0,
            py::arg("readout_by_column") = false,
-           "model: opencv_pinhole, mei, opencv_fisheye, opencv_rational, fov, "
+           "model: opencv_pinhole, mei, opencv_fisheye, opencv_rational, opencv_thin_prism, fov, "
            "thin_prism_fisheye, ftheta, ftheta_inverse, both with _windshield, double_sphere or "
-           "eucm. intrinsics: fx, "
-           "fy, cx, cy in pixels and the model's "
-           "coefficients by name, 0 where left out. rig_from_camera: [4, 4], default: identity.")
+           "eucm. intrinsics: fx, fy, cx, cy in pixels and the model's coefficients by name, 0 "
+           "where left out. rig_from_camera: [4, 4], default: identity.")
       .def_property_readonly(
           "name", [](const NamedCamera& c) { return c.rig.name; }, "str")
       .def_property_readonly(

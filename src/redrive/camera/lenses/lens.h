@@ -2,8 +2,8 @@
 // The projection of a camera model and its derivatives, written once for numbers, numbers with
 // derivatives and vectors of numbers (math/lanes.h):
 //   (X, Y, Z) -> (x, y) on a plane, s = x^2 + y^2 -> (x_d, y_d),
-//   x_d = x g(s) + 2 p1 x y + p2 (s + 2 x^2) + sx1 s,
-//   y_d = y g(s) + p1 (s + 2 y^2) + 2 p2 x y + sy1 s,
+//   x_d = x g(s) + 2 p1 x y + p2 (s + 2 x^2) + sx1 s + sx2 s^2,
+//   y_d = y g(s) + p1 (s + 2 y^2) + 2 p2 x y + sy1 s + sy2 s^2,
 // and with a shear (x_d + shear_x y_d, y_d + shear_y x_d).
 // A model has a Plane (the first arrow), a Radial (the factor g) and Numbers, its coefficients in
 // any precision. Terms whose coefficients the Numbers lack are left out.
@@ -53,6 +53,11 @@ REDRIVE_LANES LensPoint<M> distort(const Numbers& c, typename M::Real limit,
     out.x = out.x + M::constant(c.sx1) * p.s;
     out.y = out.y + M::constant(c.sy1) * p.s;
   }
+  if constexpr (requires { c.sx2; }) {
+    const Real s2 = p.s * p.s;
+    out.x = out.x + M::constant(c.sx2) * s2;
+    out.y = out.y + M::constant(c.sy2) * s2;
+  }
   if constexpr (requires { c.shear_x; }) {
     const Real x = out.x;
     out.x = x + M::constant(c.shear_x) * out.y;
@@ -91,6 +96,14 @@ REDRIVE_LANES LensSlopes<M> distort_slopes(const Numbers& c, typename M::Real li
     out.x_by_y = out.x_by_y + sx1 * p.y;
     out.y_by_x = out.y_by_x + sy1 * p.x;
     out.y_by_y = out.y_by_y + sy1 * p.y;
+  }
+  if constexpr (requires { c.sx2; }) {
+    const Real s4 = M::constant(4) * p.s, sx2 = s4 * M::constant(c.sx2),
+               sy2 = s4 * M::constant(c.sy2);
+    out.x_by_x = out.x_by_x + sx2 * p.x;
+    out.x_by_y = out.x_by_y + sx2 * p.y;
+    out.y_by_x = out.y_by_x + sy2 * p.x;
+    out.y_by_y = out.y_by_y + sy2 * p.y;
   }
   if constexpr (requires { c.shear_x; }) {
     const Real shear_x = M::constant(c.shear_x), shear_y = M::constant(c.shear_y),

@@ -11,9 +11,6 @@
 namespace redrive {
 namespace {
 
-/// Radii above this are less than 1e-6 rad from 90 degrees, beyond any image.
-constexpr double kFarthest = 1e6;
-
 std::vector<double> product(const std::vector<double>& a, const std::vector<double>& b) {
   std::vector<double> out(a.size() + b.size() - 1);
   for (std::size_t i = 0; i < a.size(); ++i)
@@ -29,21 +26,28 @@ std::vector<double> times_derivative(std::vector<double> polynomial) {
 
 }  // namespace
 
-// With g = n / d, the derivative of r g is (n d + r n' d - r n d') / d^2. The bound of
-// camera/lenses/brown_conrady.h on it, times d^2, is a polynomial.
-OpenCvRational::OpenCvRational(std::span<const double> c)
-    : Numbers<double>{c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7]} {
-  const std::vector<double> n = {1, 0, k1, 0, k2, 0, k3}, d = {1, 0, k4, 0, k5, 0, k6};
+// With g = n / d, the derivative of r g is (n d + r n' d - r n d') / d^2. The bound, times d^2, is
+// a polynomial.
+double rational_radius(const RationalNumbers<double>& c, double linear, double cubic) {
+  const std::vector<double> n = {1, 0, c.k1, 0, c.k2, 0, c.k3}, d = {1, 0, c.k4, 0, c.k5, 0, c.k6};
   const std::vector<double> nd = product(n, d), n_slope = product(times_derivative(n), d),
                             d_slope = product(n, times_derivative(d)),
-                            tangential = product({0, 20.0 / 3 * std::hypot(p1, p2)}, product(d, d));
-  std::vector<double> bound(tangential.size());
-  for (std::size_t i = 0; i < bound.size(); ++i)
-    bound[i] = (i < nd.size() ? nd[i] + n_slope[i] - d_slope[i] : 0) - tangential[i];
-  for (const std::vector<double>& polynomial : {bound, d})
-    if (const std::vector<double> edges = sign_changes(polynomial, kFarthest); !edges.empty())
-      max_radius = std::min(max_radius, (1 - 1e-9) * edges.front());
+                            least = product({0, linear, 0, cubic}, product(d, d));
+  std::vector<double> above(least.size());
+  for (std::size_t i = 0; i < above.size(); ++i)
+    above[i] = (i < nd.size() ? nd[i] + n_slope[i] - d_slope[i] : 0) - least[i];
+  double radius = std::numeric_limits<double>::infinity();
+  for (const std::vector<double>& polynomial : {above, d})
+    if (const std::vector<double> edges = sign_changes(polynomial, kFarthestPinholeRadius);
+        !edges.empty())
+      radius = std::min(radius, (1 - 1e-9) * edges.front());
+  return radius;
 }
+
+// The bound of camera/lenses/brown_conrady.h.
+OpenCvRational::OpenCvRational(std::span<const double> c)
+    : Numbers<double>{c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7]},
+      max_radius(rational_radius(*this, 20.0 / 3 * std::hypot(p1, p2), 0)) {}
 
 double OpenCvRational::covered_radius() const {
   if (!std::isfinite(max_radius)) return max_radius;
@@ -55,7 +59,7 @@ double OpenCvRational::covered_radius() const {
 std::optional<Eigen::Vector3d> OpenCvRational::unproject(const Eigen::Vector2d& distorted) const {
   if (!distorted.allFinite()) return std::nullopt;
   const auto m =
-      invert_on_disc<OpenCvRational>(numbers(), distorted, std::min(max_radius, kFarthest));
+      invert_on_disc<Radial>(numbers(), distorted, std::min(max_radius, kFarthestPinholeRadius));
   if (!m) return std::nullopt;
   return Eigen::Vector3d(m->x(), m->y(), 1);
 }

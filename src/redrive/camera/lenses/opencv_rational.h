@@ -22,6 +22,13 @@ struct RationalNumbers {
   S k1, k2, p1, p2, k3, k4, k5, k6;
 };
 
+/// Undistorted radii above this are less than 1e-6 rad from 90 degrees, beyond any image.
+constexpr double kFarthestPinholeRadius = 1e6;
+
+/// Returns the undistorted radius up to which d(r g)/dr > linear r + cubic r^3 and the denominator
+/// of g is above 0; infinity if that holds to kFarthestPinholeRadius.
+double rational_radius(const RationalNumbers<double>& numbers, double linear, double cubic);
+
 struct OpenCvRational : RationalNumbers<double> {
   static constexpr const char* kName = "opencv_rational";
   static constexpr std::array<CameraParameter, 8> kDistortion{

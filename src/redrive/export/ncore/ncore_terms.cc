@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "redrive/camera/lenses/ftheta_intrinsics.h"
+#include "redrive/camera/lenses/opencv_coefficients.h"
 #include "redrive/recording/core/actor_kind.h"
 
 namespace redrive::ncore {
@@ -35,8 +36,8 @@ std::string in_lower_case(const std::string& type) {
 }  // namespace
 
 bool has_model(const CameraCalibration& camera) {
-  return camera.model == "opencv_pinhole" || camera.model == "opencv_rational" ||
-         camera.model == "opencv_fisheye" || ftheta_intrinsics(camera);
+  return opencv_coefficients(camera) || camera.model == "opencv_fisheye" ||
+         ftheta_intrinsics(camera);
 }
 
 Json camera_model(const CameraCalibration& camera, const Camera& lens) {
@@ -47,13 +48,12 @@ Json camera_model(const CameraCalibration& camera, const Camera& lens) {
                      {"principal_point", {camera.cx() + 0.5, camera.cy() + 0.5}},
                      {"focal_length", {camera.fx(), camera.fy()}}};
   std::string type = camera.model;
-  if (type == "opencv_pinhole" || type == "opencv_rational") {
+  if (const std::optional<OpenCvCoefficients> all = opencv_coefficients(camera)) {
+    const auto& [k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4] = *all;
     type = "opencv-pinhole";
-    Json radial = Json::array();
-    for (const std::size_t k : {4, 5, 8, 9, 10, 11}) radial.push_back(k < p.size() ? p[k] : 0.0);
-    parameters["radial_coeffs"] = radial;
-    parameters["tangential_coeffs"] = {p.at(6), p.at(7)};
-    parameters["thin_prism_coeffs"] = {0.0, 0.0, 0.0, 0.0};
+    parameters["radial_coeffs"] = {k1, k2, k3, k4, k5, k6};
+    parameters["tangential_coeffs"] = {p1, p2};
+    parameters["thin_prism_coeffs"] = {s1, s2, s3, s4};
   } else if (const auto* fisheye = std::get_if<OpenCvFisheye>(&lens.model)) {
     type = "opencv-fisheye";
     parameters["radial_coeffs"] = std::vector<double>(p.begin() + 4, p.begin() + 8);

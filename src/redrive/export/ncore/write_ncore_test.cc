@@ -410,6 +410,7 @@ TEST(NcoreTerms, PeopleAndVehiclesHaveNuRecsClasses) {
 TEST(NcoreTerms, PrincipalPointsCountFromTheCornerOrTheCentre) {
   for (const auto& [model, type, shift] :
        {std::tuple{"opencv_rational", "opencv-pinhole", 0.5},
+        std::tuple{"opencv_thin_prism", "opencv-pinhole", 0.5},
         std::tuple{"opencv_fisheye", "opencv-fisheye", 0.5}, std::tuple{"ftheta", "ftheta", 0.0},
         std::tuple{"ftheta_inverse", "ftheta", 0.0},
         std::tuple{"ftheta_inverse_windshield", "ftheta", 0.0}}) {
@@ -422,6 +423,10 @@ TEST(NcoreTerms, PrincipalPointsCountFromTheCornerOrTheCentre) {
     EXPECT_EQ(json["type"], type);
     EXPECT_EQ(json["parameters"]["principal_point"][0], 319.5 + shift) << model;
     EXPECT_EQ(json["parameters"]["shutter_type"], "ROLLING_BOTTOM_TO_TOP");
+    if (model == std::string_view("opencv_thin_prism")) {
+      EXPECT_EQ(json["parameters"]["thin_prism_coeffs"].get<std::vector<double>>(),
+                std::vector<double>(info.typical.end() - 4, info.typical.end()));
+    }
     EXPECT_EQ(json["parameters"].contains("reference_poly"), shift == 0);
     EXPECT_EQ(json["parameters"]["external_distortion_parameters"].contains("vertical_poly"),
               std::string_view(model).ends_with("_windshield"));

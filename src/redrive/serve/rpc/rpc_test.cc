@@ -177,6 +177,13 @@ TEST_F(RpcTest, ReadsRequests) {
   EXPECT_EQ(query.objects[0].track, "7");
   EXPECT_EQ(query.objects[0].local_from_box.start.translation().x(), 1);
 
+  sensorsim::ImageRequest prism = image_request();
+  prism.mutable_camera_intrinsics()->mutable_opencv_pinhole_param()->add_thin_prism_coeffs(0.5);
+  ASSERT_TRUE(client.call("render_rgb", prism, &reply).ok());
+  EXPECT_EQ(service_.image.lens.camera.model, "opencv_thin_prism");
+  EXPECT_THAT(service_.image.lens.camera.parameters,
+              ElementsAre(9, 0, 4.5, -0.5, 1, 2, 0, 0, 3, 0, 0, 0, 0.5, 0, 0, 0));
+
   sensorsim::ScanRequest scan;
   scan.mutable_lidar_config()->set_lidar_type(1);
   *scan.mutable_sensor_pose() = image_request().sensor_pose();
@@ -230,9 +237,10 @@ TEST_F(RpcTest, RefusesByName) {
        },
        grpc::StatusCode::INVALID_ARGUMENT, "bivariate_windshield_model_param.reference_poly"},
       {[](auto& r) {
-         r.mutable_camera_intrinsics()->mutable_opencv_pinhole_param()->add_thin_prism_coeffs(1);
+         for (int k = 0; k < 5; ++k)
+           r.mutable_camera_intrinsics()->mutable_opencv_pinhole_param()->add_thin_prism_coeffs(1);
        },
-       grpc::StatusCode::UNIMPLEMENTED, "thin_prism"},
+       grpc::StatusCode::INVALID_ARGUMENT, "thin_prism_coeffs"},
       {[](auto& r) { r.mutable_camera_intrinsics()->set_shutter_type(9); },
        grpc::StatusCode::INVALID_ARGUMENT, "shutter_type"},
       {[](auto& r) { r.clear_sensor_pose(); }, grpc::StatusCode::INVALID_ARGUMENT, "sensor_pose"},

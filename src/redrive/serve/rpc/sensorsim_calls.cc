@@ -7,6 +7,7 @@
 #include <map>
 #include <utility>
 
+#include "redrive/camera/lenses/opencv_coefficients.h"
 #include "sensorsim.pb.h"
 
 namespace redrive::serve {
@@ -88,19 +89,12 @@ void write_focal_and_centre(const CameraCalibration& camera, Params* p) {
 }
 
 void read_pinhole(const sensorsim::Pinhole& p, CameraCalibration* camera) {
-  for (const double s : coefficients(p.thin_prism_coeffs(), 4, "thin_prism_coeffs"))
-    if (s != 0)
-      throw RequestError(StatusCode::kUnimplemented,
-                         "opencv_pinhole_param.thin_prism_coeffs: a pinhole with thin prism terms "
-                         "is not modelled");
   const std::vector<double> k = coefficients(p.radial_coeffs(), 6, "radial_coeffs"),
-                            t = coefficients(p.tangential_coeffs(), 2, "tangential_coeffs");
+                            t = coefficients(p.tangential_coeffs(), 2, "tangential_coeffs"),
+                            s = coefficients(p.thin_prism_coeffs(), 4, "thin_prism_coeffs");
   camera->parameters = focal_and_centre(p);
-  camera->parameters.insert(camera->parameters.end(), {k[0], k[1], t[0], t[1], k[2]});
-  camera->model = "opencv_pinhole";
-  if (k[3] == 0 && k[4] == 0 && k[5] == 0) return;
-  camera->model = "opencv_rational";
-  camera->parameters.insert(camera->parameters.end(), {k[3], k[4], k[5]});
+  set_opencv_coefficients({k[0], k[1], t[0], t[1], k[2], k[3], k[4], k[5], s[0], s[1], s[2], s[3]},
+                          camera);
 }
 
 void read_fisheye(const sensorsim::Fisheye& p, CameraCalibration* camera) {
@@ -200,18 +194,16 @@ void write_lens(const Lens& lens, sensorsim::CameraSpec* spec) {
   spec->set_resolution_w(static_cast<std::uint32_t>(camera.width));
   spec->set_resolution_h(static_cast<std::uint32_t>(camera.height));
   spec->set_shutter_type(static_cast<std::uint32_t>(lens.shutter));
-  const std::vector<double>& p = camera.parameters;
-  if (camera.model == "opencv_pinhole" || camera.model == "opencv_rational") {
+  if (const std::optional<OpenCvCoefficients> all = opencv_coefficients(camera)) {
     sensorsim::Pinhole* const out = spec->mutable_opencv_pinhole_param();
     write_focal_and_centre(camera, out);
-    for (const std::size_t k : {4, 5, 8, 9, 10, 11})
-      out->add_radial_coeffs(k < p.size() ? p[k] : 0);
-    for (const std::size_t k : {6, 7}) out->add_tangential_coeffs(p.at(k));
-    for (int k = 0; k < 4; ++k) out->add_thin_prism_coeffs(0);
+    for (const std::size_t k : {0, 1, 4, 5, 6, 7}) out->add_radial_coeffs((*all)[k]);
+    for (const std::size_t k : {2, 3}) out->add_tangential_coeffs((*all)[k]);
+    for (const std::size_t k : {8, 9, 10, 11}) out->add_thin_prism_coeffs((*all)[k]);
   } else if (camera.model == "opencv_fisheye") {
     sensorsim::Fisheye* const out = spec->mutable_opencv_fisheye_param();
     write_focal_and_centre(camera, out);
-    for (std::size_t k = 4; k < 8; ++k) out->add_radial_coeffs(p.at(k));
+    for (std::size_t k = 4; k < 8; ++k) out->add_radial_coeffs(camera.parameters.at(k));
     out->set_max_angle(lens.max_angle_rad);
   } else if (lens.ftheta) {
     write_ftheta(*lens.ftheta, spec->mutable_ftheta_param());

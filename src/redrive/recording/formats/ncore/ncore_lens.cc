@@ -2,6 +2,7 @@
 #include "redrive/recording/formats/ncore/ncore_lens.h"
 
 #include "redrive/camera/lenses/ftheta_intrinsics.h"
+#include "redrive/camera/lenses/opencv_coefficients.h"
 #include "redrive/camera/models.h"
 #include "redrive/recording/formats/calibration_fields.h"
 
@@ -35,17 +36,13 @@ void set_pinhole_numbers(const JsonField& p, CameraCalibration* camera) {
 }
 
 void set_pinhole(const JsonField& p, CameraCalibration* camera) {
-  for (const double s : p.at("thin_prism_coeffs").numbers(4))
-    if (s != 0) p.at("thin_prism_coeffs").fail("must be 0: a pinhole's thin prism is not modelled");
-  const CameraModelInfo& rational = *find_camera_model("opencv_rational");
-  const std::vector<double> k = distortion_of(p.at("radial_coeffs"), rational, {0, 1, 4, 5, 6, 7}),
-                            t = distortion_of(p.at("tangential_coeffs"), rational, {2, 3});
+  const CameraModelInfo& whole = *find_camera_model("opencv_thin_prism");
+  const std::vector<double> k = distortion_of(p.at("radial_coeffs"), whole, {0, 1, 4, 5, 6, 7}),
+                            t = distortion_of(p.at("tangential_coeffs"), whole, {2, 3}),
+                            s = distortion_of(p.at("thin_prism_coeffs"), whole, {8, 9, 10, 11});
   set_pinhole_numbers(p, camera);
-  camera->model = "opencv_pinhole";
-  camera->parameters.insert(camera->parameters.end(), {k[0], k[1], t[0], t[1], k[2]});
-  if (k[3] == 0 && k[4] == 0 && k[5] == 0) return;
-  camera->model = "opencv_rational";
-  camera->parameters.insert(camera->parameters.end(), {k[3], k[4], k[5]});
+  set_opencv_coefficients({k[0], k[1], t[0], t[1], k[2], k[3], k[4], k[5], s[0], s[1], s[2], s[3]},
+                          camera);
 }
 
 void set_fisheye(const JsonField& p, CameraCalibration* camera) {

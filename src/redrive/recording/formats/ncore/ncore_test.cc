@@ -15,6 +15,7 @@ namespace {
 
 using ::testing::AllOf;
 using ::testing::Contains;
+using ::testing::ElementsAre;
 using ::testing::Field;
 using ::testing::HasSubstr;
 using testing::input_error;
@@ -223,8 +224,18 @@ TEST_F(Ncore, WindshieldsOfHigherOrderAreNotUsed) {
   EXPECT_EQ(recording.find_camera("front_wide")->calibration.model, "ftheta");
 }
 
+TEST_F(Ncore, PinholesHaveAPrism) {
+  change_lens("rear", [](nlohmann::json* lens) {
+    (*lens)["thin_prism_coeffs"] = {0.01, 0.02, 0.03, 0.04};
+  });
+  const CameraCalibration rear = opened().find_camera("rear")->calibration;
+  EXPECT_EQ(rear.model, "opencv_thin_prism");
+  EXPECT_THAT(rear.parameters, ElementsAre(50, 51, 31.5, 24, 0.1, -0.02, 0.001, -0.002, 0.003, 0.01,
+                                           0, 0, 0.01, 0.02, 0.03, 0.04));
+}
+
 TEST_F(Ncore, OneBadCameraIsLeftOut) {
-  change_lens("rear", [](nlohmann::json* lens) { (*lens)["thin_prism_coeffs"][1] = 0.1; });
+  change_lens("rear", [](nlohmann::json* lens) { (*lens)["thin_prism_coeffs"][1] = 1e9; });
   const Recording recording = opened();
   EXPECT_EQ(recording.cameras.size(), 1u);
   EXPECT_THAT(recording.findings, says("rear", "thin_prism_coeffs"));

@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include "redrive/base/error.h"
+#include "redrive/camera/lenses/opencv_coefficients.h"
 #include "redrive/camera/models.h"
 #include "redrive/image/image_io.h"
 #include "redrive/recording/formats/calibration_fields.h"
@@ -54,12 +55,14 @@ CameraCalibration calibration_of(const CameraTopics& camera, const CameraInfo& i
       out.model = "opencv_pinhole";
       out.parameters = {0, 0, 0, 0, d(0), d(1), d(2), d(3), d(4)};
     } else if (info.model == "rational_polynomial") {
-      out.model = "opencv_rational";
-      out.parameters = {0, 0, 0, 0, d(0), d(1), d(2), d(3), d(4), d(5), d(6), d(7)};
-      for (std::size_t i = 8; i < n; ++i)
+      OpenCvCoefficients all;
+      for (std::size_t i = 0; i < all.size(); ++i) all[i] = d(i);
+      out.parameters = {0, 0, 0, 0};
+      set_opencv_coefficients(all, &out);
+      for (std::size_t i = all.size(); i < n; ++i)
         if (info.d[i] != 0)
           throw InputError(bag, camera.info + " d[" + std::to_string(i) + "]",
-                           std::to_string(info.d[i]), "a thin prism is not supported, only 0");
+                           std::to_string(info.d[i]), "a tilted sensor is not supported, only 0");
     } else if (info.model == "equidistant" || info.model == "fisheye") {
       out.model = "opencv_fisheye";
       out.parameters = {0, 0, 0, 0, d(0), d(1), d(2), d(3)};

@@ -54,6 +54,22 @@ TEST(BagCalibration, RegionsAreCutOutThenBinned) {
   }
 }
 
+TEST(BagCalibration, RationalPolynomialsMayHaveAPrism) {
+  CameraInfo rational = info();
+  rational.model = "rational_polynomial";
+  rational.d = {0.2, -0.1, 0.001, -0.0005, 0.01, 0.5, -0.08, 0.02};
+  EXPECT_EQ(camera_of(rational, 1600, 1200).info().name, std::string("opencv_rational"));
+  rational.d.insert(rational.d.end(), {0.001, 0, 0, 0.002, 0, 0});
+  EXPECT_EQ(camera_of(rational, 1600, 1200).info().name, std::string("opencv_thin_prism"));
+  rational.d.back() = 0.1;
+  try {
+    camera_of(rational, 1600, 1200);
+    ADD_FAILURE() << "a tilted sensor";
+  } catch (const InputError& error) {
+    EXPECT_EQ(error.field, "/front/camera_info d[13]");
+  }
+}
+
 TEST(BagCalibration, RectifiedImagesHaveTheirProjection) {
   const Camera camera = camera_of(info(), 1600, 1200, /*rectified=*/true);
   for (const Eigen::Vector3d& point : kPoints) {
