@@ -80,11 +80,11 @@ endif()
 # libraries that these need: `address` is for what parses bytes from outside and for kernels, which
 # index by hand, `thread` for what runs on several threads. ADDRESS_TESTS and THREAD_TESTS are
 # filters of GoogleTest: the tests that run with that sanitizer, where others are trainings or
-# references at length, have one thread, or run the same threads again. APART: its files, whose names are alike,
-# are never compiled together. OPTIMISED: computes so much itself that it is optimised with
-# sanitizers, too, and has no precompiled header there. The paths of the shipped samples and of the
-# optional private recordings are compiled in; a test that needs the latter skips visibly where they
-# are not.
+# references at length, have one thread, or run the same threads again. APART: its files, whose
+# names are alike, are never compiled together. OPTIMISED: computes so much itself that it is
+# optimised with sanitizers, too, and has no precompiled header there. The paths of the shipped
+# samples and of the optional private recordings are compiled in; a test that needs the latter skips
+# visibly where they are not.
 function(redrive_test name)
   cmake_parse_arguments(ARG "APART;OPTIMISED" "ADDRESS_TESTS;THREAD_TESTS"
     "SOURCES;DEPENDS;SANITIZE" ${ARGN})

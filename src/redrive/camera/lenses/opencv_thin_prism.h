@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // "opencv_thin_prism": the pinhole camera with OpenCV's twelve coefficients, NCore's and the
-// simulators' pinhole. To camera/lenses/opencv_rational.h it adds the thin prism, of which the
-// linear terms are those of Weng, Cohen and Herniou (PAMI 1992):
+// simulators' pinhole. It adds a thin prism to camera/lenses/opencv_rational.h, whose linear terms
+// are in Weng, Cohen and Herniou (PAMI 1992):
 //   x_d += s1 s + s2 s^2,   y_d += s3 s + s4 s^2.
 #pragma once
 
