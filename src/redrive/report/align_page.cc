@@ -4,13 +4,13 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdarg>
 #include <cstdio>
 #include <functional>
 #include <sstream>
 
 #include "redrive/align/bundle/unobservable_extrinsics.h"
 #include "redrive/base/files/files.h"
+#include "redrive/base/formatted.h"
 #include "redrive/base/progress.h"
 #include "redrive/math/angles.h"
 #include "redrive/report/html.h"
@@ -20,18 +20,6 @@ namespace redrive {
 namespace {
 
 constexpr std::size_t kPointsShown = 4000;  // residuals shown of a camera, at most
-
-std::string number(const char* format, ...) __attribute__((format(printf, 1, 2)));
-std::string number(const char* format, ...) {
-  va_list values, again;
-  va_start(values, format);
-  va_copy(again, values);
-  std::string text(std::max(0, std::vsnprintf(nullptr, 0, format, values)), '\0');
-  std::vsnprintf(text.data(), text.size() + 1, format, again);
-  va_end(again);
-  va_end(values);
-  return text;
-}
 
 double seconds_of(const Recording& recording, std::size_t frame) {
   return 1e-9 * static_cast<double>(recording.frames[frame].t_ns - recording.frames.front().t_ns);
@@ -97,7 +85,7 @@ std::string by_frame_script(const Recording& recording, const AlignResult& resul
     out << seconds_of(recording, f);
     for (const auto& sum : sums[f])
       for (const int k : {1, 2})
-        out << ' ' << (sum[0] > 0 ? number("%.5g", std::sqrt(sum[k] / sum[0])) : "NaN");
+        out << ' ' << (sum[0] > 0 ? formatted("%.5g", std::sqrt(sum[k] / sum[0])) : "NaN");
     out << '\n';
   }
   out << "end\nplot ";
@@ -150,15 +138,15 @@ std::vector<std::vector<std::string>> camera_rows(const AlignResult& result) {
     const CameraFit& fit = result.bundle.cameras[c];
     const CameraCorrection& k = result.camera_corrections[c];
     const int ties = result.bundle.ties_of_camera[c];
-    rows.push_back({k.name, number("%d of %d", fit.used, fit.observations),
-                    number("%.2f", fit.initial_px), number("%.2f", fit.aligned_px),
-                    edges(result.initial_edges, c), edges(result.aligned_edges, c),
-                    std::to_string(ties), ties > 0 ? number("%.1f", 100 * fit.ties_m) : "-",
-                    number("%+.2f", 1e3 * k.offset_s),
-                    k.offset_sigma_s ? number("%.2f", 1e3 * *k.offset_sigma_s) : "unobservable"});
+    rows.push_back(
+        {k.name, formatted("%d of %d", fit.used, fit.observations),
+         formatted("%.2f", fit.initial_px), formatted("%.2f", fit.aligned_px),
+         edges(result.initial_edges, c), edges(result.aligned_edges, c), std::to_string(ties),
+         ties > 0 ? formatted("%.1f", 100 * fit.ties_m) : "-", formatted("%+.2f", 1e3 * k.offset_s),
+         k.offset_sigma_s ? formatted("%.2f", 1e3 * *k.offset_sigma_s) : "unobservable"});
     if (rolling) {
-      rows.back().push_back(number("%+.2f", 1e3 * k.readout_s));
-      rows.back().push_back(k.readout_sigma_s ? number("%.2f", 1e3 * *k.readout_sigma_s)
+      rows.back().push_back(formatted("%+.2f", 1e3 * k.readout_s));
+      rows.back().push_back(k.readout_sigma_s ? formatted("%.2f", 1e3 * *k.readout_sigma_s)
                                               : "not refined");
     }
   }
@@ -178,7 +166,8 @@ std::string contrast_script(const AlignResult& result, const std::string& name) 
     out << 1e3 * kContrastStep_s * (static_cast<double>(k) - static_cast<double>(steps / 2));
     for (const ContrastFit& fit : fits)
       out << ' '
-          << number("%.5g", fit.correlation[k] / std::max(1e-9, std::ranges::max(fit.correlation)));
+          << formatted("%.5g",
+                       fit.correlation[k] / std::max(1e-9, std::ranges::max(fit.correlation)));
     out << '\n';
   }
   out << "end\nset yrange [0:1.05]\nplot ";
@@ -200,8 +189,8 @@ std::vector<std::vector<std::string>> extrinsics_rows(const AlignResult& result)
       const double unit = axis < 3 ? 100 : kDegreesPerRadian;
       const int digits = axis < 3 ? 1 : 3;
       rows.back().push_back(k.extrinsic_sigmas[axis]
-                                ? number("%+.*f \u00b1 %.*f", digits, unit * k.extrinsics[axis],
-                                         digits, unit * *k.extrinsic_sigmas[axis])
+                                ? formatted("%+.*f \u00b1 %.*f", digits, unit * k.extrinsics[axis],
+                                            digits, unit * *k.extrinsic_sigmas[axis])
                                 : "unobservable");
     }
   }
@@ -214,21 +203,22 @@ std::vector<std::vector<std::string>> contrast_rows(const AlignResult& result) {
   for (std::size_t c = 0; c < result.bundle.contrast.size(); ++c) {
     const ContrastFit& fit = result.bundle.contrast[c];
     rows.push_back({result.cameras[c].name, std::to_string(fit.cells),
-                    number("%.3f", std::ranges::max(fit.correlation)),
-                    fit.observable ? number("%+.2f", 1e3 * fit.offset_s) : "no peak: not used",
-                    fit.observable ? number("%.2f", 1e3 * fit.sigma_s) : ""});
+                    formatted("%.3f", std::ranges::max(fit.correlation)),
+                    fit.observable ? formatted("%+.2f", 1e3 * fit.offset_s) : "no peak: not used",
+                    fit.observable ? formatted("%.2f", 1e3 * fit.sigma_s) : ""});
   }
   return rows;
 }
 
 std::string lidar_paragraph(const AlignResult& result) {
-  std::string text = number(
+  std::string text = formatted(
       "<p>Distance of LiDAR points from their planes: RMS %.2f cm before, "
       "%.2f cm after",
       100 * result.bundle.initial_lidar_rms_m, 100 * result.bundle.lidar_rms_m);
   if (const auto& sigma_rad = result.lidar_elevation_sigma_rad)
-    text += number("; elevations corrected by %+.3f \u00b1 %.3f degrees",
-                   kDegreesPerRadian * result.lidar_elevation_rad, kDegreesPerRadian * *sigma_rad);
+    text +=
+        formatted("; elevations corrected by %+.3f \u00b1 %.3f degrees",
+                  kDegreesPerRadian * result.lidar_elevation_rad, kDegreesPerRadian * *sigma_rad);
   return text + "</p>\n";
 }
 
@@ -243,7 +233,7 @@ void write_align_page(const std::filesystem::path& folder, const Recording& reco
   const Progress progress("drawing the page");
   const BundleResult& bundle = result.bundle;
   std::string body = "<h1>Aligned poses</h1>\n<p>" + html_escape(recording.root.string()) + ": " +
-                     number(
+                     formatted(
                          "%zu frames, %d tracks of image points, %d LiDAR points on %d flat "
                          "patches; %d rounds, %.0f s",
                          result.frames.size(), bundle.tracks, bundle.lidar_points, bundle.patches,
@@ -272,10 +262,10 @@ void write_align_page(const std::filesystem::path& folder, const Recording& reco
     body +=
         "<h2>Errors against the ground truth</h2>\n" +
         html_table({{"trajectory", "position cm RMS", "rotation deg RMS"},
-                    {"initial", number("%.2f", 100 * result.initial_vs_ground_truth->residual_m),
-                     number("%.4f", result.initial_vs_ground_truth->residual_deg)},
-                    {"aligned", number("%.2f", 100 * result.aligned_vs_ground_truth->residual_m),
-                     number("%.4f", result.aligned_vs_ground_truth->residual_deg)}},
+                    {"initial", formatted("%.2f", 100 * result.initial_vs_ground_truth->residual_m),
+                     formatted("%.4f", result.initial_vs_ground_truth->residual_deg)},
+                    {"aligned", formatted("%.2f", 100 * result.aligned_vs_ground_truth->residual_m),
+                     formatted("%.4f", result.aligned_vs_ground_truth->residual_deg)}},
                    true) +
         "<p>After a rigid alignment of the whole trajectory.</p>\n";
   body +=
