@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// OpenCV's distortion coefficients of a pinhole, which formats give whole, and the model with the
-// fewest that has all but zeros. Only a header, since the server's module links no library.
+// OpenCV's twelve distortion coefficients of a pinhole, and the smallest of three models that has
+// all that are not 0. Only a header, since the server's module links no library.
 #pragma once
 
 #include <algorithm>
@@ -12,7 +12,8 @@
 
 namespace redrive {
 
-/// k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4.
+/// k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4, without unit. Their range is the caller's to check
+/// (CameraParameter); NaN is not 0.
 using OpenCvCoefficients = std::array<double, OpenCvThinPrism::kDistortion.size()>;
 
 namespace opencv_detail {

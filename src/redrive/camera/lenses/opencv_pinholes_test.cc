@@ -73,17 +73,24 @@ TEST(OpenCvPinholes, RationalEndsBeforeThePole) {
   EXPECT_NEAR(back->x(), 0.5, 1e-12);
 }
 
-// Along x, x + s1 x^2 + s2 x^4 with s1 = 0, s2 = -1/4 folds at x = 1; the bound 1 > 4 r^3 of every
-// direction ends before.
+// Along x, x + s2 x^4 with s2 = -1/4 folds at x = 1. At other angles the bound, 1 > 2/sqrt(3) r^3,
+// is sharper.
 TEST(OpenCvPinholes, APrismEndsBeforeItFolds) {
   std::array<double, 12> c{};
   c[9] = -0.25;
   const OpenCvThinPrism lens(c);
-  EXPECT_NEAR(lens.max_radius, std::cbrt(0.25), 1e-8);
+  EXPECT_NEAR(lens.max_radius, std::cbrt(std::sqrt(3.0) / 2), 1e-8);
   const auto d = lens.project<double>({0.5, 0, 1});
   ASSERT_TRUE(d);
   EXPECT_NEAR((*d)[0], 0.5 - 0.25 / 16, 1e-15);
   EXPECT_FALSE(lens.project<double>({1, 0, 1}));
+}
+
+// x + s1 x^2 with s1 = -1/4 folds at x = 2, where the bound ends.
+TEST(OpenCvPinholes, ALinearPrismEndsWhereItFolds) {
+  std::array<double, 12> c{};
+  c[8] = -0.25;
+  EXPECT_NEAR(OpenCvThinPrism(c).max_radius, 2, 1e-8);
 }
 
 TEST(OpenCvPinholes, WithoutAPrismEndsAsRational) {

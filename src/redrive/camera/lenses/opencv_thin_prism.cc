@@ -10,18 +10,16 @@ namespace redrive {
 
 OpenCvThinPrism::OpenCvThinPrism(std::span<const double> c)
     : Numbers<double>{c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], c[8], c[9], c[10], c[11]} {
-  const double p = std::hypot(p1, p2), linear = std::hypot(sx1, sy1), cubic = std::hypot(sx2, sy2);
-  // Without a prism the map is a gradient, for which a wider bound holds (OpenCvRational).
-  const bool prism = linear != 0 || cubic != 0;
   max_radius = rational_radius({k1, k2, p1, p2, k3, k4, k5, k6},
-                               prism ? 12 * p + 4 * linear : 20.0 / 3 * p, 16 * cubic);
+                               20.0 / 3 * std::hypot(p1, p2) + 2 * std::hypot(sx1, sy1),
+                               8 / std::sqrt(3.0) * std::hypot(sx2, sy2));
 }
 
 double OpenCvThinPrism::covered_radius() const {
   if (!std::isfinite(max_radius)) return max_radius;
   const double s = max_radius * max_radius;
   return max_radius * Radial::radial_factor<NumberMath<double>>(*this, s).value -
-         (6 * std::hypot(p1, p2) + std::hypot(sx1, sy1) + std::hypot(sx2, sy2) * s) * s;
+         (3 * std::hypot(p1, p2) + std::hypot(sx1, sy1) + std::hypot(sx2, sy2) * s) * s;
 }
 
 std::optional<Eigen::Vector3d> OpenCvThinPrism::unproject(const Eigen::Vector2d& distorted) const {

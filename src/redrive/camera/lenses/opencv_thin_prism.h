@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // "opencv_thin_prism": the pinhole camera with OpenCV's twelve coefficients, NCore's and the
-// simulators' pinhole. It adds a thin prism to camera/lenses/opencv_rational.h, whose linear terms
+// simulators' pinhole. It adds a thin prism to camera/lenses/opencv_rational.h; the terms s1 and s3
 // are in Weng, Cohen and Herniou (PAMI 1992):
 //   x_d += s1 s + s2 s^2,   y_d += s3 s + s4 s^2.
 #pragma once
@@ -49,9 +49,12 @@ struct OpenCvThinPrism : OpenCvThinPrismNumbers<double> {
   using Numbers = OpenCvThinPrismNumbers<S>;
 
   /// Undistorted radius of the disc on which the map is one-to-one: where the symmetric part of its
-  /// Jacobian is positive definite. With d(r g)/dr > m r + q r^3 up to that radius, the radial
-  /// part's eigenvalues are at least m r / 2 + q r^3 / 4. The tangential part's are at least -6 |p|
-  /// r, the prism's -2 |(s1, s3)| r - 4 |(s2, s4)| r^3, so m = 12 |p| + 4 |(s1, s3)| and q = 16
+  /// Jacobian is positive definite. In radial and tangential direction, at the angle a to (p2, p1),
+  /// (s1, s3) and (s2, s4), it is the diagonal (d(r g)/dr, g) and
+  ///   |p| r (6 cos a, 2 sin a; 2 sin a, 2 cos a),  |(s1, s3)| r (2 cos a, sin a; sin a, 0),
+  ///   |(s2, s4)| r^3 (4 cos a, 2 sin a; 2 sin a, 0).
+  /// Where d(r g)/dr > m r + q r^3 up to that radius, g > m r / 2 + q r^3 / 4, and the determinants
+  /// of the parts are positive at every angle with m = 20/3 |p| + 2 |(s1, s3)| and q = 8/sqrt(3)
   /// |(s2, s4)|. It also ends before the denominator reaches 0. Infinity if there is no such
   /// radius.
   double max_radius = std::numeric_limits<double>::infinity();

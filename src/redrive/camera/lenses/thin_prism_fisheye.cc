@@ -10,7 +10,7 @@ namespace redrive {
 
 ThinPrismFisheye::ThinPrismFisheye(std::span<const double> c)
     : Numbers<double>{c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7]} {
-  const double least = 12 * std::hypot(p1, p2) + 4 * std::hypot(sx1, sy1);
+  const double least = 20.0 / 3 * std::hypot(p1, p2) + 2 * std::hypot(sx1, sy1);
   const std::vector<double> folds =
       sign_changes({1, -least, 3 * k1, 0, 5 * k2, 0, 7 * k3, 0, 9 * k4}, max_angle_rad);
   if (!folds.empty()) max_angle_rad = folds.front();
@@ -19,7 +19,7 @@ ThinPrismFisheye::ThinPrismFisheye(std::span<const double> c)
 double ThinPrismFisheye::covered_radius() const {
   const double s = max_angle_rad * max_angle_rad;
   return max_angle_rad * Radial::radial_factor<NumberMath<double>>(*this, s).value -
-         (6 * std::hypot(p1, p2) + std::hypot(sx1, sy1)) * s;
+         (3 * std::hypot(p1, p2) + std::hypot(sx1, sy1)) * s;
 }
 
 std::optional<Eigen::Vector3d> ThinPrismFisheye::unproject(const Eigen::Vector2d& distorted) const {

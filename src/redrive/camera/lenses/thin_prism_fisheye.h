@@ -40,10 +40,8 @@ struct ThinPrismFisheye : ThinPrismNumbers<double> {
   template <class S>
   using Numbers = ThinPrismNumbers<S>;
 
-  /// Angle up to which the map is one-to-one: on a disc where the symmetric part of its Jacobian is
-  /// positive definite. The radial part's eigenvalues are at least m a / 2 where the derivative of
-  /// a g exceeds m a at every angle a; the tangential part's are at least -6 |p| a, the prism's -2
-  /// |(sx1, sy1)| a, so m = 12 |p| + 4 |(sx1, sy1)|. At most pi (1 - 1e-9).
+  /// Angle up to which the map is one-to-one, as OpenCvThinPrism::max_radius: the derivative of a g
+  /// exceeds (20/3 |p| + 2 |(sx1, sy1)|) a. At most pi (1 - 1e-9).
   double max_angle_rad = std::numbers::pi * (1 - 1e-9);
 
   ThinPrismFisheye() : Numbers<double>{} {}

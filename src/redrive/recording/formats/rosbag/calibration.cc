@@ -51,21 +51,23 @@ CameraCalibration calibration_of(const CameraTopics& camera, const CameraInfo& i
     const double sx = 1.0 / std::max(1u, info.binning_x), sy = 1.0 / std::max(1u, info.binning_y);
     const auto n = info.d.size();
     const auto d = [&](std::size_t i) { return i < n && !camera.rectified ? info.d[i] : 0.0; };
-    if (info.model == "plumb_bob" || camera.rectified || (info.model.empty() && n <= 5)) {
-      out.model = "opencv_pinhole";
-      out.parameters = {0, 0, 0, 0, d(0), d(1), d(2), d(3), d(4)};
-    } else if (info.model == "rational_polynomial") {
+    const auto refuse_from = [&](std::size_t first, const char* rule) {
+      for (std::size_t i = first; i < n; ++i)
+        if (d(i) != 0)
+          throw InputError(bag, camera.info + " d[" + std::to_string(i) + "]",
+                           std::to_string(info.d[i]), rule);
+    };
+    out.parameters = {0, 0, 0, 0};
+    if (info.model == "plumb_bob" || info.model == "rational_polynomial" || camera.rectified ||
+        (info.model.empty() && n <= 5)) {
       OpenCvCoefficients all;
       for (std::size_t i = 0; i < all.size(); ++i) all[i] = d(i);
-      out.parameters = {0, 0, 0, 0};
       set_opencv_coefficients(all, &out);
-      for (std::size_t i = all.size(); i < n; ++i)
-        if (info.d[i] != 0)
-          throw InputError(bag, camera.info + " d[" + std::to_string(i) + "]",
-                           std::to_string(info.d[i]), "a tilted sensor is not supported, only 0");
+      refuse_from(all.size(), "a tilted sensor is not supported, only 0");
     } else if (info.model == "equidistant" || info.model == "fisheye") {
       out.model = "opencv_fisheye";
-      out.parameters = {0, 0, 0, 0, d(0), d(1), d(2), d(3)};
+      out.parameters.insert(out.parameters.end(), {d(0), d(1), d(2), d(3)});
+      refuse_from(4, "a fisheye has four coefficients, further ones must be 0");
     } else {
       throw InputError(bag, camera.info + " distortion_model", info.model,
                        "is plumb_bob, rational_polynomial or equidistant; cameras." + camera.name +
