@@ -14,14 +14,11 @@ set(redrive_coverage "$<$<BOOL:${REDRIVE_FUZZ}>:-fsanitize=fuzzer-no-link>")
 target_compile_options(redrive_pch PRIVATE ${redrive_coverage})
 if(REDRIVE_TESTS)
   # Tests are compiled once for every run: no time for optimisation, least of all with sanitizers,
-  # which need 1.6 times as long for -O1, and alignment is the libraries' to keep. Without
-  # sanitizers -O0 saves a sixth of their compile time and loses it when they run.
+  # which need 1.6 times as long for -O1. Without sanitizers -O0 saves a sixth of their compile time
+  # and loses it when they run.
   set(redrive_test_options $<$<CONFIG:Release>:-O1>)
   if(REDRIVE_SANITIZE)
     set(redrive_test_options -O0)
-  endif()
-  if(REDRIVE_SANITIZE MATCHES "undefined")
-    list(APPEND redrive_test_options -fno-sanitize=alignment)
   endif()
   add_library(redrive_test_pch OBJECT ${CMAKE_BINARY_DIR}/pch.cc)
   target_link_libraries(redrive_test_pch PRIVATE Eigen3::Eigen nlohmann_json::nlohmann_json
