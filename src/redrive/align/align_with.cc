@@ -115,8 +115,7 @@ std::string unobservable_text(const CameraCorrection& camera, const Unobservable
   return formatted(
       "%s: the time offset is unobservable (%+.1f +- %.1f ms fits best, and +- %.1f is needed: at "
       "constant velocity a late exposure looks like a camera further forward): it keeps its "
-      "initial "
-      "value of %.2f ms",
+      "initial value of %.2f ms",
       camera.name.c_str(), 1e3 * offset.offset_s, 1e3 * offset.sigma_s,
       1e3 * max_observable_sigma_s(priors.offset_s), 1e3 * camera.offset_s);
 }
@@ -170,8 +169,8 @@ AlignResult describe(const RigModel& model, BundleResult bundle, const BundlePri
   return result;
 }
 
-/// Whether elevations of the LiDAR's returns are elevations of its beams. Where they are not, adds
-/// the reason to the remarks.
+/// Returns whether the elevations of the LiDAR's returns are its beams'; adds the reason to the
+/// remarks where they are not.
 bool knows_elevations(const Recording& recording, std::vector<std::string>* remarks) {
   if (recording.lidar_files.empty()) return false;
   std::string why;
@@ -198,15 +197,13 @@ std::string obstacle(const Recording& recording, const AlignResult& result, bool
       !(std::min(reach_m(recording.frames), reach_m(result.frames)) >= kMinReach_m))
     return formatted(
         "the car stands still (at most %.2f m from its first pose, %.2f m once aligned), and "
-        "without "
-        "LiDAR only motion makes depth observable; %.0f m are needed",
+        "without LiDAR only motion makes depth observable; %.0f m are needed",
         reach_m(recording.frames), reach_m(result.frames), kMinReach_m);
   if (!(bundle.last_translation_m < kMaxLastChange_m &&
         bundle.last_rotation_rad < kMaxLastChange_rad))
     return formatted(
         "the poses still change by %.1f cm and %.3f degrees a round after %d rounds: the "
-        "observations "
-        "do not agree with one motion",
+        "observations do not agree with one motion",
         100 * bundle.last_translation_m, bundle.last_rotation_rad * kDegreesPerRadian,
         bundle.rounds);
   int all = 0, used = 0;
@@ -217,8 +214,7 @@ std::string obstacle(const Recording& recording, const AlignResult& result, bool
     if (fit.used > 0 && fit.sigma_px > kMaxNoise_px)
       return formatted(
           "image points of %s have a reprojection error of %.1f px with the aligned poses; %.1f "
-          "are "
-          "accepted",
+          "are accepted",
           result.cameras[c].name.c_str(), fit.sigma_px, kMaxNoise_px);
   }
   if (images && all > 0 && used < kMinUsed * all)
@@ -241,8 +237,7 @@ std::string obstacle(const Recording& recording, const AlignResult& result, bool
   if (!(worst_m <= kMaxSigma_m))
     return formatted(
         "the position of frame %lld is not determined: %.1f cm (1 sigma) after the alignment, %.0f "
-        "cm "
-        "are needed",
+        "cm are needed",
         static_cast<long long>(recording.frames[at_m].id), 100 * worst_m, 100 * kMaxSigma_m);
   if (!(worst_rad <= kMaxSigma_rad))
     return formatted(
@@ -257,8 +252,7 @@ std::string obstacle(const Recording& recording, const AlignResult& result, bool
           std::abs(camera.offset_s) < kMaxOffset_s))
       return formatted(
           "%s would need a correction of %.2f m and %.2f degrees and a time offset of %.1f ms; "
-          "that is "
-          "another calibration, not an error of this one",
+          "that is another calibration, not an error of this one",
           camera.name.c_str(), translation_m, rotation_rad * kDegreesPerRadian,
           1e3 * camera.offset_s);
   }
@@ -313,8 +307,7 @@ AlignResult align_with(const Recording& recording, const std::vector<Track>& tra
   if (lidar.empty())
     result.remarks.emplace_back(
         "no LiDAR: the scale of the drive, and a rotation and time offset common to all cameras, "
-        "are "
-        "the egomotion's");
+        "are the egomotion's");
   for (std::size_t c = 0; c < result.bundle.cameras.size(); ++c)
     if (result.bundle.cameras[c].used == 0)
       result.remarks.push_back(

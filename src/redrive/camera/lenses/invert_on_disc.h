@@ -61,4 +61,14 @@ std::optional<Eigen::Vector2d> invert_on_disc(const Numbers& c, const Eigen::Vec
   return x;
 }
 
+/// Returns the direction (x, y, 1) that a pinhole distorts to `distorted`, or nothing.
+template <class Radial, class Numbers>
+std::optional<Eigen::Vector3d> unproject_pinhole(const Numbers& c, const Eigen::Vector2d& distorted,
+                                                 double max_radius) {
+  if (!distorted.allFinite()) return std::nullopt;
+  const auto m = invert_on_disc<Radial>(c, distorted, max_radius);
+  if (!m) return std::nullopt;
+  return Eigen::Vector3d(m->x(), m->y(), 1);
+}
+
 }  // namespace redrive

@@ -57,11 +57,8 @@ double OpenCvRational::covered_radius() const {
 }
 
 std::optional<Eigen::Vector3d> OpenCvRational::unproject(const Eigen::Vector2d& distorted) const {
-  if (!distorted.allFinite()) return std::nullopt;
-  const auto m =
-      invert_on_disc<Radial>(numbers(), distorted, std::min(max_radius, kFarthestPinholeRadius));
-  if (!m) return std::nullopt;
-  return Eigen::Vector3d(m->x(), m->y(), 1);
+  return unproject_pinhole<Radial>(numbers(), distorted,
+                                   std::min(max_radius, kFarthestPinholeRadius));
 }
 
 }  // namespace redrive

@@ -25,8 +25,8 @@ struct RationalNumbers {
 /// Undistorted radii above this are less than 1e-6 rad from 90 degrees, beyond any image.
 constexpr double kFarthestPinholeRadius = 1e6;
 
-/// Returns the undistorted radius up to which d(r g)/dr > linear r + cubic r^3 and the denominator
-/// of g is above 0; infinity if that holds to kFarthestPinholeRadius.
+/// Returns the undistorted radius up to which d(r g)/dr > linear r + cubic r^3 and g's denominator
+/// is above 0; infinity if both hold to kFarthestPinholeRadius.
 double rational_radius(const RationalNumbers<double>& numbers, double linear, double cubic);
 
 struct OpenCvRational : RationalNumbers<double> {

@@ -53,10 +53,10 @@ struct OpenCvThinPrism : OpenCvThinPrismNumbers<double> {
   /// (s1, s3) and (s2, s4), it is the diagonal (d(r g)/dr, g) and
   ///   |p| r (6 cos a, 2 sin a; 2 sin a, 2 cos a),  |(s1, s3)| r (2 cos a, sin a; sin a, 0),
   ///   |(s2, s4)| r^3 (4 cos a, 2 sin a; 2 sin a, 0).
-  /// Where d(r g)/dr > m r + q r^3 up to that radius, g > m r / 2 + q r^3 / 4, and the determinants
-  /// of the parts are positive at every angle with m = 20/3 |p| + 2 |(s1, s3)| and q = 8/sqrt(3)
-  /// |(s2, s4)|. It also ends before the denominator reaches 0. Infinity if there is no such
-  /// radius.
+  /// Where d(r g)/dr > m r + q r^3 up to that radius, g > m r / 2 + q r^3 / 4. With m = 20/3 |p| +
+  /// 2 |(s1, s3)| and q = 8/sqrt(3) |(s2, s4)|, each part and its share of that diagonal have no
+  /// negative determinant at any angle. It also ends before the denominator reaches 0. Infinity if
+  /// there is no such radius.
   double max_radius = std::numeric_limits<double>::infinity();
 
   OpenCvThinPrism() : Numbers<double>{} {}

@@ -61,7 +61,7 @@ TEST(BagCalibration, RationalPolynomialsMayHaveAPrism) {
   EXPECT_EQ(camera_of(rational, 1600, 1200).info().name, std::string("opencv_rational"));
   rational.d.insert(rational.d.end(), {0.001, 0, 0, 0.002, 0, 0});
   EXPECT_EQ(camera_of(rational, 1600, 1200).info().name, std::string("opencv_thin_prism"));
-  rational.model = "plumb_bob";  // as some drivers name what OpenCV has calibrated
+  rational.model = "plumb_bob";  // some drivers say this with all of OpenCV's coefficients
   EXPECT_EQ(camera_of(rational, 1600, 1200).info().name, std::string("opencv_thin_prism"));
   rational.d.back() = 0.1;
   try {
