@@ -25,9 +25,9 @@
 #include "redrive/edit/edit_actors.h"
 #include "redrive/export/bundle/scene_bundle.h"
 #include "redrive/export/drive.h"
-#include "redrive/export/field_mesh.h"
 #include "redrive/export/field_points.h"
-#include "redrive/export/surface_mesh.h"
+#include "redrive/export/mesh/field_mesh.h"
+#include "redrive/export/mesh/surface_mesh.h"
 #include "redrive/export/write_photo_set.h"
 #include "redrive/model/method.h"
 #include "redrive/recording/core/wording.h"
@@ -177,6 +177,10 @@ int export_aimotive(const ExportCommandOptions& options) {
 
 int export_nuscenes(const ExportCommandOptions& options) {
   return export_drive(options, write_nuscenes);
+}
+
+int export_argoverse2(const ExportCommandOptions& options) {
+  return export_drive(options, write_argoverse2);
 }
 
 int export_ncore(const ExportCommandOptions& options) { return export_drive(options, write_ncore); }
@@ -340,6 +344,10 @@ constexpr Format kFormats[] = {
      "a folder with a scene in nuScenes' layout: all cameras as pinholes, poses, LiDAR and boxes "
      "(runs and recordings of drives)",
      export_nuscenes},
+    {"argoverse2",
+     "a folder with a log in Argoverse 2's layout: all cameras as pinholes, poses, LiDAR and boxes "
+     "(runs and recordings of drives)",
+     export_argoverse2},
     {"ncore",
      "a folder with a sequence of NVIDIA's NCore, version 4, for NuRec, 3dgrut and gsplat: all "
      "cameras and LiDARs, poses and boxes (runs and recordings of drives)",

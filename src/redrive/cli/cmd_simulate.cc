@@ -41,11 +41,9 @@ struct DriveFormat {
   DriveNotes (*write)(const fs::path& folder, const Recording& drive, ThreadPool& pool,
                       const std::atomic<bool>& stop);
 };
-constexpr DriveFormat kDriveFormats[] = {{"aimotive", write_aimotive},
-                                         {"kitti", write_kitti},
-                                         {"kitti360", write_kitti360},
-                                         {"nuscenes", write_nuscenes},
-                                         {"ncore", write_ncore}};
+constexpr DriveFormat kDriveFormats[] = {
+    {"aimotive", write_aimotive}, {"kitti", write_kitti},           {"kitti360", write_kitti360},
+    {"nuscenes", write_nuscenes}, {"argoverse2", write_argoverse2}, {"ncore", write_ncore}};
 
 std::vector<std::string> names_of_formats() {
   std::vector<std::string> names;
@@ -183,7 +181,7 @@ Action configure_simulate(CLI::App& command) {
       ->type_name("FILE");
   command
       .add_option("--to", options->format,
-                  "layout of the drive: aimotive, kitti, kitti360, nuscenes or ncore")
+                  "layout of the drive: aimotive, kitti, kitti360, nuscenes, argoverse2 or ncore")
       ->check(one_of("--to", names_of_formats()))
       ->capture_default_str();
   command

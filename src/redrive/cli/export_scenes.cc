@@ -14,7 +14,7 @@
 #include "redrive/cli/output_file.h"
 #include "redrive/export/bundle/scene_bundle.h"
 #include "redrive/export/bundle/splatsim_scene.h"
-#include "redrive/export/surface_mesh.h"
+#include "redrive/export/mesh/surface_mesh.h"
 #include "redrive/recording/core/wording.h"
 #include "redrive/render/open_to_render.h"
 #include "redrive/train/run.h"

@@ -2,6 +2,7 @@
 #include "redrive/export/drive.h"
 
 #include <algorithm>
+#include <cstdio>
 
 #include "redrive/base/error.h"
 #include "redrive/recording/core/frame_range.h"
@@ -72,6 +73,34 @@ Rigid3d local_from_global(const Recording& drive) {
              : Rigid3d::Identity();
 }
 
+void note_world(const Recording& drive, const char* name, DriveNotes* notes) {
+  if (drive.global_frame == GlobalFrame::kEcef)
+    notes->changed.push_back("the " + std::string(name) +
+                             " is the body frame (x forward, y left, z up) of frame " +
+                             std::to_string(drive.frames.front().id) + ", not ECEF");
+}
+
+std::int64_t added_to_times_ns(const Recording& drive, DriveNotes* notes) {
+  constexpr std::int64_t kFirst_ns = 10'000'000'000;
+  const std::int64_t first_ns = drive.frames.front().t_ns;
+  if (first_ns >= kFirst_ns) return 0;
+  notes->changed.emplace_back("times count from 10 seconds before the first frame");
+  return kFirst_ns - first_ns;
+}
+
+void add_pinhole(const CameraCalibration& camera, PhotoSet* set, DriveNotes* notes) {
+  set->cameras.push_back(pinhole_photo_camera(camera));
+  if (set->cameras.back().resampled) {
+    char focal[80];
+    std::snprintf(focal, sizeof focal, "): its images are resampled to a pinhole of %.1f pixels",
+                  set->cameras.back().calibration.fx());
+    notes->changed.push_back("the lens of " + camera.name + " (" + camera.model + focal);
+  }
+  if (camera.readout_ns != 0)
+    notes->left_out.push_back("rolling shutter of " + camera.name +
+                              ": each image has the time of its middle line");
+}
+
 Rigid3d spinning_axes(const Rigid3d& body_from_lidar) {
   constexpr double kNear = 0.9;
   if (body_from_lidar.linear()(0, 0) > kNear && body_from_lidar.linear()(2, 2) > kNear)
@@ -86,12 +115,16 @@ void note_not_of_drives(const Recording& drive, DriveNotes* notes) {
     notes->left_out.emplace_back("LiDAR, since the place of its sensor is unknown");
 }
 
-void note_left_out(const Recording& drive, DriveNotes* notes) {
+void note_masks(const Recording& drive, DriveNotes* notes) {
   const bool masked = std::ranges::any_of(drive.cameras, [](const RecordedCamera& camera) {
     return std::ranges::any_of(camera.images,
                                [](const ImageFile& image) { return !image.mask.path.empty(); });
   });
   if (masked) notes->left_out.emplace_back("masks of images");
+}
+
+void note_left_out(const Recording& drive, DriveNotes* notes) {
+  note_masks(drive, notes);
   note_not_of_drives(drive, notes);
   for (std::size_t k = 1; k < drive.lidars.size(); ++k)
     notes->left_out.push_back("LiDAR " + drive.lidars[k].name + ": the format has one");

@@ -50,9 +50,20 @@ Rigid3d spinning_axes(const Rigid3d& body_from_lidar);
 /// Returns the identity, or for ECEF drives the axes of the body at the first frame.
 Rigid3d local_from_global(const Recording& drive);
 
+/// Names the world of `local_from_global` where it is not the recording's. `name`: the format's
+/// word.
+void note_world(const Recording& drive, const char* name, DriveNotes* notes);
+/// Returns the nanoseconds to add to the drive's times: 0, or for a drive that begins before 10 s,
+/// with a note, as many as let it begin there, since sensors may begin before the first frame.
+std::int64_t added_to_times_ns(const Recording& drive, DriveNotes* notes);
+/// Adds a camera to a set of pinholes, with notes on its lens and its rolling shutter.
+void add_pinhole(const CameraCalibration& camera, PhotoSet* set, DriveNotes* notes);
+
 /// Adds notes on what no format of drives has: other poses, novel views, LiDAR without a place.
 void note_not_of_drives(const Recording& drive, DriveNotes* notes);
-/// The same, with masks and all LiDARs but the first.
+/// Adds a note on masks of images.
+void note_masks(const Recording& drive, DriveNotes* notes);
+/// Adds both, and a note on all LiDARs but the first.
 void note_left_out(const Recording& drive, DriveNotes* notes);
 
 /// Writes KITTI-360's layout (recording/formats/kitti360/kitti360.h) with up to two perspective
@@ -76,6 +87,11 @@ DriveNotes write_aimotive(const std::filesystem::path& folder, const Recording& 
 /// all cameras as pinholes. Throws as write_kitti360.
 DriveNotes write_nuscenes(const std::filesystem::path& folder, const Recording& drive,
                           ThreadPool& pool, const std::atomic<bool>& stop);
+
+/// Writes a log in Argoverse 2's layout (recording/formats/argoverse2/argoverse2.h), with all
+/// cameras as pinholes and two LiDARs of up to 32 beams or one of more. Throws as write_kitti360.
+DriveNotes write_argoverse2(const std::filesystem::path& folder, const Recording& drive,
+                            ThreadPool& pool, const std::atomic<bool>& stop);
 
 /// Writes a sequence of NVIDIA's NCore, version 4 (export/ncore/ncore_sequence.h), with all cameras
 /// and LiDARs. Throws as write_kitti360.

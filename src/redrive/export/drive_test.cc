@@ -7,7 +7,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/files/files.h"
-#include "redrive/export/ncore/made_drive_testing.h"
+#include "redrive/export/made_drive_testing.h"
 #include "redrive/recording/formats/aimotive/aimotive_boxes.h"
 
 namespace redrive {

@@ -5,7 +5,7 @@
 #include <cstddef>
 #include <span>
 
-#include "redrive/export/triangle_mesh.h"
+#include "redrive/export/mesh/triangle_mesh.h"
 #include "redrive/math/rigid3.h"
 
 namespace redrive {

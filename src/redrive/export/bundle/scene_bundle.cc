@@ -10,7 +10,7 @@
 #include "redrive/base/files/files.h"
 #include "redrive/export/bundle/content_id.h"
 #include "redrive/export/bundle/ground_mesh.h"
-#include "redrive/export/field_mesh.h"
+#include "redrive/export/mesh/field_mesh.h"
 #include "redrive/export/ncore/ncore_terms.h"
 #include "redrive/math/local_level.h"
 #include "redrive/recording/core/actor_kind.h"

@@ -5,7 +5,7 @@
 
 #include "redrive/base/files/files.h"
 #include "redrive/export/kitti/kitti_tracklets.h"
-#include "redrive/export/ncore/made_drive_testing.h"
+#include "redrive/export/made_drive_testing.h"
 #include "redrive/image/image_io.h"
 #include "redrive/recording/formats/kitti/kitti_boxes.h"
 #include "redrive/recording/parse/little_endian.h"

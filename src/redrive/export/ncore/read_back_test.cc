@@ -4,7 +4,7 @@
 #include <gtest/gtest.h>
 
 #include "redrive/base/files/files.h"
-#include "redrive/export/ncore/made_drive_testing.h"
+#include "redrive/export/made_drive_testing.h"
 
 namespace redrive {
 namespace {

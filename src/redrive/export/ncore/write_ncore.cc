@@ -19,9 +19,6 @@ using ncore::Json;
 using ncore::Sequence;
 using ncore::WrittenSensor;
 
-/// Where times would be negative, the first frame is at this time: sensors begin less before it.
-constexpr std::int64_t kFirstFrame_ns = 10'000'000'000;
-
 /// Text of a tuple in Python.
 std::string frames_key(const std::string& from, const std::string& to) {
   return "('" + from + "', '" + to + "')";
@@ -133,11 +130,8 @@ std::string sequence_id(const Recording& drive) {
 DriveNotes write_ncore(const std::filesystem::path& folder, const Recording& drive,
                        ThreadPool& pool, const std::atomic<bool>& stop) {
   DriveNotes notes;
-  const std::int64_t first_ns = drive.frames.front().t_ns;
-  const bool early = first_ns < kFirstFrame_ns;
-  if (early) notes.changed.emplace_back("times count from 10 seconds before the first frame");
-  Sequence sequence(folder, sequence_id(drive), early ? first_ns - kFirstFrame_ns : 0);
-  sequence.cover(sequence.us(first_ns), sequence.us(drive.frames.back().t_ns));
+  Sequence sequence(folder, sequence_id(drive), -added_to_times_ns(drive, &notes));
+  sequence.cover(sequence.us(drive.frames.front().t_ns), sequence.us(drive.frames.back().t_ns));
   std::vector<WrittenSensor> cameras, lidars;
   for (const RecordedCamera& camera : drive.cameras)
     cameras.push_back(write_camera(camera, drive.frames, pool, stop, &sequence, &notes));

@@ -7,10 +7,11 @@
 
 #include "redrive/base/files/files.h"
 #include "redrive/base/files/zarr_testing.h"
-#include "redrive/export/ncore/made_drive_testing.h"
+#include "redrive/export/made_drive_testing.h"
 #include "redrive/export/ncore/ncore_sequence.h"
 #include "redrive/export/ncore/ncore_terms.h"
 #include "redrive/image/png.h"
+#include "redrive/recording/core/lidar_sensor.h"
 
 namespace redrive {
 namespace {

@@ -4,34 +4,21 @@
 #include <algorithm>
 #include <array>
 #include <cctype>
-#include <cmath>
-#include <numbers>
-#include <set>
 #include <string_view>
 #include <utility>
 
+#include "redrive/export/rig_names.h"
 #include "redrive/recording/core/actor_kind.h"
 
 namespace redrive::nuscenes {
 namespace {
 
-struct Channel {
-  const char* name;
-  double heading_deg;  ///< to the left of ahead
-};
-constexpr std::array<Channel, 6> kChannels{{{"CAM_FRONT", 0},
-                                            {"CAM_FRONT_LEFT", 55},
-                                            {"CAM_FRONT_RIGHT", -55},
-                                            {"CAM_BACK_LEFT", 110},
-                                            {"CAM_BACK_RIGHT", -110},
-                                            {"CAM_BACK", 180}}};
-
-/// Degrees between a camera's axis and a channel's heading, in the plane.
-double apart_deg(const CameraCalibration& camera, const Channel& channel) {
-  const Eigen::Vector3d axis = camera.body_from_sensor.linear().col(2);
-  const double heading_deg = std::atan2(axis.y(), axis.x()) * 180 / std::numbers::pi;
-  return std::abs(std::remainder(heading_deg - channel.heading_deg, 360.0));
-}
+constexpr std::array<RigPlace, 6> kChannels{{{"CAM_FRONT", 0},
+                                             {"CAM_FRONT_LEFT", 55},
+                                             {"CAM_FRONT_RIGHT", -55},
+                                             {"CAM_BACK_LEFT", 110},
+                                             {"CAM_BACK_RIGHT", -110},
+                                             {"CAM_BACK", 180}}};
 
 std::string own_channel(const std::string& name) {
   std::string channel = name.starts_with("CAM_") ? "" : "CAM_";
@@ -49,33 +36,7 @@ bool is_category(std::string_view name) {
 }  // namespace
 
 std::vector<std::string> channels_of(const std::vector<RecordedCamera>& cameras) {
-  constexpr double kMost_deg = 30;
-  std::vector<std::string> channels(cameras.size());
-  std::set<std::string> taken;
-  for (std::size_t c = 0; c < cameras.size(); ++c)
-    for (const Channel& channel : kChannels)
-      if (cameras[c].calibration.name == channel.name) taken.insert(channels[c] = channel.name);
-  while (true) {  // the nearest pair of a camera and a channel
-    double least_deg = kMost_deg;
-    std::pair<std::size_t, const char*> nearest{cameras.size(), nullptr};
-    for (std::size_t c = 0; c < cameras.size(); ++c)
-      for (const Channel& channel : kChannels)
-        if (const double deg = apart_deg(cameras[c].calibration, channel);
-            channels[c].empty() && !taken.contains(channel.name) && deg < least_deg) {
-          least_deg = deg;
-          nearest = {c, channel.name};
-        }
-    if (!nearest.second) break;
-    taken.insert(channels[nearest.first] = nearest.second);
-  }
-  for (std::size_t c = 0; c < cameras.size(); ++c) {
-    if (!channels[c].empty()) continue;
-    const std::string own = own_channel(cameras[c].calibration.name);
-    std::string channel = own;
-    for (int n = 2; taken.contains(channel); ++n) channel = own + "_" + std::to_string(n);
-    taken.insert(channels[c] = channel);
-  }
-  return channels;
+  return names_in_rig(cameras, kChannels, own_channel);
 }
 
 const std::vector<Term>& categories() {

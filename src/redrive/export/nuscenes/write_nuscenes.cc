@@ -6,20 +6,21 @@
 #include <cstdio>
 #include <map>
 #include <set>
+#include <tuple>
 
 #include <nlohmann/json.hpp>
 
 #include "redrive/base/error.h"
 #include "redrive/base/files/files.h"
 #include "redrive/base/progress.h"
+#include "redrive/export/compensated_scans.h"
 #include "redrive/export/drive.h"
-#include "redrive/export/nuscenes/nuscenes_scans.h"
 #include "redrive/export/nuscenes/nuscenes_terms.h"
 #include "redrive/export/write_photo_set.h"
 #include "redrive/image/image_io.h"
 #include "redrive/recording/core/trajectory.h"
 #include "redrive/recording/core/wording.h"
-#include "redrive/recording/formats/timed_images.h"
+#include "redrive/recording/formats/nuscenes/nuscenes_scan.h"
 #include "redrive/recording/parse/rigid_json.h"
 
 namespace redrive {
@@ -59,6 +60,38 @@ Json rotation_json(const Rigid3d& pose) {
   return {q.w(), q.x(), q.y(), q.z()};
 }
 
+/// Returns the axes of LIDAR_TOP, x right, y forward, z up.
+Rigid3d body_from_lidar_top(const Recording& drive) {
+  Rigid3d forward_from_file = Rigid3d::Identity();
+  forward_from_file.linear() << 0, 1, 0, -1, 0, 0, 0, 0, 1;
+  return spinning_axes(drive.lidars[0].body_from_lidar) * forward_from_file;
+}
+
+/// Writes the file of a scan, compensated for the motion until `end_ns`. Returns what lies in the
+/// boxes.
+std::vector<ObjectReturns> write_scan(const fs::path& file, const Recording& drive,
+                                      const ScanOfDrive& scan, std::int64_t end_ns,
+                                      float full_scale, const std::vector<Box>& boxes) {
+  std::vector<LidarPoint> points = new_points(drive, scan.file, scan.before);
+  std::ranges::stable_sort(
+      points, {}, [](const LidarPoint& point) { return std::tuple(point.t_ns, point.ring); });
+  const Rigid3d global_from_lidar =
+                    pose_at(drive.frames, end_ns) * spinning_axes(drive.lidars[0].body_from_lidar),
+                lidar_from_global = global_from_lidar.inverse(Eigen::Isometry);
+  ReturnsOnObjects on_objects(boxes, drive.frames, lidar_from_global);
+  std::vector<LidarRecord> records;
+  for_each_in_global(
+      points, drive.frames, [&](const Eigen::Vector3d& in_global, const LidarPoint& point) {
+        LidarRecord record{lidar_from_global * in_global, point.t_ns,
+                           std::min(1.0f, static_cast<float>(point.intensity) / full_scale)};
+        record.ring = point.ring;
+        records.push_back(record);
+        on_objects.count(in_global, point.t_ns);
+      });
+  write_file(file, nuscenes::make_scan(records));
+  return on_objects.returns();
+}
+
 /// A file of a sensor.
 struct SensorFile {
   std::int64_t t_us = 0;
@@ -79,13 +112,8 @@ class SceneWriter {
         stop_(stop),
         notes_(*notes),
         world_from_global_(local_from_global(drive)) {
-    if (drive.global_frame == GlobalFrame::kEcef)
-      notes_.changed.push_back("the map is the body frame (x forward, y left, z up) of frame " +
-                               std::to_string(drive.frames.front().id) + ", not ECEF");
-    if (drive.frames.front().t_ns < kFirst_ns) {
-      later_ns_ = kFirst_ns - drive.frames.front().t_ns;
-      notes_.changed.emplace_back("times count from 10 seconds before the first frame");
-    }
+    note_world(drive, "map", notes);
+    later_ns_ = added_to_times_ns(drive, notes);
     const fs::path root = fs::absolute(drive.root).lexically_normal();
     name_ = (root.has_filename() ? root : root.parent_path()).filename().string();
     std::ranges::replace_if(
@@ -102,8 +130,6 @@ class SceneWriter {
   }
 
  private:
-  static constexpr std::int64_t kFirst_ns = 10'000'000'000;
-
   std::int64_t us(std::int64_t t_ns) const { return (t_ns + later_ns_ + 500) / 1000; }
   std::int64_t ns(std::int64_t t_us) const { return 1000 * t_us - later_ns_; }
   bool is_camera(std::size_t sensor) const { return sensor < drive_.cameras.size(); }
@@ -122,11 +148,11 @@ class SceneWriter {
     }
     if (!drive_.lidars.empty() && !drive_.lidar_files.empty()) {
       scan_files_ = drive_.scans_of(0);
-      scans_ = nuscenes::list_scans(drive_, scan_files_, pool_, stop_, &notes_);
+      scans_ = list_scans(drive_, scan_files_, pool_, stop_, &notes_);
     }
     if (!scans_.empty()) channels_.emplace_back(kLidarTop);
     for (std::size_t i = 0; i < scans_.size(); ++i)
-      files_.push_back({us(scans_[i].end_ns), drive_.cameras.size(), i});
+      files_.push_back({us(scans_[i].last_ns), drive_.cameras.size(), i});
     std::ranges::stable_sort(files_, {}, &SensorFile::t_us);
   }
 
@@ -178,20 +204,8 @@ class SceneWriter {
 
   void write_pictures() {
     PhotoSet photos;
-    for (const RecordedCamera& camera : drive_.cameras) {
-      photos.cameras.push_back(pinhole_photo_camera(camera.calibration));
-      if (photos.cameras.back().resampled) {
-        char focal[80];
-        std::snprintf(focal, sizeof focal,
-                      "): its images are resampled to a pinhole of %.1f pixels",
-                      photos.cameras.back().calibration.fx());
-        notes_.changed.push_back("the lens of " + camera.calibration.name + " (" +
-                                 camera.calibration.model + focal);
-      }
-      if (camera.calibration.readout_ns != 0)
-        notes_.left_out.push_back("rolling shutter of " + camera.calibration.name +
-                                  ": each image has the time of its middle line");
-    }
+    for (const RecordedCamera& camera : drive_.cameras)
+      add_pinhole(camera.calibration, &photos, &notes_);
     for (SensorFile& file : files_)
       if (is_camera(file.sensor)) {
         const ImageFile& image = drive_.cameras[file.sensor].images[file.index];
@@ -205,34 +219,17 @@ class SceneWriter {
     write_images(folder_, {}, photos, pool_, stop_);
   }
 
-  /// Boxes of the file whose frame is nearest to a sample.
-  std::vector<Box> boxes_near(std::int64_t t_ns) const {
-    constexpr std::int64_t kMostApart_ns = 300'000'000;
-    const FrameFile* nearest = nullptr;
-    std::int64_t least_ns = kMostApart_ns;
-    for (const FrameFile& file : drive_.box_files) {
-      const auto frame = std::ranges::lower_bound(drive_.frames, file.frame_id, {}, &FramePose::id);
-      if (frame == drive_.frames.end() || frame->id != file.frame_id) continue;
-      if (const std::int64_t apart_ns = std::abs(frame->t_ns - t_ns); apart_ns < least_ns) {
-        least_ns = apart_ns;
-        nearest = &file;
-      }
-    }
-    return nearest ? drive_.reader->read_boxes(*nearest) : std::vector<Box>();
-  }
-
   void write_scans() {
     boxes_.resize(sample_us_.size());
     returns_.resize(sample_us_.size());
     for (std::size_t s = 0; s < sample_us_.size(); ++s) {
-      boxes_[s] = boxes_near(ns(sample_us_[s]));
+      boxes_[s] = boxes_near(drive_, ns(sample_us_[s]));
       for (std::size_t b = 0; b < boxes_[s].size(); ++b)
         returns_[s].push_back({0, ns(sample_us_[s])});
     }
     if (scans_.empty()) return;
     for (const char* below : {"samples", "sweeps"}) make_folders(folder_ / below / kLidarTop);
-    const auto full_scale = static_cast<float>(intensity_scale(
-        std::ranges::max(scans_, {}, &nuscenes::Scan::most_intensity).most_intensity));
+    const float full_scale = full_scale_of(scans_);
     std::vector<const SensorFile*> files;
     for (SensorFile& file : files_)
       if (!is_camera(file.sensor)) {
@@ -244,9 +241,8 @@ class SceneWriter {
       if (stop_) throw Interrupted();
       const SensorFile& file = *files[static_cast<std::size_t>(i)];
       const std::vector<Box> none;
-      auto returns =
-          nuscenes::write_scan(folder_ / file.path, drive_, scans_[file.index], ns(file.t_us),
-                               full_scale, file.key_frame ? boxes_[file.sample] : none);
+      auto returns = write_scan(folder_ / file.path, drive_, scans_[file.index], ns(file.t_us),
+                                full_scale, file.key_frame ? boxes_[file.sample] : none);
       if (file.key_frame) returns_[file.sample] = std::move(returns);
       progress.count();
     });
@@ -276,7 +272,7 @@ class SceneWriter {
                          {"channel", channels_[s]},
                          {"modality", is_camera(s) ? "camera" : "lidar"}});
       const Rigid3d place = is_camera(s) ? drive_.cameras[s].calibration.body_from_sensor
-                                         : nuscenes::body_from_lidar_top(drive_);
+                                         : body_from_lidar_top(drive_);
       Json record = {{"token", token(kCalibrated, s)}, {"sensor_token", token(kSensor, s)}};
       record.update(with_pose(place));
       record["camera_intrinsic"] = Json::array();
@@ -397,7 +393,7 @@ class SceneWriter {
     for (std::size_t s = 0; s < boxes_.size(); ++s)
       for (std::size_t b = 0; b < boxes_[s].size(); ++b) {
         const Box& box = boxes_[s][b];
-        const nuscenes::ObjectReturns& returns = returns_[s][b];
+        const ObjectReturns& returns = returns_[s][b];
         const std::string name = nuscenes::category_of(box.type);
         const std::string attribute = nuscenes::moving_attribute(name);
         const std::size_t n = annotations.size();
@@ -472,12 +468,12 @@ class SceneWriter {
   std::string name_;
   std::vector<std::string> channels_;  ///< cameras first, then LIDAR_TOP
   std::vector<FrameFile> scan_files_;
-  std::vector<nuscenes::Scan> scans_;
+  std::vector<ScanOfDrive> scans_;
   std::vector<SensorFile> files_;  ///< in order of time
   std::vector<std::int64_t> sample_us_;
   std::vector<CameraCalibration> pinholes_;
-  std::vector<std::vector<Box>> boxes_;                        ///< keyed by sample
-  std::vector<std::vector<nuscenes::ObjectReturns>> returns_;  ///< keyed by sample, then box
+  std::vector<std::vector<Box>> boxes_;              ///< keyed by sample
+  std::vector<std::vector<ObjectReturns>> returns_;  ///< keyed by sample, then box
 };
 
 }  // namespace

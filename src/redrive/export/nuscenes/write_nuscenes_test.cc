@@ -4,7 +4,7 @@
 #include <gtest/gtest.h>
 
 #include "redrive/base/files/files.h"
-#include "redrive/export/ncore/made_drive_testing.h"
+#include "redrive/export/made_drive_testing.h"
 #include "redrive/export/nuscenes/nuscenes_terms.h"
 #include "redrive/image/image_io.h"
 
@@ -108,22 +108,6 @@ TEST_F(WriteNuScenes, BoxesFitTheReturnsOnThem) {
     EXPECT_NEAR(in_map.translation().x(), 10, 1e-6) << "the parked car";
   }
 }
-
-/// Returns to the right of the middle of each box: 7, 8 and 9, by its id. The boxes of 2 m stand 1
-/// m beside each other.
-class OnObjects : public MadeReader {
- public:
-  std::vector<LidarPoint> read_lidar(const FrameFile& file, std::size_t* = nullptr) const override {
-    std::vector<LidarPoint> points;
-    for (const Box& box : read_boxes(file)) {
-      LidarPoint point;
-      point.in_body_m = (box.body_from_box * Eigen::Vector3d(0, -0.5, 0)).cast<float>();
-      point.t_ns = box.t_ns;
-      points.insert(points.end(), static_cast<std::size_t>(box.object_id), point);
-    }
-    return points;
-  }
-};
 
 TEST_F(WriteNuScenes, CountsTheReturnsOnObjects) {
   const auto reader = std::make_shared<OnObjects>();

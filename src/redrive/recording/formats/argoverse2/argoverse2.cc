@@ -23,10 +23,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char *kPoses = "city_SE3_egovehicle.feather", *kAnnotations = "annotations.feather",
-                     *kExtrinsics = "calibration/egovehicle_SE3_sensor.feather",
-                     *kIntrinsics = "calibration/intrinsics.feather", *kUpLidar = "up_lidar",
-                     *kDownLidar = "down_lidar", *kFirstCamera = "ring_front_center";
 constexpr std::int64_t kSameTrigger_ns = 50'000'000;  // cameras fire at 20 Hz
 constexpr std::int64_t kBeyondPoses_ns = 20'000'000;
 
@@ -101,6 +97,17 @@ void add_cameras(const fs::path& root, const std::vector<FramePose>& poses,
   add_posed_cameras(std::move(cameras), calibrations, recording);
 }
 
+/// Whether one of the scans has returns of a LiDAR.
+bool has_returns(const std::vector<FrameFile>& scans, Lidar lidar) {
+  return std::ranges::any_of(scans, [&](const FrameFile& scan) {
+    try {
+      return has_lasers_of(lidar, read_file(scan.path), scan.path);
+    } catch (const InputError&) {  // named where all scans are checked
+      return false;
+    }
+  });
+}
+
 void add_scans(const fs::path& root, const std::map<std::string, Rigid3d>& extrinsics,
                Reader* reader, Recording* recording) {
   std::vector<Finding>* findings = &recording->findings;
@@ -112,8 +119,9 @@ void add_scans(const fs::path& root, const std::map<std::string, Rigid3d>& extri
   for (const auto& [name, lidar] : {std::pair(kUpLidar, Lidar::kUp), {kDownLidar, Lidar::kDown}}) {
     const auto pose = extrinsics.find(name);
     if (pose == extrinsics.end()) {
-      findings->push_back(
-          {name, std::string("its returns are not used: no row of ") + kExtrinsics + " has it"});
+      if (has_returns(scans, lidar))
+        findings->push_back(
+            {name, std::string("its returns are not used: no row of ") + kExtrinsics + " has it"});
       continue;
     }
     recording->lidars.push_back({name, pose->second});
@@ -129,7 +137,32 @@ void add_scans(const fs::path& root, const std::map<std::string, Rigid3d>& extri
   share_files(recording);
 }
 
-/// Adds the annotated objects. Their times are known from a scan.
+/// Returns when the LiDARs look where, from the first scan of each that can be read.
+std::vector<SweepTiming> time_sweeps(const Reader& reader, const Recording& recording) {
+  std::vector<SweepTiming> timings;
+  for (std::size_t k = 0; k < recording.lidars.size(); ++k)
+    for (const FrameFile& scan : recording.scans_of(k)) try {
+        if (const auto timing =
+                sweep_timing(reader.read_lidar(scan), reader.scan_times_ns.at(scan.path),
+                             recording.lidars[k].body_from_lidar))
+          timings.push_back(*timing);
+        break;
+      } catch (const InputError&) {  // named where all scans are checked
+      }
+  return timings;
+}
+
+/// Returns how long after the time of its file a point is seen: the middle between the times at
+/// which the LiDARs look at it, or of the revolution where no scan tells.
+std::int64_t seen_after_ns(const std::vector<SweepTiming>& timings,
+                           const Eigen::Vector3d& in_body) {
+  if (timings.empty()) return kRevolution_ns / 2;
+  std::int64_t sum_ns = 0;
+  for (const SweepTiming& timing : timings) sum_ns += timing.seen_after_ns(in_body);
+  return sum_ns / std::ssize(timings);
+}
+
+/// Adds the annotated objects. Their times are known from scans.
 void add_boxes(const fs::path& root, Reader* reader, Recording* recording) {
   std::vector<Finding>* findings = &recording->findings;
   const fs::path file = root / kAnnotations;
@@ -137,13 +170,7 @@ void add_boxes(const fs::path& root, Reader* reader, Recording* recording) {
     findings->push_back({"boxes", std::string("none: ") + kAnnotations + " is missing"});
     return;
   }
-  std::optional<SweepTiming> timing;
-  for (const FrameFile& scan : recording->scans_of(0)) try {
-      timing = sweep_timing(reader->read_lidar(scan), reader->scan_times_ns.at(scan.path),
-                            recording->lidars[0].body_from_lidar);
-      break;
-    } catch (const InputError&) {  // named where all scans are checked
-    }
+  const std::vector<SweepTiming> timings = time_sweeps(*reader, *recording);
   std::vector<std::string> impossible;
   const std::vector<Cuboid> cuboids = parse_cuboids(read_file(file), file, &impossible);
   std::set<std::string> unknown;
@@ -162,10 +189,9 @@ void add_boxes(const fs::path& root, Reader* reader, Recording* recording) {
                                       " of categories that Argoverse 2 does not list, taken for "
                                       "vehicles: " +
                                       first_few(std::vector(unknown.begin(), unknown.end()))});
-  reader->boxes = boxes_of_frames(cuboids, reader->poses, recording->frames,
-                                  [&](const Eigen::Vector3d& in_body) {
-                                    return timing ? timing->middle_ns(in_body) : kRevolution_ns / 2;
-                                  });
+  reader->boxes = boxes_of_frames(
+      cuboids, reader->poses, recording->frames,
+      [&](const Eigen::Vector3d& in_body) { return seen_after_ns(timings, in_body); });
   for (const auto& [frame_id, boxes] : reader->boxes)
     recording->box_files.push_back({frame_id, file});
 }

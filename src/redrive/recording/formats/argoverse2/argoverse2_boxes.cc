@@ -18,7 +18,6 @@ namespace redrive::argoverse2 {
 namespace {
 
 constexpr double kMaxSize_m = 100;
-constexpr const char* kSizes[] = {"length_m", "width_m", "height_m"};
 /// AnnotationCategories of av2-api, and the guide's shorter name of one.
 constexpr std::array<std::string_view, 31> kCategories = {"ANIMAL",
                                                           "ARTICULATED_BUS",
@@ -66,7 +65,7 @@ std::vector<Cuboid> parse_cuboids(std::string_view feather, const std::filesyste
   const std::vector<std::string> tracks = table.texts("track_uuid"),
                                  categories = table.texts("category");
   std::vector<double> sizes[3];
-  for (int k = 0; k < 3; ++k) sizes[k] = table.numbers(kSizes[k]);
+  for (int k = 0; k < 3; ++k) sizes[k] = table.numbers(kSizeColumns[k]);
   const PoseColumns poses(table, file);
   std::vector<Cuboid> cuboids;
   for (std::size_t i = 0; i < table.rows(); ++i) try {
@@ -80,7 +79,7 @@ std::vector<Cuboid> parse_cuboids(std::string_view feather, const std::filesyste
       Cuboid cuboid{times_ns[i], tracks[i], categories[i], body_from_vehicle() * poses.at(i)};
       for (int k = 0; k < 3; ++k) {
         if (!(sizes[k][i] > 0 && sizes[k][i] <= kMaxSize_m))
-          fail(kSizes[k], std::to_string(sizes[k][i]), "above 0, at most 100 m");
+          fail(kSizeColumns[k], std::to_string(sizes[k][i]), "above 0, at most 100 m");
         cuboid.size_m[k] = sizes[k][i];
       }
       cuboids.push_back(std::move(cuboid));

@@ -33,7 +33,16 @@ constexpr ScanColumn kColumns[] = {
     {"laser_number", 0, 2 * kLasersOfLidar - 1, "0 to 63"},
     {"offset_ns", -kMaxOffset_ns, kMaxOffset_ns, "at most a second"}};
 
+bool is_laser_of(Lidar lidar, double laser) {
+  return (laser < kLasersOfLidar) == (lidar == Lidar::kUp);
+}
+
 }  // namespace
+
+bool has_lasers_of(Lidar lidar, std::string_view feather, const std::filesystem::path& file) {
+  return std::ranges::any_of(ArrowTable(feather, file).numbers("laser_number"),
+                             [&](double laser) { return is_laser_of(lidar, laser); });
+}
 
 std::vector<LidarPoint> parse_scan(std::string_view feather, const std::filesystem::path& file,
                                    Lidar lidar, std::int64_t t_ns,
@@ -82,7 +91,7 @@ std::vector<LidarPoint> parse_scan(std::string_view feather, const std::filesyst
       continue;
     }
     const int laser = static_cast<int>(columns[4][i]);
-    if ((laser < kLasersOfLidar) != (lidar == Lidar::kUp)) continue;
+    if (!is_laser_of(lidar, laser)) continue;
     points.push_back({.in_body_m = in_body.cast<float>(),
                       .intensity = static_cast<std::uint16_t>(std::lround(columns[3][i])),
                       .ring = static_cast<std::uint8_t>(laser % kLasersOfLidar),
@@ -92,29 +101,35 @@ std::vector<LidarPoint> parse_scan(std::string_view feather, const std::filesyst
   return points;
 }
 
-std::int64_t SweepTiming::middle_ns(const Eigen::Vector3d& in_body) const {
+std::int64_t SweepTiming::seen_after_ns(const Eigen::Vector3d& in_body) const {
   const Eigen::Vector3d seen = in_body - lidar_in_body;
-  double turned = (azimuth_at_first_rad - std::atan2(seen.y(), seen.x())) / kTurn_rad;
-  turned =
-      std::fmod(turned - std::floor(turned), 0.5);  // turns until the first of both looks there
-  return first_ns + std::llround((turned + 0.25) * double(kRevolution_ns));
+  const double turned =
+      (turns_left ? 1 : -1) * (std::atan2(seen.y(), seen.x()) - azimuth_at_first_rad) / kTurn_rad;
+  return first_ns + std::llround((turned - std::floor(turned)) * double(kRevolution_ns));
 }
 
 std::optional<SweepTiming> sweep_timing(const std::vector<LidarPoint>& points, std::int64_t t_ns,
-                                        const Rigid3d& body_from_up_lidar) {
+                                        const Rigid3d& body_from_lidar) {
   if (points.empty()) return std::nullopt;
   SweepTiming timing{.first_ns = points.front().t_ns - t_ns,
-                     .lidar_in_body = body_from_up_lidar.translation()};
-  double sine = 0, cosine = 0;
-  for (const LidarPoint& point : points) {
-    const Eigen::Vector3d seen = point.in_body_m.cast<double>() - timing.lidar_in_body;
-    const double at_first = std::atan2(seen.y(), seen.x()) +
-                            kRate_rad_per_ns * double(point.t_ns - points.front().t_ns);
-    sine += std::sin(at_first);
-    cosine += std::cos(at_first);
+                     .lidar_in_body = body_from_lidar.translation()};
+  // Azimuths at the first return agree for the direction in which it turns.
+  double least = 0;
+  for (const bool left : {false, true}) {
+    Eigen::Vector2d sum = Eigen::Vector2d::Zero();
+    for (const LidarPoint& point : points) {
+      const Eigen::Vector3d seen = point.in_body_m.cast<double>() - timing.lidar_in_body;
+      const double turned_rad =
+          kRate_rad_per_ns * double(point.t_ns - points.front().t_ns) * (left ? 1 : -1);
+      const double at_first = std::atan2(seen.y(), seen.x()) - turned_rad;
+      sum += Eigen::Vector2d(std::cos(at_first), std::sin(at_first));
+    }
+    if (!(sum.norm() > least)) continue;
+    least = sum.norm();
+    timing.turns_left = left;
+    timing.azimuth_at_first_rad = std::atan2(sum.y(), sum.x());
   }
-  if (sine == 0 && cosine == 0) return std::nullopt;
-  timing.azimuth_at_first_rad = std::atan2(sine, cosine);
+  if (least == 0) return std::nullopt;
   return timing;
 }
 

@@ -29,20 +29,22 @@ std::vector<LidarPoint> parse_scan(std::string_view feather, const std::filesyst
                                    const std::vector<FramePose>& poses,
                                    std::size_t* left_out = nullptr);
 
-/// When the LiDARs look into a direction.
+/// Whether a scan has returns of a LiDAR. InputError for a damaged table.
+bool has_lasers_of(Lidar lidar, std::string_view feather, const std::filesystem::path& file);
+
+/// When a LiDAR looks into a direction.
 struct SweepTiming {
-  std::int64_t first_ns = 0;  ///< the first return's time after the time of the file
-  double azimuth_at_first_rad =
-      0;  ///< where the up_lidar looks then, to the left of x; it turns right
+  std::int64_t first_ns = 0;        ///< the first return's time after the time of the file
+  double azimuth_at_first_rad = 0;  ///< where it looks then, to the left of x
+  bool turns_left = false;
   Eigen::Vector3d lidar_in_body = Eigen::Vector3d::Zero();
 
-  /// Returns how long after the time of the file a point is seen: the middle between the times at
-  /// which either LiDAR looks at it.
-  std::int64_t middle_ns(const Eigen::Vector3d& in_body) const;
+  /// Returns how long after the time of the file it first looks at a point.
+  std::int64_t seen_after_ns(const Eigen::Vector3d& in_body) const;
 };
 
-/// Estimates it from the points of a scan of the up_lidar; nothing without any.
+/// Estimates it from the points of a scan; nothing without any.
 std::optional<SweepTiming> sweep_timing(const std::vector<LidarPoint>& points, std::int64_t t_ns,
-                                        const Rigid3d& body_from_up_lidar);
+                                        const Rigid3d& body_from_lidar);
 
 }  // namespace redrive::argoverse2

@@ -13,7 +13,6 @@ namespace {
 
 constexpr double kAxleHeight_m = 0.33;  // argoverse-api, issue 286; scans of a log have 0.325
 constexpr std::int64_t kApart_ns = 1'000'000;
-constexpr const char* kNames[] = {"qw", "qx", "qy", "qz", "tx_m", "ty_m", "tz_m"};
 
 std::string row_of(const std::string& column, std::size_t i) {
   return column + " of row " + std::to_string(i);
@@ -22,13 +21,13 @@ std::string row_of(const std::string& column, std::size_t i) {
 }  // namespace
 
 PoseColumns::PoseColumns(const ArrowTable& table, const std::filesystem::path& file) : file_(file) {
-  for (std::size_t k = 0; k < 7; ++k) columns_[k] = table.numbers(kNames[k]);
+  for (std::size_t k = 0; k < 7; ++k) columns_[k] = table.numbers(kPoseColumns[k]);
 }
 
 Rigid3d PoseColumns::at(std::size_t i) const {
   for (std::size_t k = 0; k < 7; ++k)
     if (!(std::abs(columns_[k][i]) <= kMaxCoordinate_m))
-      throw InputError(file_, row_of(kNames[k], i), std::to_string(columns_[k][i]),
+      throw InputError(file_, row_of(kPoseColumns[k], i), std::to_string(columns_[k][i]),
                        k < 4 ? "must be a number" : "metres, at most 1e7");
   const Eigen::Quaterniond rotation(columns_[0][i], columns_[1][i], columns_[2][i], columns_[3][i]);
   if (!is_rotation(rotation))

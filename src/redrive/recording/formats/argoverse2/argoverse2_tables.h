@@ -19,7 +19,18 @@ constexpr double kMaxCoordinate_m = 1e7;
 constexpr std::int64_t kMaxTime_ns = 9'000'000'000'000'000'000;
 constexpr const char* kTimeRule = "nanoseconds, 0 to 9e18";
 
-/// Columns qw, qx, qy, qz, tx_m, ty_m and tz_m of a table.
+/// Files of a log.
+constexpr const char *kPoses = "city_SE3_egovehicle.feather", *kAnnotations = "annotations.feather",
+                     *kExtrinsics = "calibration/egovehicle_SE3_sensor.feather",
+                     *kIntrinsics = "calibration/intrinsics.feather";
+/// Sensors; kUpLidar and kDownLidar are the two LiDARs.
+constexpr const char *kUpLidar = "up_lidar", *kDownLidar = "down_lidar",
+                     *kFirstCamera = "ring_front_center";
+/// Columns of poses, and of lengths along a box's axes.
+constexpr const char* kPoseColumns[] = {"qw", "qx", "qy", "qz", "tx_m", "ty_m", "tz_m"};
+constexpr const char* kSizeColumns[] = {"length_m", "width_m", "height_m"};
+
+/// Columns kPoseColumns of a table.
 class PoseColumns {
  public:
   PoseColumns(const ArrowTable& table, const std::filesystem::path& file);

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/export/fill_ground.h"
+#include "redrive/export/mesh/fill_ground.h"
 
 #include <gtest/gtest.h>
 
-#include "redrive/export/surfaces_testing.h"
+#include "redrive/export/mesh/surfaces_testing.h"
 
 namespace redrive {
 namespace {

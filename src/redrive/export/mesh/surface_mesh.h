@@ -5,8 +5,8 @@
 #include <optional>
 #include <string>
 
-#include "redrive/export/triangle_mesh.h"
-#include "redrive/export/tsdf_volume.h"
+#include "redrive/export/mesh/triangle_mesh.h"
+#include "redrive/export/mesh/tsdf_volume.h"
 
 namespace redrive {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/export/tsdf_volume.h"
+#include "redrive/export/mesh/tsdf_volume.h"
 
 #include <algorithm>
 #include <cmath>

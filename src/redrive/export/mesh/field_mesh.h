@@ -4,8 +4,8 @@
 
 #include <cstdint>
 
-#include "redrive/export/triangle_mesh.h"
-#include "redrive/export/tsdf_volume.h"
+#include "redrive/export/mesh/triangle_mesh.h"
+#include "redrive/export/mesh/tsdf_volume.h"
 #include "redrive/train/run.h"
 
 namespace redrive {
@@ -23,12 +23,12 @@ struct FieldMesh {
   TriangleMesh mesh;  ///< in the scene's world; empty if the field has no opaque surface
   int images = 0;     ///< images rendered
   double voxel_m = 0, range_m = 0;
-  double filled_m2 = 0;  ///< area of the filled gaps of the ground (export/fill_ground.h)
+  double filled_m2 = 0;  ///< area of the filled gaps of the ground (export/mesh/fill_ground.h)
 };
 
 /// Renders training views, evenly at most 200, and fuses their depth and colours up to 400 voxels
-/// from the camera (export/tsdf_volume.h) into a mesh. Excludes masked pixels, moving objects, and
-/// opacity below 0.9, which is sky. Fills gaps of the ground of drives. There must be no
+/// from the camera (export/mesh/tsdf_volume.h) into a mesh. Excludes masked pixels, moving objects,
+/// and opacity below 0.9, which is sky. Fills gaps of the ground of drives. There must be no
 /// mesh_obstacle(). UsageError naming --voxel if memory is short; InputError as the readers of
 /// masks and boxes.
 FieldMesh field_mesh(const Run& run, kernels::Backend& backend, const MeshOptions& options);

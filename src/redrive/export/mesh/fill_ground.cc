@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/export/fill_ground.h"
+#include "redrive/export/mesh/fill_ground.h"
 
 #include <algorithm>
 #include <array>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/export/surface_mesh.h"
+#include "redrive/export/mesh/surface_mesh.h"
 
 #include "redrive/base/error.h"
 

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/export/field_mesh.h"
+#include "redrive/export/mesh/field_mesh.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include "redrive/base/error.h"
 #include "redrive/export/depth_image.h"
-#include "redrive/export/surface_mesh.h"
-#include "redrive/export/surfaces_testing.h"
+#include "redrive/export/mesh/surface_mesh.h"
+#include "redrive/export/mesh/surfaces_testing.h"
 #include "redrive/perception/masks.h"
 #include "redrive/render/paint_backend_testing.h"
 #include "redrive/scene/scene_testing.h"

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/export/triangle_mesh.h"
+#include "redrive/export/mesh/triangle_mesh.h"
 
 #include <algorithm>
 #include <cmath>

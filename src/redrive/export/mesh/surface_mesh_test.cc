@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/export/surface_mesh.h"
+#include "redrive/export/mesh/surface_mesh.h"
 
 #include <map>
 
@@ -7,7 +7,7 @@
 #include <gtest/gtest.h>
 
 #include "redrive/base/error.h"
-#include "redrive/export/surfaces_testing.h"
+#include "redrive/export/mesh/surfaces_testing.h"
 
 namespace redrive {
 namespace {

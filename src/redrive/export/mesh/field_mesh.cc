@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/export/field_mesh.h"
+#include "redrive/export/mesh/field_mesh.h"
 
 #include <algorithm>
 #include <cmath>
@@ -7,8 +7,8 @@
 #include "redrive/base/error.h"
 #include "redrive/base/progress.h"
 #include "redrive/export/field_points.h"
-#include "redrive/export/fill_ground.h"
-#include "redrive/export/surface_mesh.h"
+#include "redrive/export/mesh/fill_ground.h"
+#include "redrive/export/mesh/surface_mesh.h"
 #include "redrive/scene/load_views.h"
 #include "redrive/train/memory.h"
 #include "redrive/train/training_data.h"

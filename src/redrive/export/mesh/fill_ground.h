@@ -4,7 +4,7 @@
 
 #include <span>
 
-#include "redrive/export/tsdf_volume.h"
+#include "redrive/export/mesh/tsdf_volume.h"
 
 namespace redrive {
 

@@ -66,6 +66,22 @@ class MadeReader : public RecordingReader {
   }
 };
 
+/// Returns to the right of the middle of each box: 7, 8 and 9, by its id. The boxes of 2 m stand 1
+/// m beside each other.
+class OnObjects : public MadeReader {
+ public:
+  std::vector<LidarPoint> read_lidar(const FrameFile& file, std::size_t* = nullptr) const override {
+    std::vector<LidarPoint> points;
+    for (const Box& box : read_boxes(file)) {
+      LidarPoint point;
+      point.in_body_m = (box.body_from_box * Eigen::Vector3d(0, -0.5, 0)).cast<float>();
+      point.t_ns = box.t_ns;
+      points.insert(points.end(), static_cast<std::size_t>(box.object_id), point);
+    }
+    return points;
+  }
+};
+
 /// The test recording with LiDAR, boxes and a time offset of its fisheye.
 class MadeDrive : public ::testing::Test {
  protected:
