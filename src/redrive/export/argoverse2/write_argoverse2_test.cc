@@ -150,7 +150,7 @@ TEST_F(WriteArgoverse2, WithoutScansBoxesHoldAtTheirFrames) {
 /// Spinning LiDARs of `beams` beams, 10 Hz.
 class Beams : public MadeReader {
  public:
-  std::vector<int> beams;  ///< by LiDAR
+  std::vector<int> beams;  ///< numbers of beams of the LiDARs
   std::vector<LidarPoint> read_lidar(const FrameFile& file, std::size_t* = nullptr) const override {
     const FramePose& frame = *std::ranges::find(frames, file.frame_id, &FramePose::id);
     std::vector<LidarPoint> points;
