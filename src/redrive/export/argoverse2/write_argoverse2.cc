@@ -356,7 +356,7 @@ class LogWriter {
   /// Files and scans of each of lasers_.
   std::vector<std::vector<FrameFile>> files_;
   std::vector<std::vector<ScanOfDrive>> scans_;
-  std::vector<double> full_scale_;  ///< of intensities
+  std::vector<double> full_scale_;  ///< full scale of the intensities, by LiDAR
   std::vector<Sweep> sweeps_;
 };
 

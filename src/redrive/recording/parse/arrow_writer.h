@@ -51,7 +51,7 @@ class ArrowWriter {
     std::string name;
     Kind kind;
     std::size_t rows = 0;
-    std::string values = {};                ///< by row; booleans have a byte here
+    std::string values = {};                ///< a value for each row; booleans have a byte here
     std::vector<std::string> texts = {};    ///< in place of values
     std::vector<std::size_t> missing = {};  ///< rows without a value
     bool by_dictionary = false;             ///< texts are written as indices, of 8 bits, into words
