@@ -349,8 +349,8 @@ class LogWriter {
   DriveNotes& notes_;
   Rigid3d city_from_global_, body_from_vehicle_;
   std::int64_t later_ns_ = 0;
-  std::set<std::int64_t> times_ns_;  ///< of poses
-  std::vector<std::string> names_;   ///< of cameras
+  std::set<std::int64_t> times_ns_;  ///< times with a pose
+  std::vector<std::string> names_;   ///< camera names
   std::vector<CameraCalibration> pinholes_;
   std::vector<LasersOfLidar> lasers_;
   /// Files and scans of each of lasers_.
