@@ -219,7 +219,7 @@ const tests = {
 
   async "shows layers and overlays"(page) {
     await set(page, "frame", 4); // much of the drive lies ahead
-    for (const layer of ["depth", "normals", "opacity", "coverage", "image"])
+    for (const layer of ["depth", "normals", "opacity", "coverage", "actors", "image"])
       await set(page, "layer", layer);
     for (const overlay of ["trajectory", "frusta", "lidar"]) // the street has no boxes
       await page.click(`#overlays input[value="${overlay}"]`);

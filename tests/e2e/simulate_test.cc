@@ -6,7 +6,9 @@
 
 #include <nlohmann/json.hpp>
 
+#include "redrive/camera/camera.h"
 #include "redrive/recording/formats/recording_reader.h"
+#include "redrive/recording/parse/rigid_json.h"
 #include "tests/e2e/traffic_testing.h"
 
 namespace redrive::testing {
@@ -177,6 +179,45 @@ TEST_F(Simulated, BlocksHaveTheSameObjects) {
       EXPECT_NEAR(same->second[k], box[k], 12) << key.first << ' ' << key.second;
   }
   EXPECT_GE(found + 1, whole.size()) << "one may be just below the size";
+}
+
+Rigid3d rigid_of(const nlohmann::json& matrix) {
+  return rigid_from_json(JsonField(matrix, "poses.json"));
+}
+
+// nuScenes has pinholes: labels are of its own images.
+TEST_F(Simulated, LabelsAreOfTheFormatsImages) {
+  const ProgramResult made =
+      redrive(simulate(out_, {"--to", "nuscenes", "--labels", "masks", "--sensor", "none"}));
+  ASSERT_EQ(made.exit_code, kExitOk) << made.err;
+  EXPECT_THAT(made.out, HasSubstr("resampled to a pinhole"));
+  const nlohmann::json labels = read_json(out_ / "labels/instances.json"),
+                       poses = read_json(out_ / "labels/poses.json");
+  const Recording now = open_recording(out_);
+  const Camera pinhole = make_camera(now.cameras.at(0).calibration);
+  std::size_t seen = 0;
+  for (const nlohmann::json& image : labels.at("images")) {
+    const Image8 own = read_image(out_ / std::string(image.at("drive_file"))),
+                 shown = read_image(out_ / "labels" / std::string(image.at("file_name")));
+    EXPECT_EQ(own.rgb, shown.rgb);
+    const auto pose = std::ranges::find_if(poses.at("images"), [&](const nlohmann::json& other) {
+      return other.at("file_name") == image.at("file_name");
+    });
+    const Rigid3d camera_from_world = rigid_of(pose->at("world_from_camera")).inverse();
+    for (const nlohmann::json& label : labels.at("annotations")) {
+      if (label.at("image_id") != image.at("id") || label.at("truncation") > 0.01) continue;
+      const Rigid3d camera_from_box =
+          camera_from_world *
+          rigid_of(pose->at("world_from_box").at(std::to_string(int(label.at("track_id")))));
+      const auto centre = pinhole.project(camera_from_box.translation());
+      ASSERT_TRUE(centre);
+      const std::vector<double> box = label.at("whole_bbox");
+      EXPECT_NEAR(centre->x(), box[0] + box[2] / 2, 0.2 * box[2] + 2);
+      EXPECT_NEAR(centre->y(), box[1] + box[3] / 2, 0.2 * box[3] + 2);
+      ++seen;
+    }
+  }
+  EXPECT_GT(seen, 20u);
 }
 
 TEST_F(Simulated, AKilledSimulationContinues) {

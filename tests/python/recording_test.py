@@ -229,6 +229,29 @@ class OfRecording(unittest.TestCase):
             self.assertRaises(redrive.UsageError, call)
         with self.assertRaisesRegex(redrive.UsageError, "did you mean " + CAMERA):
             self.street.image(CAMERA[:-1], 1000)
+        with self.assertRaisesRegex(redrive.UsageError, "at most a second before"):
+            self.street.world_from_body(0)
+
+    def test_cameras_that_cannot_be(self):
+        sizes = {"fx": 500, "fy": 500, "cx": 320, "cy": 240}
+        for changed, named in (({"fx": 0}, "fx = 0"), ({"fy": float("nan")}, "fy = nan"),
+                               ({"cx": 1e300}, "cx"), ({"k1": float("inf")}, "k1 = inf")):
+            with self.assertRaisesRegex(redrive.UsageError, named):
+                redrive.Camera("own", "opencv_pinhole", 640, 480, {**sizes, **changed})
+        with self.assertRaisesRegex(redrive.UsageError, "readout_ns"):
+            redrive.Camera("own", "opencv_pinhole", 640, 480, sizes, readout_ns=10**18)
+
+    def test_exports_a_drive(self):
+        with tempfile.TemporaryDirectory() as folder:
+            out = pathlib.Path(folder) / "log"
+            remarks = self.street.export(out, to="argoverse2")
+            self.assertTrue(any("resampled" in remark for remark in remarks), remarks)
+            again = redrive.open(out)
+            self.assertEqual(len(again.frames), len(self.street.frames))
+            with self.assertRaisesRegex(redrive.UsageError, "exists"):
+                self.street.export(out, to="argoverse2")
+            with self.assertRaisesRegex(redrive.UsageError, "did you mean nuscenes"):
+                self.street.export(out, to="nuscene", force=True)
 
     def test_arrays_outlive_the_recording(self):
         recording = redrive.open(SAMPLES / "street")

@@ -12,7 +12,6 @@
 #include "redrive/base/error.h"
 #include "redrive/base/files/files.h"
 #include "redrive/base/files/output_folder.h"
-#include "redrive/base/files/zip.h"
 #include "redrive/base/memory_limit.h"
 #include "redrive/cli/backend_options.h"
 #include "redrive/cli/command.h"
@@ -25,6 +24,7 @@
 #include "redrive/edit/edit_actors.h"
 #include "redrive/export/bundle/scene_bundle.h"
 #include "redrive/export/drive.h"
+#include "redrive/export/field_file.h"
 #include "redrive/export/field_points.h"
 #include "redrive/export/mesh/field_mesh.h"
 #include "redrive/export/mesh/surface_mesh.h"
@@ -144,8 +144,8 @@ int export_transforms(const ExportCommandOptions& options) {
 }
 
 /// Folders of drives.
-template <class Write>
-int export_drive(const ExportCommandOptions& options, const Write& write) {
+int export_drive(const ExportCommandOptions& options) {
+  const auto format = std::ranges::find(drive_formats(), options.format, &DriveFormat::name);
   check_output_folder("OUT", options.out, options.force);
   const Source source = open_source(options);
   const Recording drive = drive_of_scene(source.run.recording, source.run.scene);
@@ -153,7 +153,7 @@ int export_drive(const ExportCommandOptions& options, const Write& write) {
   const std::atomic<bool>& stop = stop_on_signal();
   DriveNotes notes;
   write_output_folder("OUT", options.out, options.force, [&](const std::filesystem::path& folder) {
-    notes = write(folder, drive, pool, stop);
+    notes = format->write(folder, drive, pool, stop);
   });
   std::printf("%s: %s, poses %s\n", options.out.c_str(),
               counted(drive.frames.size(), "frame").c_str(), poses_of(options, source));
@@ -164,26 +164,6 @@ int export_drive(const ExportCommandOptions& options, const Write& write) {
   for (const std::string& what : notes.left_out) std::printf("not exported: %s\n", what.c_str());
   return kExitOk;
 }
-
-int export_kitti(const ExportCommandOptions& options) { return export_drive(options, write_kitti); }
-
-int export_kitti360(const ExportCommandOptions& options) {
-  return export_drive(options, write_kitti360);
-}
-
-int export_aimotive(const ExportCommandOptions& options) {
-  return export_drive(options, write_aimotive);
-}
-
-int export_nuscenes(const ExportCommandOptions& options) {
-  return export_drive(options, write_nuscenes);
-}
-
-int export_argoverse2(const ExportCommandOptions& options) {
-  return export_drive(options, write_argoverse2);
-}
-
-int export_ncore(const ExportCommandOptions& options) { return export_drive(options, write_ncore); }
 
 int export_ply(const ExportCommandOptions& options) {
   check_output_file("OUT", options.out, options.force);
@@ -279,36 +259,19 @@ int export_html(const ExportCommandOptions& options) {
   return kExitOk;
 }
 
-/// Returns the field's format of this name. Throws UsageError if it has none.
-ExportFormat find_format(const Field& field, const std::string& name) {
-  std::string known;
-  for (const ExportFormat& format : field.export_formats()) {
-    if (format.name == name) return format;
-    known += (known.empty() ? "; it has " : ", ") + format.name;
-  }
-  throw UsageError(
-      "--to", name,
-      "the run is of method " + std::string(field.method()) + ", which has no such format" + known);
-}
-
 int export_model(const ExportCommandOptions& options) {
   check_output_file("OUT", options.out, options.force);
   refuse_part_of_run(options);
   const Run run = open_to_render(options.from, options.max_damaged);
-  const ExportFormat format = find_format(*run.field(), options.format);
   ExportOptions encode = options.encode;
   if (options.actor) encode.actor = &find_actor(run.scene, "--actors", *options.actor);
-  const std::string bytes = format.encode(encode);
-  if (format.zip_member.empty())
-    write_file(options.out, bytes);
-  else
-    write_zip(options.out, std::array{ZipMember{format.zip_member, bytes}});
+  const std::uint64_t bytes = write_field_file(options.out, *run.field(), options.format, encode);
   if (const MovingObject* actor = encode.actor)
     std::printf(
         "%s of %.2f x %.2f x %.2f m (length, width, height); origin: the centre of its "
         "box, x forward, y left, z up\n",
         actor->type.c_str(), actor->size_m.x(), actor->size_m.y(), actor->size_m.z());
-  std::printf("%s: %.1f MB\n", options.out.c_str(), 1e-6 * static_cast<double>(bytes.size()));
+  std::printf("%s: %.1f MB\n", options.out.c_str(), 1e-6 * static_cast<double>(bytes));
   return kExitOk;
 }
 
@@ -331,27 +294,27 @@ constexpr Format kFormats[] = {
     {"kitti",
      "a folder with a raw drive of KITTI, DATE/DATE_drive_0000_sync: up to four rectified pinholes "
      "that look the same way, poses, LiDAR and boxes (runs and recordings of drives)",
-     export_kitti},
+     export_drive},
     {"kitti360",
      "a folder with a drive in KITTI-360's layout: two pinholes, two fisheyes, poses, LiDAR and "
      "boxes (runs and recordings of drives)",
-     export_kitti360},
+     export_drive},
     {"aimotive",
      "a folder with a drive in aiMotive's layout: all cameras, poses, LiDAR and boxes (runs and "
      "recordings of drives)",
-     export_aimotive},
+     export_drive},
     {"nuscenes",
      "a folder with a scene in nuScenes' layout: all cameras as pinholes, poses, LiDAR and boxes "
      "(runs and recordings of drives)",
-     export_nuscenes},
+     export_drive},
     {"argoverse2",
      "a folder with a log in Argoverse 2's layout: all cameras as pinholes, poses, LiDAR and boxes "
      "(runs and recordings of drives)",
-     export_argoverse2},
+     export_drive},
     {"ncore",
      "a folder with a sequence of NVIDIA's NCore, version 4, for NuRec, 3dgrut and gsplat: all "
      "cameras and LiDARs, poses and boxes (runs and recordings of drives)",
-     export_ncore},
+     export_drive},
     {"ply",
      "a point cloud with colours and normals: of a run's rendered depth, or of a recording's "
      "LiDAR",

@@ -307,7 +307,7 @@ bool show_mapping(const InspectOptions& options, std::optional<Mapping>* mapping
 /// Shows a scene bundle, and what AlpaSim and CARLA miss in it.
 int inspect_bundle(const InspectOptions& options) {
   const BundleReport report = check_bundle(options.recording);
-  const bool complete = report.alpasim.empty() && report.carla.empty();
+  const bool complete = report.alpasim.empty() && report.carla.empty() && report.run_damage.empty();
   if (options.json) {
     nlohmann::ordered_json members = nlohmann::ordered_json::object();
     for (const BundleReport::Member& member : report.members) members[member.name] = member.bytes;
@@ -322,7 +322,8 @@ int inspect_bundle(const InspectOptions& options) {
                                       {"alpasim", list(report.alpasim)},
                                       {"carla", list(report.carla)},
                                       {"remarks", list(report.remarks)},
-                                      {"has_run", report.has_run}});
+                                      {"has_run", report.has_run},
+                                      {"run_damage", report.run_damage}});
     return complete ? kExitOk : kExitBadInput;
   }
   std::printf("scene bundle, scene %s\n", report.scene_id.empty() ? "?" : report.scene_id.c_str());
@@ -338,8 +339,12 @@ int inspect_bundle(const InspectOptions& options) {
   print("AlpaSim", report.alpasim, "nothing is missing");
   print("CARLA", report.carla, "nothing is missing");
   for (const BundleGap& gap : report.remarks) print("remark", {gap}, "");
-  std::printf("redrive: %s\n", report.has_run ? "its run is inside, which serve takes"
-                                              : "no run is inside; serve cannot render the scene");
+  if (!report.run_damage.empty())
+    std::printf("redrive: serve cannot render its run: %s\n", report.run_damage.c_str());
+  else
+    std::printf("redrive: %s\n", report.has_run
+                                     ? "its run is inside, which serve takes"
+                                     : "no run is inside; serve cannot render the scene");
   return complete ? kExitOk : kExitBadInput;
 }
 

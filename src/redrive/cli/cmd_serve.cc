@@ -54,6 +54,8 @@ int run_serve(const ServeOptions& options) {
                  "redrive: --listen %s lets other machines in, without encryption; --certificate "
                  "and --key encrypt\n",
                  rpc.listen.c_str());
+  for (const std::string& why : store.left_out())
+    std::fprintf(stderr, "redrive: left out: %s\n", why.c_str());
   for (const std::string& id : store.ids()) std::printf("scene %s\n", id.c_str());
   std::printf("serving at %s:%d. Ctrl-C ends.\n", rpc.listen.c_str(), server->port());
   std::fflush(stdout);

@@ -2,9 +2,12 @@
 // redrive simulate: renders a run's whole drive anew, with labels, as a drive in a data set's
 // format.
 #include <algorithm>
+#include <cstdint>
 #include <cstdio>
 #include <filesystem>
+#include <map>
 #include <memory>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -35,31 +38,50 @@ struct SimulateCommandOptions : RenderOptions {
   std::string format = "aimotive", labels = "flow", rig;
 };
 
-/// A layout of --to.
-struct DriveFormat {
-  const char* name;
-  DriveNotes (*write)(const fs::path& folder, const Recording& drive, ThreadPool& pool,
-                      const std::atomic<bool>& stop);
-};
-constexpr DriveFormat kDriveFormats[] = {
-    {"aimotive", write_aimotive}, {"kitti", write_kitti},           {"kitti360", write_kitti360},
-    {"nuscenes", write_nuscenes}, {"argoverse2", write_argoverse2}, {"ncore", write_ncore}};
-
 std::vector<std::string> names_of_formats() {
   std::vector<std::string> names;
-  for (const DriveFormat& format : kDriveFormats) names.emplace_back(format.name);
+  for (const DriveFormat& format : drive_formats()) names.emplace_back(format.name);
   return names;
 }
 
 /// Values of --labels; each has those before, too.
 const std::vector<std::string> kLabels{"none", "masks", "flow", "guesses"};
 
+/// Returns size and time of the last change of a file, and its path.
+nlohmann::json stamp_of(const fs::path& file) {
+  std::error_code error;
+  const auto changed = fs::last_write_time(file, error).time_since_epoch();
+  const std::uintmax_t bytes = fs::file_size(file, error);
+  return {file.string(), error ? 0 : bytes, std::int64_t{changed.count()}};
+}
+
+/// Returns the stamps of the files that hold a run's field: a bundle, or checkpoints.
+nlohmann::json stamps_of_run(const fs::path& run) {
+  if (is_scene_bundle(run)) return {stamp_of(run)};
+  std::set<fs::path> checkpoints;
+  for (const fs::directory_entry& entry : fs::recursive_directory_iterator(run))
+    if (entry.path().filename() == RunPaths{}.checkpoint().filename())
+      checkpoints.insert(entry.path());
+  nlohmann::json stamps = nlohmann::json::array();
+  for (const fs::path& file : checkpoints) stamps.push_back(stamp_of(file));
+  return stamps;
+}
+
 /// Returns the options and files that rendered files depend on.
-nlohmann::json plan_of(const SimulateCommandOptions& options, const Run& run) {
+nlohmann::json plan_of(const SimulateCommandOptions& options, const Run& run,
+                       const std::string& backend) {
   const LidarOptions& lidar = options.simulate.lidar;
+  nlohmann::json bodies = nlohmann::json::array();
+  if (!options.edit.empty())
+    for (const AddedActor& added : read_traffic_edit(options.edit).added)
+      bodies.push_back(stamp_of(added.change.body_file));
   const bool is_file = fs::is_regular_file(options.simulate.path);
   return {{"run", fs::weakly_canonical(fs::absolute(options.run)).string()},
+          {"to", options.format},
+          {"field", stamps_of_run(options.run)},
           {"step", run.state.step},
+          {"backend", backend},
+          {"bodies", bodies},
           {"path", options.simulate.path},
           {"poses", is_file ? read_file(options.simulate.path) : ""},
           {"rig", options.rig.empty() ? "" : read_file(options.rig)},
@@ -97,6 +119,20 @@ void link_files(const fs::path& from, const fs::path& to) {
   fs::remove_all(to);
   fs::copy(from, to, fs::copy_options::recursive | fs::copy_options::overwrite_existing, error);
   if (error) throw IoError(to, error.message());
+}
+
+/// Adds "drive_file" to the images of COCO's document: the image in the drive's own folder.
+/// `images`: DriveNotes::images, of files in `rendered`.
+void name_images(const fs::path& file, const fs::path& rendered,
+                 const std::map<fs::path, fs::path>& images) {
+  nlohmann::json document = read_json(file);
+  for (nlohmann::json& image : document.at("images")) {
+    const auto written =
+        images.find(rendered / image.at("camera").get<std::string>() /
+                    (std::to_string(image.at("frame_id").get<std::int64_t>()) + ".png"));
+    if (written != images.end()) image["drive_file"] = written->second.generic_string();
+  }
+  write_file(file, document.dump() + "\n");
 }
 
 void print_times(const SimulateTimes& times, std::size_t frames) {
@@ -141,18 +177,26 @@ int run_simulate(SimulateCommandOptions options) {
     throw UsageError("RUN", options.run, "is of photographs; a drive has metres and times");
   Scene scene = scene_on_path(run.scene, options.simulate.path);
   if (!options.simulate.rig.empty()) scene = scene_with_rig(scene, options.simulate.rig);
-  std::printf("%s\n", kernels::describe(renderer.backend()).c_str());
-  const fs::path folder = unfinished_folder(out, plan_of(options, run));
+  const std::string described = kernels::describe(renderer.backend());
+  std::printf("%s\n", described.c_str());
+  const fs::path folder = unfinished_folder(out, plan_of(options, run, described));
   const std::atomic<bool>& stop = stop_on_signal();
   SimulateTimes times;
-  const Recording drive = simulate(renderer, scene, options.simulate, folder, stop, &times);
+  const auto format = std::ranges::find(drive_formats(), options.format, &DriveFormat::name);
+  options.simulate.format = &*format;
   DriveNotes notes;
+  const Recording drive = simulate(renderer, scene, options.simulate, folder, stop, &times, &notes);
+  if (options.simulate.with_lidar && drive.lidars.empty())
+    notes.left_out.emplace_back(
+        "LiDAR: the run has no recorded scan; --sensor NAME, with --mount where it has no place, "
+        "adds one");
   write_output_folder("--out", out, options.force, [&](const fs::path& made) {
-    const auto* const format = std::ranges::find(kDriveFormats, options.format, &DriveFormat::name);
-    notes = format->write(made, drive, renderer.backend().pool(), stop);
+    DriveNotes more = format->write(made, drive, renderer.backend().pool(), stop);
+    std::ranges::copy(more.changed, std::back_inserter(notes.changed));
+    std::ranges::copy(more.left_out, std::back_inserter(notes.left_out));
     if (!options.simulate.labels) return;
     link_files(folder / "labels", made / "labels");
-    link_files(folder / "images", made / "labels/images");
+    name_images(made / "labels/instances.json", folder / "images", more.images);
   });
   fs::remove_all(folder);
   print_times(times, scene.frames.size());
@@ -170,9 +214,11 @@ Action configure_simulate(CLI::App& command) {
   SimulateOptions& simulate = options->simulate;
   add_run_option(command, &options->run);
   command
-      .add_option("--path", simulate.path,
-                  "drive (as driven), sideways:N (N metres to its left), speed:F (F times as fast "
-                  "along the same way), or a file of poses, egomotion.json as align writes it")
+      .add_option(
+          "--path", simulate.path,
+          "drive (as driven), sideways:N (N metres to its left), speed:F (F times as fast "
+          "along the same way), a .csv of places (t_s, x_m, y_m: seconds from the first frame, "
+          "metres in the world), or a file of poses, egomotion.json as align writes it")
       ->capture_default_str();
   command
       .add_option("--rig", options->rig,

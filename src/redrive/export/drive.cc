@@ -5,6 +5,9 @@
 #include <cstdio>
 
 #include "redrive/base/error.h"
+#include "redrive/export/kitti/kitti_parts.h"
+#include "redrive/export/ncore/ncore_terms.h"
+#include "redrive/export/write_photo_set.h"
 #include "redrive/recording/core/frame_range.h"
 #include "redrive/recording/core/trajectory.h"
 #include "redrive/scene/lidar/lidar_returns.h"
@@ -38,6 +41,48 @@ Recording drive_of_scene(const Recording& recording, const Scene& scene) {
     if (!camera.images.empty()) drive.cameras.push_back(std::move(camera));
   }
   return drive;
+}
+
+void write_drive_images(const std::filesystem::path& folder, const std::filesystem::path& below,
+                        const PhotoSet& set, ThreadPool& pool, const std::atomic<bool>& stop,
+                        DriveNotes* notes) {
+  for (const Photo& photo : set.photos)
+    notes->images[photo.source] = (below / photo.name).lexically_normal();
+  write_images(folder / below, {}, set, pool, stop);
+}
+
+namespace {
+
+template <class Written>
+WrittenCameras all_cameras(const Recording& drive, const Written& written) {
+  WrittenCameras cameras;
+  for (const RecordedCamera& camera : drive.cameras)
+    cameras.emplace(camera.calibration.name, written(camera.calibration));
+  return cameras;
+}
+WrittenCameras as_recorded(const Recording& drive, DriveNotes*) {
+  return all_cameras(drive, [](const CameraCalibration& camera) {
+    return photo_camera(camera, [](const auto&) { return true; });
+  });
+}
+WrittenCameras as_pinholes(const Recording& drive, DriveNotes*) {
+  return all_cameras(drive,
+                     [](const CameraCalibration& camera) { return pinhole_photo_camera(camera); });
+}
+WrittenCameras as_ncore(const Recording& drive, DriveNotes*) {
+  return all_cameras(drive, [](const CameraCalibration& camera) {
+    return photo_camera(camera, ncore::has_model);
+  });
+}
+
+}  // namespace
+
+std::span<const DriveFormat> drive_formats() {
+  static constexpr DriveFormat kFormats[] = {
+      {"aimotive", as_recorded, write_aimotive},      {"kitti", kitti_cameras, write_kitti},
+      {"kitti360", kitti360_cameras, write_kitti360}, {"nuscenes", as_pinholes, write_nuscenes},
+      {"argoverse2", as_pinholes, write_argoverse2},  {"ncore", as_ncore, write_ncore}};
+  return kFormats;
 }
 
 Eigen::Vector3d velocity_in_global(const Box& box, const std::vector<FramePose>& frames) {

@@ -5,7 +5,10 @@
 
 #include <atomic>
 #include <filesystem>
+#include <map>
+#include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "redrive/base/parallel.h"
@@ -19,6 +22,8 @@ namespace redrive {
 struct DriveNotes {
   std::vector<std::string> changed;   ///< what is written in another form
   std::vector<std::string> left_out;  ///< what is not written
+  /// Images in the written folder, by the recorded files; none where they lie in an archive.
+  std::map<std::filesystem::path, std::filesystem::path> images;
 };
 
 /// Returns the part of a recording that its scene uses, with the scene's poses, extrinsics and time
@@ -33,6 +38,11 @@ void add_photos(const RecordedCamera& camera, const Name& name, PhotoSet* set) {
     set->photos.push_back({name(image), image.path, static_cast<int>(set->cameras.size()) - 1,
                            Rigid3d::Identity(), image.mask, image.held_out});
 }
+
+/// Writes the images below a folder of the drive and lists them in `notes`. Throws as write_images.
+void write_drive_images(const std::filesystem::path& folder, const std::filesystem::path& below,
+                        const PhotoSet& set, ThreadPool& pool, const std::atomic<bool>& stop,
+                        DriveNotes* notes);
 
 /// Velocity of a box in the global frame, m/s, and its pose there at t_ns.
 Eigen::Vector3d velocity_in_global(const Box& box, const std::vector<FramePose>& frames);
@@ -97,5 +107,18 @@ DriveNotes write_argoverse2(const std::filesystem::path& folder, const Recording
 /// and LiDARs. Throws as write_kitti360.
 DriveNotes write_ncore(const std::filesystem::path& folder, const Recording& drive,
                        ThreadPool& pool, const std::atomic<bool>& stop);
+
+/// Cameras of the written images, by the names of the recorded ones.
+using WrittenCameras = std::map<std::string, PhotoCamera>;
+
+/// A layout of drives.
+struct DriveFormat {
+  std::string_view name;  ///< value of --to
+  /// Cameras for which it has no place are left out and named. Throws as write_kitti360.
+  WrittenCameras (*cameras)(const Recording& drive, DriveNotes* notes);
+  DriveNotes (*write)(const std::filesystem::path& folder, const Recording& drive, ThreadPool& pool,
+                      const std::atomic<bool>& stop);
+};
+std::span<const DriveFormat> drive_formats();
 
 }  // namespace redrive

@@ -59,6 +59,12 @@ PixelBox whole_box(PixelBox box, const std::optional<PixelBox>& projected, int w
   return box;
 }
 
+/// Returns the smallest box around two.
+PixelBox around(const PixelBox& a, const PixelBox& b) {
+  return {std::min(a.left, b.left), std::min(a.top, b.top), std::max(a.right, b.right),
+          std::max(a.bottom, b.bottom)};
+}
+
 /// What an image's ids show of an object.
 struct Visible {
   PixelBox box{1e9, 1e9, -1, -1};
@@ -147,11 +153,13 @@ nlohmann::json annotations_of(const RenderedImage& image, const Camera& camera,
     const auto actor = std::ranges::find(poses.actors(), seen.number, &ShutterPoses::Actor::number);
     const PixelBox rendered{double(seen.left), double(seen.top), seen.right + 1.0,
                             seen.bottom + 1.0},
-        whole = whole_box(rendered,
-                          actor == poses.actors().end()
-                              ? std::nullopt
-                              : projected_box(camera, poses.by_column(), *actor, object.size_m),
-                          image.width, image.height);
+        projected_part =
+            whole_box(rendered,
+                      actor == poses.actors().end()
+                          ? std::nullopt
+                          : projected_box(camera, poses.by_column(), *actor, object.size_m),
+                      image.width, image.height),
+        whole = around(here.box, projected_part);
     const double within = clipped(whole, image.width, image.height).area();
     out.push_back(
         {{"track_id", object.id},

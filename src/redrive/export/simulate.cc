@@ -6,6 +6,7 @@
 #include <chrono>
 #include <cmath>
 #include <cstring>
+#include <limits>
 #include <map>
 #include <optional>
 
@@ -16,6 +17,7 @@
 #include "redrive/base/progress.h"
 #include "redrive/eval/coverage.h"
 #include "redrive/export/labels.h"
+#include "redrive/export/own_path.h"
 #include "redrive/export/write_photo_set.h"
 #include "redrive/image/image_io.h"
 #include "redrive/recording/core/trajectory.h"
@@ -83,6 +85,25 @@ std::vector<FramePose> trajectory_of_file(const fs::path& file, const Scene& sce
   return poses;
 }
 
+/// UsageError where a path leads far away from the driven way.
+void require_near(const Scene& driven, const Scene& on_path, const std::string& path) {
+  constexpr double kFar_m = 1000;
+  std::vector<Eigen::Vector3d> way;
+  for (const Frame& frame : driven.frames)
+    way.push_back(driven.world_from_body(frame.t_ns).translation());
+  for (const Frame& frame : on_path.frames) {
+    const Eigen::Vector3d place = on_path.world_from_body(frame.t_ns).translation();
+    double square = std::numeric_limits<double>::infinity();
+    for (const Eigen::Vector3d& other : way)
+      square = std::min(square, (other - place).squaredNorm());
+    const double nearest_m = std::sqrt(square);
+    if (!(nearest_m <= kFar_m))
+      throw UsageError("--path", path,
+                       "leads " + std::to_string(std::llround(std::min(nearest_m, 1e15))) +
+                           " m away from the driven way: is it in another world?");
+  }
+}
+
 /// The files of a simulated drive.
 class SimulatedReader : public RecordingReader {
  public:
@@ -123,22 +144,73 @@ Eigen::Vector3d velocity_of(const MovingObject& object, std::int64_t t_ns) {
 /// A view's images until they are files.
 struct RenderedView {
   const View* view = nullptr;
-  ShutterPoses poses = Rigid3d::Identity();
+  ShutterPoses poses = Rigid3d::Identity();  ///< poses of the labelled image
   std::shared_ptr<const RayTable> rays;
   RenderedImage image;
+  /// By the camera of the written images, where that is another one.
+  std::optional<RenderedImage> as_written;
+  const RenderedImage& labelled() const { return as_written ? *as_written : image; }
   std::vector<float> flow;         ///< empty: none
   std::vector<std::uint8_t> seen;  ///< Coverage::seen; empty: not asked for
   nlohmann::json label;
 };
 
+struct SimulatedLidar {
+  std::string name;
+  LidarRequest request;
+  SensorMotion motion;
+};
+
+/// Returns the LiDARs to simulate: all of the recording, or the one that a sensor or a mount
+/// replaces. `scene`: on its path; must outlive them. UsageError.
+std::vector<SimulatedLidar> lidars_of(const SimulateOptions& options, const Recording& recording,
+                                      const Scene& scene) {
+  std::vector<SimulatedLidar> lidars;
+  if (!options.with_lidar) return lidars;
+  const LidarRequest asked = parse_lidar_request(options.lidar);
+  const auto add = [&](const std::string& name, LidarRequest request) {
+    SensorMotion motion = sensor_motion(request, recording, scene, {});
+    complete_sensor(recording, &request);
+    lidars.push_back({name, std::move(request), std::move(motion)});
+  };
+  if (!asked.is_of_recording() || asked.mount) {
+    if (!asked.mount && recording.lidars.empty()) return lidars;
+    if (asked.is_of_recording() && recording.lidar_files.empty()) return lidars;
+    const std::size_t meant = lidar_index(asked, recording);
+    add(meant < recording.lidars.size() ? recording.lidars[meant].name : asked.options.sensor,
+        asked);
+    return lidars;
+  }
+  for (std::size_t k = 0; k < recording.lidars.size(); ++k) {
+    if (recording.scans_of(k).empty()) continue;
+    LidarOptions own = options.lidar;
+    own.lidar = recording.lidars[k].name;
+    add(own.lidar, parse_lidar_request(own));
+  }
+  return lidars;
+}
+
 class Simulation {
  public:
-  Simulation(RunRenderer& renderer, const Scene& scene, const SimulateOptions& options,
-             const fs::path& folder, SimulateTimes* times)
-      : renderer_(renderer), scene_(scene), options_(options), folder_(folder), times_(*times) {
+  /// `written`: has the scene's cameras.
+  Simulation(RunRenderer& renderer, const Scene& scene, const WrittenCameras& written,
+             const SimulateOptions& options, const fs::path& folder, SimulateTimes* times)
+      : renderer_(renderer),
+        scene_(scene),
+        labelled_scene_(scene),
+        options_(options),
+        folder_(folder),
+        times_(*times) {
+    resampling_.resize(scene.rig.size());
+    for (std::size_t c = 0; c < scene.rig.size(); ++c) {
+      const auto camera = written.find(scene.rig[c].name);
+      if (camera == written.end() || !camera->second.resampled) continue;
+      resampling_[c] = make_resampling(camera->second);
+      labelled_scene_.rig[c] = make_rig_camera(camera->second.calibration, {});
+    }
     for (const RigCamera& camera : scene.rig)
-      for (const char* layer :
-           {"images", "labels/ids", "labels/depth", "labels/flow", "labels/guesses", "done"})
+      for (const char* layer : {"images", "labels/images", "labels/ids", "labels/depth",
+                                "labels/flow", "labels/guesses", "done"})
         if (is_wanted(layer)) make_folders(folder / layer / camera.name);
     if (options.guesses) coverage_.emplace(renderer.run(), renderer.backend());
     for (const View& view : scene.views) of_frame_[view.frame].push_back(&view);
@@ -152,16 +224,13 @@ class Simulation {
         ++times_.kept;
         continue;
       }
-      RenderedView out{view, scene_.shutter_poses(*view)};
-      ImageRequest request{scene_.rig[view->camera], scene_.camera_during(*view),
-                           scene_.exposed_ns(*view),
-                           options_.rig.empty() ? scene_.exposure(*view) : Exposure()};
-      request.camera.camera = request.camera.recorded;
-      request.labelled = options_.labels;
-      out.image = renderer_.image(request, scene_);
-      out.rays = renderer_.rays(request.camera.camera);
+      RenderedView out{view, labelled_scene_.shutter_poses(*view)};
+      const bool resampled = resampling_[view->camera].has_value();
+      out.image = image_of(*view, scene_, options_.labels && !resampled);
       times_.images_s += watch.lap();
       ++times_.images;
+      if (options_.labels && resampled) out.as_written = image_of(*view, labelled_scene_, true);
+      out.rays = renderer_.rays(labelled_scene_.rig[view->camera].recorded);
       label(&out);
       times_.labels_s += watch.lap();
       rendered.push_back(std::move(out));
@@ -171,8 +240,9 @@ class Simulation {
     times_.files_s += watch.lap();
   }
 
-  void render_scan(const LidarRequest& request, const SensorMotion& motion, const Frame& frame) {
-    const fs::path file = scan_file(frame.id);
+  void render_scan(const SimulatedLidar& lidar, const Frame& frame) {
+    const LidarRequest& request = lidar.request;
+    const fs::path file = scan_file(lidar.name, frame.id);
     if (fs::exists(file)) return;
     Stopwatch watch;
     const Run& run = renderer_.run();
@@ -184,7 +254,8 @@ class Simulation {
       ScanOptions scan = request.scan;
       scan.axes = PointAxes::kBody;
       for (const LidarRecord& record :
-           redrive::render_scan(renderer_.backend(), *run.field(), *firings, motion, scan).points)
+           redrive::render_scan(renderer_.backend(), *run.field(), *firings, lidar.motion, scan)
+               .points)
         points.push_back({record.position_m.cast<float>(), intensity_in_16_bits(record.intensity),
                           record.ring, record.t_ns});
       ++times_.scans;
@@ -219,9 +290,18 @@ class Simulation {
     return folder_ / layer / scene_.rig[view.camera].name /
            (std::to_string(scene_.frames[view.frame].id) + extension);
   }
-  fs::path scan_file(std::int64_t id) const { return folder_ / "scans" / std::to_string(id); }
+  fs::path scan_file(const std::string& lidar, std::int64_t id) const {
+    return folder_ / "scans" / lidar / std::to_string(id);
+  }
 
  private:
+  RenderedImage image_of(const View& view, const Scene& scene, bool labelled) {
+    ImageRequest request{scene.rig[view.camera], scene.camera_during(view), scene.exposed_ns(view),
+                         options_.rig.empty() ? scene.exposure(view) : Exposure()};
+    request.camera.camera = request.camera.recorded;
+    request.labelled = labelled;
+    return renderer_.image(request, scene);
+  }
   bool is_wanted(std::string_view layer) const {
     if (layer == "labels/flow") return options_.labels && options_.flow;
     if (layer == "labels/guesses") return options_.guesses;
@@ -240,8 +320,8 @@ class Simulation {
 
   void label(RenderedView* out) const {
     const View& view = *out->view;
-    const RigCamera& camera = scene_.rig[view.camera];
-    const RenderedImage& image = out->image;
+    const RigCamera& camera = labelled_scene_.rig[view.camera];
+    const RenderedImage& image = out->labelled();
     out->label = {{"file_name", "images/" + camera.name + "/" +
                                     std::to_string(scene_.frames[view.frame].id) + ".png"},
                   {"width", image.width},
@@ -252,24 +332,35 @@ class Simulation {
                   {"annotations", nlohmann::json::array()}};
     if (options_.guesses) out->seen = coverage_->seen(camera.recorded, out->poses, image);
     if (!options_.labels) return;
-    out->label["annotations"] = annotations_of(image, camera.recorded, out->poses, scene_);
-    nlohmann::json poses{{"world_from_camera", rigid_to_json(scene_.world_from_camera(view))},
-                         {"world_from_box", nlohmann::json::object()}};
+    out->label["annotations"] = annotations_of(image, camera.recorded, out->poses, labelled_scene_);
+    nlohmann::json poses{
+        {"world_from_camera", rigid_to_json(labelled_scene_.world_from_camera(view))},
+        {"world_from_box", nlohmann::json::object()}};
     for (const MovingObject& object : scene_.actors)
       if (const auto pose = object.world_from_box(scene_.exposed_ns(view)))
         poses["world_from_box"][std::to_string(object.id)] = rigid_to_json(*pose);
     out->label["poses"] = std::move(poses);
     const View* const next = options_.flow ? next_of(view) : nullptr;
     if (next)
-      out->flow = optical_flow(image, *out->rays, out->poses, scene_.shutter_poses(*next),
+      out->flow = optical_flow(image, *out->rays, out->poses, labelled_scene_.shutter_poses(*next),
                                renderer_.backend());
   }
 
   void write(const RenderedView& out) const {
     const View& view = *out.view;
-    const RenderedImage& image = out.image;
-    write_image(file_of(view, "images", ".png"), to_image8(image));
+    const RenderedImage& image = out.labelled();
+    const fs::path rendered = file_of(view, "images", ".png");
+    write_image(rendered, to_image8(out.image));
     if (options_.labels) {
+      const fs::path shown = file_of(view, "labels/images", ".png");
+      if (const auto& how = resampling_[view.camera]) {
+        Image8 again{how->map.width, how->map.height, {}, {}, {}};
+        again.rgb =
+            resample(how->map, to_image8(out.image).rgb, out.image.width, out.image.height, 3, 0);
+        write_image(shown, again);
+      } else {
+        write_file(shown, read_file(rendered, kMaxImageBytes));
+      }
       write_png16(file_of(view, "labels/ids", ".png"), {image.width, image.height, image.ids});
       write_png16(file_of(view, "labels/depth", ".png"),
                   {image.width, image.height, depth_mm(image)});
@@ -288,6 +379,8 @@ class Simulation {
 
   RunRenderer& renderer_;
   const Scene& scene_;
+  Scene labelled_scene_;                               ///< with the cameras of the written images
+  std::vector<std::optional<Resampling>> resampling_;  ///< to them, by camera; empty: as rendered
   const SimulateOptions& options_;
   const fs::path& folder_;
   SimulateTimes& times_;
@@ -298,8 +391,11 @@ class Simulation {
 }  // namespace
 
 void check_path(const std::string& path) {
-  sideways_m(path);
-  speed_factor(path);
+  if (path == "drive" || sideways_m(path) || speed_factor(path)) return;
+  std::error_code error;
+  if (!fs::is_regular_file(path, error))
+    throw UsageError("--path", path,
+                     "must be drive, sideways:METRES, speed:FACTOR, or a file, and there is none");
 }
 
 Scene scene_on_path(const Scene& scene, const std::string& path) {
@@ -322,9 +418,14 @@ Scene scene_on_path(const Scene& scene, const std::string& path) {
     for (FramePose& pose : out.trajectory) pose.global_from_body = pose_at(way, on_way(pose.t_ns));
     const double most_ns = double(scene.frames.back().t_ns - first_ns) / std::max(*factor, 1.0);
     end_scene_at(first_ns + std::llround(most_ns), &out);
+  } else if (has_extension(path, {".csv"})) {
+    const std::vector<FramePose> poses = poses_on_own_path(read_file(path), path, scene);
+    end_scene_at(poses.back().t_ns, &out);
+    out.trajectory = poses;
   } else {
     out.trajectory = trajectory_of_file(path, scene);
   }
+  require_near(scene, out, path);
   return out;
 }
 
@@ -367,33 +468,30 @@ std::vector<Box> boxes_at(const Scene& scene, const MovingObjects& moving, const
   return boxes;
 }
 
-Recording simulate(RunRenderer& renderer, const Scene& scene, const SimulateOptions& options,
-                   const fs::path& folder, const std::atomic<bool>& stop, SimulateTimes* times) {
+Recording simulate(RunRenderer& renderer, const Scene& whole, const SimulateOptions& options,
+                   const fs::path& folder, const std::atomic<bool>& stop, SimulateTimes* times,
+                   DriveNotes* notes) {
   const Run& run = renderer.run();
   // The rig's cameras come first, since a recorded one may have the same name.
   Recording recorded = run.recording;
   recorded.cameras.clear();
   for (const CameraCalibration& camera : options.rig) recorded.cameras.push_back({camera, {}});
   std::ranges::copy(run.recording.cameras, std::back_inserter(recorded.cameras));
+  const WrittenCameras written = options.format->cameras(drive_of_scene(recorded, whole), notes);
+  Scene scene = whole;
+  std::erase_if(scene.views, [&](const View& view) {
+    return !written.contains(scene.rig[static_cast<std::size_t>(view.camera)].name);
+  });
   Recording drive = drive_of_scene(recorded, scene);
-  LidarRequest request;
-  if (options.with_lidar) request = parse_lidar_request(options.lidar);
-  const bool with_lidar =
-      options.with_lidar &&
-      (request.mount || (!run.recording.lidars.empty() && !run.recording.lidar_files.empty()));
-  std::optional<SensorMotion> motion;
-  if (with_lidar) {
-    motion.emplace(sensor_motion(request, run.recording, scene, {}));
-    complete_sensor(run.recording, &request);
-    make_folders(folder / "scans");
-  }
-  Simulation simulation(renderer, scene, options, folder, times);
+  const std::vector<SimulatedLidar> lidars = lidars_of(options, run.recording, scene);
+  for (const SimulatedLidar& lidar : lidars) make_folders(folder / "scans" / lidar.name);
+  Simulation simulation(renderer, scene, written, options, folder, times);
   {
     Progress progress("simulating frames", std::ssize(scene.frames));
     for (int f = 0; f < std::ssize(scene.frames); ++f) {
       if (stop) throw Interrupted();
       simulation.render_frame(f);
-      if (with_lidar) simulation.render_scan(request, *motion, scene.frames[f]);
+      for (const SimulatedLidar& lidar : lidars) simulation.render_scan(lidar, scene.frames[f]);
       progress.count();
     }
   }
@@ -406,16 +504,13 @@ Recording simulate(RunRenderer& renderer, const Scene& scene, const SimulateOpti
   drive.novel.clear();
   drive.ground_truth_frames.clear();
   drive.lidars.clear();
-  if (with_lidar) {
-    const std::size_t meant = lidar_index(request, run.recording);
-    const bool has_name = meant < run.recording.lidars.size();
-    drive.lidars.push_back({has_name ? run.recording.lidars[meant].name : request.options.sensor,
-                            motion->body_from_sensor});
+  for (const SimulatedLidar& lidar : lidars) {
+    for (const Frame& frame : scene.frames)
+      drive.lidar_files.push_back(
+          {frame.id, simulation.scan_file(lidar.name, frame.id), drive.lidars.size()});
+    drive.lidars.push_back({lidar.name, lidar.motion.body_from_sensor});
   }
-  for (const Frame& frame : scene.frames) {
-    if (with_lidar) drive.lidar_files.push_back({frame.id, simulation.scan_file(frame.id)});
-    drive.box_files.push_back({frame.id, {}});
-  }
+  for (const Frame& frame : scene.frames) drive.box_files.push_back({frame.id, {}});
   for (RecordedCamera& camera : drive.cameras) camera.images.clear();
   for (const View& view : scene.views) {
     const std::string& name = scene.rig[view.camera].name;

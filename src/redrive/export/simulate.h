@@ -13,9 +13,10 @@
 namespace redrive {
 
 /// Returns the scene with the body on another path: "drive", as driven; "sideways:METRES" to the
-/// left in body axes; "speed:FACTOR" times as fast along the same way, ending where it ends; or the
-/// poses of a file (recording/formats/egomotion_json.h), which must hold the scene's frames. Moving
-/// objects keep their times. UsageError, InputError.
+/// left in body axes; "speed:FACTOR" times as fast along the same way, ending where it ends; the
+/// places of a .csv (export/own_path.h), ending with it; or the poses of a file
+/// (recording/formats/egomotion_json.h), which must hold the scene's frames. Moving objects keep
+/// their times. UsageError, also more than 1 km from the driven way; InputError.
 Scene scene_on_path(const Scene& scene, const std::string& path);
 /// Returns the scene with these cameras in place of its own, each with an image of every frame.
 /// Throws as make_rig_camera.
@@ -28,6 +29,7 @@ void check_path(const std::string& path);
 std::vector<Box> boxes_at(const Scene& scene, const MovingObjects& moving, const Frame& frame);
 
 struct SimulateOptions {
+  const DriveFormat* format = nullptr;  ///< layout that the drive will have
   std::string path = "drive";
   /// Cameras of the scene (scene_with_rig), which have no exposures; empty: the run's.
   std::vector<CameraCalibration> rig;
@@ -43,9 +45,10 @@ struct SimulateTimes {
 };
 
 /// Renders images with labels and LiDAR scans of `scene`, whose path and traffic are final, into
-/// `folder`, and returns them as a recording. Files of an earlier call with the same arguments,
-/// which may have been killed, are kept; `folder` may be deleted once the recording is written.
-/// Images have the recorded size.
+/// `folder`, and returns them as a recording. Cameras for which the format has no place are left
+/// out, with notes; labels are of the images as the format has them. Files of an earlier call with
+/// the same arguments, which may have been killed, are kept; `folder` may be deleted once the
+/// recording is written. Images have the recorded size.
 ///
 ///   images/CAM/ID.png   labels/...                               the recording's files
 ///   labels/ids/CAM/ID.png     16 bit: 1 + index into labels/poses.json's "objects"; 0: static
@@ -54,10 +57,11 @@ struct SimulateTimes {
 ///   labels/guesses/CAM/ID.png white: no training image saw the surface
 ///   labels/instances.json     COCO (export/labels.h)
 ///   labels/poses.json         poses of cameras and objects at each image
+///   labels/images/CAM/ID.png  the images again, as the labels see them
 ///
 /// Interrupted once `stop` is set. InputError, UsageError, IoError.
 Recording simulate(RunRenderer& renderer, const Scene& scene, const SimulateOptions& options,
                    const std::filesystem::path& folder, const std::atomic<bool>& stop,
-                   SimulateTimes* times);
+                   SimulateTimes* times, DriveNotes* notes);
 
 }  // namespace redrive

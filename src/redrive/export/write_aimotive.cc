@@ -113,7 +113,7 @@ DriveNotes write_aimotive(const fs::path& folder, const Recording& drive, Thread
       notes.changed.push_back("the lens of " + name + " (" + camera.calibration.model +
                               ") has a name that redrive alone reads");
   }
-  write_images(folder / "sensor/camera", {}, photos, pool, stop);
+  write_drive_images(folder, "sensor/camera", photos, pool, stop, &notes);
   make_folders(folder / "sensor/calibration");
   write_file(folder / "sensor/calibration/calibration.json",
              calibration_file(drive).dump(1) + "\n");

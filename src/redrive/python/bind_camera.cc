@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
+#include <cmath>
+#include <cstdlib>
 #include <limits>
 #include <map>
 
@@ -10,6 +12,7 @@
 #include "redrive/python/arrays.h"
 #include "redrive/python/bindings.h"
 #include "redrive/python/calls.h"
+#include "redrive/recording/formats/calibration_fields.h"
 
 namespace redrive::python {
 namespace {
@@ -43,15 +46,38 @@ py::array mapped(const Numbers& in, const char* argument, const Map& map) {
   return taken(std::move(out), with_last(in, m));
 }
 
+/// Throws UsageError where no camera can have a number (recording/formats/calibration_fields.h).
+template <class Read>
+double checked(const char* argument, const std::string& name, double value, const Read& read) {
+  try {
+    const nlohmann::json document = value;
+    return read(JsonField(document, argument));
+  } catch (const InputError& error) {
+    throw UsageError(argument, name + " = " + std::to_string(value), error.rule);
+  }
+}
+
 NamedCamera make_named(const std::string& name, const std::string& model, int width, int height,
                        const std::map<std::string, double>& intrinsics,
                        const py::object& rig_from_camera, std::int64_t time_offset_ns,
                        std::int64_t readout_ns, bool readout_by_column) {
   const CameraModelInfo* const info = find_camera_model(model);
   if (!info) throw UsageError("model", model, "unknown; known are " + camera_model_names());
+  if (width < 1 || height < 1 || width > 16384 || height > 16384)
+    throw UsageError("width, height", std::to_string(width) + ", " + std::to_string(height),
+                     "must be 1 to 16384 pixels");
+  constexpr double kMaxOffset_ns = 1e9, kMaxReadout_ns = 1e9 * kMaxReadout_s;
+  if (std::abs(static_cast<double>(time_offset_ns)) > kMaxOffset_ns)
+    throw UsageError("time_offset_ns", std::to_string(time_offset_ns), "must be at most a second");
+  if (std::abs(static_cast<double>(readout_ns)) > kMaxReadout_ns)
+    throw UsageError("readout_ns", std::to_string(readout_ns), "must be at most 0.2 seconds");
   std::vector<std::string> names = {"fx", "fy", "cx", "cy"};
+  std::vector<CameraParameter> of_model;
   for (const auto* parameters : {&info->distortion, &info->other})
-    for (const CameraParameter& parameter : *parameters) names.emplace_back(parameter.name);
+    for (const CameraParameter& parameter : *parameters) {
+      names.emplace_back(parameter.name);
+      of_model.push_back(parameter);
+    }
   CameraCalibration calibration{name, model};
   for (const auto& [given, value] : intrinsics)
     if (std::ranges::find(names, given) == names.end())
@@ -59,13 +85,17 @@ NamedCamera make_named(const std::string& name, const std::string& model, int wi
   for (std::size_t i = 0; i < names.size(); ++i) {
     const auto given = intrinsics.find(names[i]);
     if (given == intrinsics.end() && i < 4) throw UsageError("intrinsics", names[i], "is missing");
-    calibration.parameters.push_back(given == intrinsics.end() ? 0 : given->second);
+    const double value = given == intrinsics.end() ? 0 : given->second;
+    if (given != intrinsics.end())
+      checked("intrinsics", names[i], value, [&](const JsonField& field) {
+        if (i >= 4) return parameter_from_json(field, of_model[i - 4]);
+        if (i >= 2) return principal_point_from_json(field, i == 2 ? width : height);
+        return focal_length_from_json(field);
+      });
+    calibration.parameters.push_back(value);
   }
   calibration.width = width;
   calibration.height = height;
-  if (width < 1 || height < 1 || width > 16384 || height > 16384)
-    throw UsageError("width, height", std::to_string(width) + ", " + std::to_string(height),
-                     "must be 1 to 16384 pixels");
   calibration.body_from_sensor = rig_from_camera.is_none()
                                      ? Rigid3d::Identity()
                                      : rigid_argument("rig_from_camera", rig_from_camera);

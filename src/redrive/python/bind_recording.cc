@@ -5,7 +5,12 @@
 #include <pybind11/stl.h>
 #include <pybind11/stl/filesystem.h>
 
+#include "redrive/base/cpu_features.h"
+#include "redrive/base/did_you_mean.h"
 #include "redrive/base/error.h"
+#include "redrive/base/files/output_folder.h"
+#include "redrive/base/processes/interruption.h"
+#include "redrive/export/drive.h"
 #include "redrive/python/arrays.h"
 #include "redrive/python/bindings.h"
 #include "redrive/python/calls.h"
@@ -87,7 +92,8 @@ py::array world_from_camera(const Opened& opened, const std::string& camera,
   return poses_at(rows, [&](double y) {
     const double late = row_fraction(y, lines) - 0.5;
     return opened.scene().world_from_body(
-               *time_ns + std::llround(late * static_cast<double>(rig.readout_ns))) *
+               opened.checked_time(*time_ns) +
+               std::llround(late * static_cast<double>(rig.readout_ns))) *
            rig.body_from_sensor;
   });
 }
@@ -362,12 +368,18 @@ void bind_methods(py::class_<Opened, std::shared_ptr<Opened>>& recording) {
       .def(
           "world_from_body",
           [](const Opened& o, const Times& time_ns) {
-            return poses_at(time_ns,
-                            [&](std::int64_t t_ns) { return o.scene().world_from_body(t_ns); });
+            return poses_at(time_ns, [&](std::int64_t t_ns) {
+              return o.scene().world_from_body(o.checked_time(t_ns));
+            });
           },
           py::arg("time_ns"),
           "[4, 4] float64 at a time, [n, 4, 4] at an array of times: linear between the recorded "
-          "poses.")
+          "poses, up to a second beyond them.")
+      .def("export", &export_drive, py::arg("out"), py::kw_only(), py::arg("to"),
+           py::arg("force") = false,
+           "Writes a drive in the layout of a data set, as `redrive export`: to aimotive, kitti, "
+           "kitti360, nuscenes, argoverse2 or ncore. Returns a list of what is written in another "
+           "form or left out.")
       .def("world_from_camera", &world_from_camera, py::arg("camera"),
            py::arg("frame") = py::none(), py::kw_only(), py::arg("time_ns") = py::none(),
            py::arg("row") = py::none(),
@@ -405,6 +417,29 @@ void bind_methods(py::class_<Opened, std::shared_ptr<Opened>>& recording) {
 }
 
 }  // namespace
+
+std::vector<std::string> export_drive(const Opened& opened, const fs::path& out,
+                                      const std::string& to, bool force) {
+  const auto format = std::ranges::find(drive_formats(), to, &DriveFormat::name);
+  if (format == drive_formats().end()) {
+    std::vector<std::string> names;
+    for (const DriveFormat& known : drive_formats()) names.emplace_back(known.name);
+    throw UsageError("to", to, unknown_name(to, names));
+  }
+  return without_lock([&] {
+    check_output_folder("out", out, force);
+    const Recording drive = drive_of_scene(opened.run().recording, opened.scene());
+    ThreadPool pool(hardware_threads());
+    const std::atomic<bool>& stop = InterruptibleCall::came();
+    std::vector<std::string> remarks;
+    write_output_folder("out", out, force, [&](const fs::path& folder) {
+      DriveNotes notes = format->write(folder, drive, pool, stop);
+      remarks = std::move(notes.changed);
+      for (const std::string& what : notes.left_out) remarks.push_back("not exported: " + what);
+    });
+    return remarks;
+  });
+}
 
 void bind_recording(py::module_& module) {
   bind_boxes(module);

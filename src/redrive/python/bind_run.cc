@@ -12,6 +12,7 @@
 #include "redrive/base/did_you_mean.h"
 #include "redrive/base/error.h"
 #include "redrive/eval/evaluate.h"
+#include "redrive/export/field_file.h"
 #include "redrive/python/arrays.h"
 #include "redrive/python/bindings.h"
 #include "redrive/python/calls.h"
@@ -70,7 +71,13 @@ struct Traffic {
       const auto text = py::module_::import("json").attr("dumps")(edit).cast<std::string>();
       this->edit = parse_traffic_edit(text, "edit");
     } else {
-      this->edit = read_traffic_edit(edit.cast<fs::path>());
+      fs::path file;
+      try {
+        file = edit.cast<fs::path>();
+      } catch (const py::cast_error&) {
+        throw UsageError("edit", std::string(py::str(edit)), "must be None, a dict or a path");
+      }
+      this->edit = read_traffic_edit(file);
     }
   }
   bool is_recorded() const { return !edit && actors == "all"; }
@@ -84,12 +91,17 @@ struct Traffic {
   }
 };
 
+constexpr double kMaxTurn_deg = 360;
+
 /// How a sensor is moved from its place.
 SensorShift shift_of(const std::array<double, 3>& translate, const std::string& axes,
                      double yaw_deg, double pitch_deg, const Run& run) {
   for (const double x : translate)
     if (!(std::abs(x) <= kMaxShift_m))
       throw UsageError("translate", std::to_string(x), "must be metres, at most 1e4");
+  for (const auto& [name, angle_deg] : {std::pair("yaw", yaw_deg), {"pitch", pitch_deg}})
+    if (!(std::abs(angle_deg) <= kMaxTurn_deg))
+      throw UsageError(name, std::to_string(angle_deg), "must be degrees, at most 360");
   return {Eigen::Vector3d(translate.data()), shift_axes(axes, run.recording), yaw_deg, pitch_deg};
 }
 
@@ -112,7 +124,8 @@ PyImage render(OpenedRun& run, const CameraArgument& camera,
   ImageRequest request{rig_camera_of(run, camera)};
   request.labelled = ids;
   const RigCamera& rig = request.camera;
-  request.exposed_ns = frame ? run.frame_ns(*frame) + rig.time_offset_ns : *time_ns;
+  request.exposed_ns =
+      frame ? run.frame_ns(*frame) + rig.time_offset_ns : run.checked_time(*time_ns);
   const SensorShift shift = shift_of(translate, axes, yaw, pitch, run.run());
   if (!world_from_camera.is_none())
     request.world_from_camera = rigid_arguments("world_from_camera", world_from_camera);
@@ -203,6 +216,20 @@ py::object evaluate_run(OpenedRun& run, int max_images, bool all) {
     });
   });
   return py::module_::import("json").attr("loads")(json);
+}
+
+std::vector<std::string> export_run(const OpenedRun& run, const fs::path& out,
+                                    const std::string& to, bool force, int sh_degree) {
+  const std::vector<ExportFormat> own = run.run().field()->export_formats();
+  if (std::ranges::find(own, to, &ExportFormat::name) == own.end())
+    return export_drive(run, out, to, force);
+  if (sh_degree != 0 && sh_degree != 1)
+    throw UsageError("sh_degree", std::to_string(sh_degree), "must be 0 or 1");
+  if (fs::exists(out) && !force) throw UsageError("out", out.string(), "exists; force replaces it");
+  ExportOptions options;
+  options.sh_degree = sh_degree;
+  without_lock([&] { write_field_file(out, *run.run().field(), to, options); });
+  return {};
 }
 
 std::shared_ptr<OpenedRun> load(const fs::path& path, const std::string& backend,
@@ -333,6 +360,10 @@ void bind_run(py::module_& module) {
           "\"N\", \"N:MIN:MAX\", \"E1,E2,..\"; lidar the recorded one that is meant; mount "
           "\"X,Y,Z,YAW,PITCH,ROLL\"; range \"MIN:MAX\"; "
           "seed draws which rays return.")
+      .def("export", &export_run, py::arg("out"), py::kw_only(), py::arg("to"),
+           py::arg("force") = false, py::arg("sh_degree") = ExportOptions().sh_degree,
+           "As of a recording, with the run's poses; or writes its Gaussians: to splat-ply, "
+           "splat-spz, splat-gltf or splat-usd, with harmonics of degree 0 or 1.")
       .def("evaluate", &evaluate_run, py::kw_only(), py::arg("max_images") = 0,
            py::arg("all") = false,
            "Scores the run as `redrive eval`. Returns a dict as its --json: \"overall\", "

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <filesystem>
 #include <string>
 #include <vector>
 
@@ -23,6 +24,11 @@ void bind_training(pybind11::module_& module);
 
 /// Returns the axes of this name. UsageError.
 Axes axes_of(const std::string& name);
+
+/// Writes a recording or a run as a drive in a data set's layout; returns remarks. UsageError
+/// naming `to`.
+std::vector<std::string> export_drive(const Opened& opened, const std::filesystem::path& out,
+                                      const std::string& to, bool force);
 
 /// A rigid transform from a [4, 4] array. UsageError naming `argument`.
 Rigid3d rigid_argument(const char* argument, const pybind11::handle& matrix);

@@ -58,6 +58,17 @@ std::int64_t Opened::frame_ns(std::int64_t frame) const {
   return found->t_ns;
 }
 
+std::int64_t Opened::checked_time(std::int64_t t_ns) const {
+  constexpr std::int64_t kBeyond_ns = 1'000'000'000;
+  const std::int64_t first_ns = scene().trajectory.front().t_ns,
+                     last_ns = scene().trajectory.back().t_ns;
+  if (t_ns < first_ns - kBeyond_ns || t_ns > last_ns + kBeyond_ns)
+    throw UsageError("time_ns", std::to_string(t_ns),
+                     "must be at most a second before " + std::to_string(first_ns) + " or after " +
+                         std::to_string(last_ns));
+  return t_ns;
+}
+
 View Opened::view_of(int camera, std::int64_t frame) const {
   const int index = scene().frame_index(frame);
   if (index < 0) throw UsageError("frame", std::to_string(frame), unknown_frame(frame, scene()));

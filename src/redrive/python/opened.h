@@ -72,6 +72,8 @@ class Opened {
   View view_of(int camera, std::int64_t frame) const;
   /// The same; UsageError where the camera has no image then.
   const View& image_of(int camera, std::int64_t frame) const;
+  /// Returns a time if the recording has poses within a second of it. UsageError.
+  std::int64_t checked_time(std::int64_t t_ns) const;
   /// Time of a frame. UsageError where there is none.
   std::int64_t frame_ns(std::int64_t frame) const;
 

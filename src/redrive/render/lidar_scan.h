@@ -14,7 +14,7 @@
 namespace redrive {
 
 /// A ray of a lower opacity, or probability of a return, has none.
-constexpr float kMinReturnOpacity = 0.5f;
+constexpr float kMinReturnOpacity = 0.4f;
 
 /// Default limits of a return's range, metres.
 constexpr double kMinReturn_m = 0.5, kMaxReturn_m = 200;

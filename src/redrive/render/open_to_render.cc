@@ -133,6 +133,21 @@ bool is_scene_bundle(const fs::path& path) {
   return has_extension(path, {".usdz"}) && fs::is_regular_file(path, error);
 }
 
+std::optional<std::string> missing_of_run(const fs::path& root) {
+  const bool bundle = is_scene_bundle(root);
+  std::optional<ZipFile> zip;
+  if (bundle) zip.emplace(root);
+  const RunPaths paths{bundle ? root / kRunOfBundle : root};
+  const auto has = [&](const fs::path& file) {
+    return zip ? zip->size(file).has_value() : fs::exists(file);
+  };
+  if (!has(paths.config())) return "it has no run of redrive";
+  const bool divided = !bundle && is_divided_run(root);
+  if (!divided && !has(paths.checkpoint())) return "its run has no checkpoint";
+  if (bundle && !has(paths.recording())) return "its run has no recording.json";
+  return std::nullopt;
+}
+
 bool is_run_folder(const fs::path& folder) { return fs::exists(RunPaths{folder}.config()); }
 
 Run open_without_model(const WithoutModel& from) {

@@ -27,6 +27,10 @@ inline constexpr const char* kDataInfo = "data_info.json";
 /// Whether the path is a file .usdz.
 bool is_scene_bundle(const std::filesystem::path& path);
 
+/// Returns what a run or a scene bundle lacks to be rendered, by the names of its files; nothing:
+/// all is there. InputError for a damaged zip.
+std::optional<std::string> missing_of_run(const std::filesystem::path& root);
+
 /// Whether the folder is a run rather than a recording.
 bool is_run_folder(const std::filesystem::path& folder);
 

@@ -42,7 +42,8 @@ bool is_on_object(const Eigen::Vector3d& in_box, const Eigen::Vector3d& size_m) 
   return beyond.maxCoeff() < kBeside_m && in_box.z() > kAboveRoad_m - size_m.z() / 2;
 }
 
-/// Gives pixels that show an object's shadow or light to the static world.
+}  // namespace
+
 void leave_out_shadows(const RayTable& rays, const ShutterPoses& poses, const Scene& traffic,
                        RenderedImage* image) {
   std::map<int, PixelPoses> box_from_camera;  // key: number
@@ -66,8 +67,6 @@ void leave_out_shadows(const RayTable& rays, const ShutterPoses& poses, const Sc
   }
   image->ids = std::move(ids);
 }
-
-}  // namespace
 
 std::vector<std::string> change_traffic(const Field& field, const std::optional<TrafficEdit>& edit,
                                         std::string_view actors, Scene* scene,

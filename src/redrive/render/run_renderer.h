@@ -27,6 +27,10 @@ struct ImageRequest {
   bool labelled = false;  ///< RenderedImage::labelled, by the actors; ids leave out their shadows
 };
 
+/// Gives pixels of a labelled image that show an object's shadow or light to the static world.
+void leave_out_shadows(const RayTable& rays, const ShutterPoses& poses, const Scene& traffic,
+                       RenderedImage* image);
+
 /// Applies an edit to the moving objects of the scene of the field's run and keeps the objects that
 /// `actors` names (select_actors). Returns remarks. Throws what check_added, edit_actors and
 /// select_actors throw.

@@ -2,9 +2,11 @@
 #include "redrive/report/report_images.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
+#include <optional>
 #include <span>
 
 #include <opencv2/imgproc.hpp>
@@ -193,17 +195,49 @@ ImageRow novel_image_row(const Run& run, kernels::Backend& backend,
   return row;
 }
 
-Image8 coverage_colours(const RenderedImage& image, const std::vector<std::uint8_t>& seen) {
-  REDRIVE_CHECK_OP(image.valid.size(), ==, seen.size());
+namespace {
+
+/// Returns an image in grey, half of each pixel in the colour, 0..256, that `tint(pixel)` has;
+/// null: none. Invalid pixels stay black.
+template <class Tint>
+Image8 tinted(const RenderedImage& image, const Tint& tint) {
   Image8 out = to_image8(image);
-  for (std::size_t i = 0; i < seen.size(); ++i) {
+  for (std::size_t i = 0; i < image.valid.size(); ++i) {
     if (!image.valid[i]) continue;
     std::uint8_t* const rgb = &out.rgb[3 * i];
     const int grey = (rgb[0] + 2 * rgb[1] + rgb[2]) / 4;
-    rgb[0] = static_cast<std::uint8_t>(seen[i] ? grey : 128 + grey / 2);
-    rgb[1] = rgb[2] = static_cast<std::uint8_t>(seen[i] ? grey : grey / 2);
+    const std::optional<std::array<int, 3>> colour = tint(i);
+    for (int c = 0; c < 3; ++c)
+      rgb[c] = static_cast<std::uint8_t>(colour ? ((*colour)[c] + grey) / 2 : grey);
   }
   return out;
+}
+
+/// Returns the colour of an object. Neighbouring numbers have colours far apart.
+std::array<int, 3> colour_of(int number) {
+  constexpr double kGoldenRatio = 0.618033988749895;
+  const double hue = 6 * std::fmod(0.08 + kGoldenRatio * (number - 1), 1.0);
+  std::array<int, 3> rgb;
+  for (int c = 0; c < 3; ++c) {
+    const double off = std::abs(std::remainder(hue - 2 * c, 6.0));
+    rgb[c] = static_cast<int>(256 * std::clamp(2 - off, 0.0, 1.0));
+  }
+  return rgb;
+}
+
+}  // namespace
+
+Image8 coverage_colours(const RenderedImage& image, const std::vector<std::uint8_t>& seen) {
+  REDRIVE_CHECK_OP(image.valid.size(), ==, seen.size());
+  return tinted(image, [&](std::size_t i) {
+    return seen[i] ? std::nullopt : std::optional(std::array{256, 0, 0});
+  });
+}
+
+Image8 actor_colours(const RenderedImage& image) {
+  return tinted(image, [&](std::size_t i) {
+    return image.ids[i] == 0 ? std::nullopt : std::optional(colour_of(image.ids[i]));
+  });
 }
 
 Image8 depth_colours(const RenderedImage& image, double near_m, double far_m) {

@@ -57,6 +57,9 @@ Image8 depth_colours(const RenderedImage& image, double near_m, double far_m);
 /// pixels stay black.
 Image8 coverage_colours(const RenderedImage& image, const std::vector<std::uint8_t>& seen);
 
+/// Returns a labelled image in grey, with the pixels of each moving object in a colour of its own.
+Image8 actor_colours(const RenderedImage& image);
+
 /// Returns kDifferenceGain * |a - b| per channel, clamped.
 Image8 difference(const Image8& a, const Image8& b);
 

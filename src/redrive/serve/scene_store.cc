@@ -42,6 +42,7 @@ SceneStore::SceneStore(const std::vector<fs::path>& runs, kernels::BackendChoice
                        std::uint64_t memory)
     : backend_(std::move(backend)), memory_(memory) {
   const auto add = [&](const fs::path& root) {
+    if (const auto missing = missing_of_run(root)) throw InputError(root, "", "", *missing);
     known_.push_back(
         {is_scene_bundle(root) ? id_of_bundle(root) : fs::canonical(root).filename().string(),
          root});
@@ -57,10 +58,15 @@ SceneStore::SceneStore(const std::vector<fs::path>& runs, kernels::BackendChoice
     const std::size_t before = known_.size();
     std::error_code error;
     for (const fs::directory_entry& entry : fs::directory_iterator(path, error))
-      if (is_scene(entry.path())) add(entry.path());
+      if (is_scene(entry.path())) try {
+          add(entry.path());
+        } catch (const InputError& damage) {
+          left_out_.emplace_back(damage.what());
+        }
     if (known_.size() == before)
       throw UsageError("RUN", path.string(),
-                       "must be a run, a scene bundle, or a folder that has some");
+                       "must be a run, a scene bundle, or a folder that has some" +
+                           (left_out_.empty() ? "" : "; left out: " + left_out_.back()));
   }
   std::ranges::sort(known_, {}, &Known::id);
   const auto twice = std::ranges::adjacent_find(known_, {}, &Known::id);

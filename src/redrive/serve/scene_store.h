@@ -29,12 +29,15 @@ struct OpenScene {
 class SceneStore {
  public:
   /// `runs`: runs, scene bundles (export/bundle/scene_bundle.h), or folders of them. A scene's id
-  /// is the name of its folder, in a bundle its sequence_id. UsageError where there is none, or
-  /// where two have the same id; InputError for a damaged bundle.
+  /// is the name of its folder, in a bundle its sequence_id. What cannot be rendered is left out of
+  /// a folder. UsageError where there is none, or where two have the same id; InputError for one
+  /// that is named and cannot be rendered.
   SceneStore(const std::vector<std::filesystem::path>& runs, kernels::BackendChoice backend,
              std::uint64_t memory);
 
   std::vector<std::string> ids() const;
+  /// Reasons why runs and bundles of a folder are left out.
+  const std::vector<std::string>& left_out() const { return left_out_; }
   /// Ids of the scenes in memory, the last used first.
   std::vector<std::string> open_ids();
   /// Returns a scene, and closes those that were not used for longest where memory is short; they
@@ -54,6 +57,7 @@ class SceneStore {
   std::shared_ptr<OpenScene> find(const std::string& id);
 
   std::vector<Known> known_;  ///< sorted by id
+  std::vector<std::string> left_out_;
   kernels::BackendChoice backend_;
   std::uint64_t memory_;
   std::mutex opening_;  ///< one scene is opened at a time

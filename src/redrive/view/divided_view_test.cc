@@ -92,9 +92,9 @@ TEST_F(DividedView, SaysWhatItDoesNotShow) {
   RenderJob job = renderer.begin(request, renderer.place(request), 1, 0, 1);
   while (!job.step()) {
   }
-  EXPECT_THROW(renderer.colours(job, Layer::kCoverage), UsageError);
+  EXPECT_THROW(renderer.colours(job, Layer::kCoverage, run_.scene), UsageError);
   EXPECT_THROW(renderer.begin_search(Eigen::Vector3d::Zero()), UsageError);
-  EXPECT_NO_THROW(renderer.colours(job, Layer::kDepth));
+  EXPECT_NO_THROW(renderer.colours(job, Layer::kDepth, run_.scene));
 }
 
 }  // namespace

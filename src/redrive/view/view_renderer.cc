@@ -15,6 +15,7 @@
 #include "redrive/model/method.h"
 #include "redrive/perception/masks.h"
 #include "redrive/render/normals.h"
+#include "redrive/render/run_renderer.h"
 #include "redrive/render/view_pose.h"
 #include "redrive/report/report_images.h"
 #include "redrive/scene/load_views.h"
@@ -319,6 +320,7 @@ RenderJob ViewRenderer::begin(const ViewRequest& request, const Placement& place
   job.placement_ = placement;
   job.factor_ = has_field() ? factor : 1;
   job.image_ = std::move(spare_);
+  job.image_.labelled = request.layer == Layer::kActors && has_field() && !marches_rays_;
   if (!has_field()) {
     if (request.is_driven() || request.novel) job.recorded_ = reference(request);
     return job;
@@ -337,7 +339,7 @@ RenderJob ViewRenderer::begin(const ViewRequest& request, const Placement& place
 
 void ViewRenderer::reuse(RenderJob&& job) { spare_ = std::move(job.image_); }
 
-Image8 ViewRenderer::colours(const RenderJob& job, Layer layer) {
+Image8 ViewRenderer::colours(const RenderJob& job, Layer layer, const Scene& traffic) {
   const RenderedImage& image = job.image();
   if (job.recorded_) return *job.recorded_;
   switch (layer) {
@@ -352,6 +354,11 @@ Image8 ViewRenderer::colours(const RenderJob& job, Layer layer) {
       while (!has_coverage_) has_coverage_ = !coverage_->step();
       return coverage_colours(
           image, coverage_->seen(job.strips_.front()->camera, job.placement().poses(), image));
+    case Layer::kActors:
+      if (!image.labelled) return to_image8(image);
+      RenderedImage shown = image;
+      leave_out_shadows(*job.table_, job.placement().poses(), traffic, &shown);
+      return actor_colours(shown);
   }
   return {};
 }

@@ -93,7 +93,7 @@ class ViewRenderer {
   void reuse(RenderJob&& job);
 
   /// Returns the colours of a layer.
-  Image8 colours(const RenderJob& job, Layer layer);
+  Image8 colours(const RenderJob& job, Layer layer, const Scene& traffic);
   bool has_field() const { return run_.field() != nullptr; }
 
   /// Returns the recorded image, or the ground truth of a novel view, at the size of training;

@@ -370,7 +370,7 @@ void Viewer::finish(ClientId id, Client& client) {
   const ViewRequest& view = client.job_view;
   const Placement& placement = job.placement();
   const Clock::time_point rendered = Clock::now();
-  const Image8 image = renderer_->colours(job, view.layer);
+  const Image8 image = renderer_->colours(job, view.layer, traffic_of(client));
   paces_[{placement.camera_name, view.layer}].measured(
       job.factor(), job.seconds() + seconds_between(rendered, Clock::now()));
   const std::string jpeg = encode_jpeg(image, kQuality);

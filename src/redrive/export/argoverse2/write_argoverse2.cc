@@ -122,7 +122,7 @@ class LogWriter {
         notes_.changed.push_back(counted(repacked, "image") + " of " + name +
                                  " become JPEG, as the format has them");
     }
-    write_images(folder_ / "sensors/cameras", {}, photos, pool_, stop_);
+    write_drive_images(folder_, "sensors/cameras", photos, pool_, stop_, &notes_);
   }
 
   /// Lists the sweeps: scans of the first LiDAR, each with the one of the other LiDAR that begins

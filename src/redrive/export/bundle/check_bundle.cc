@@ -85,6 +85,11 @@ class BundleCheck {
     for (const std::string& name : zip_.names())
       report_.members.push_back({printable(name), zip_.size(file_ / name).value_or(0)});
     report_.has_run = has((fs::path(kRunOfBundle) / "config.json").string());
+    if (report_.has_run) try {
+        open_to_render(file_);
+      } catch (const InputError& error) {
+        report_.run_damage = printable(error.what());
+      }
     metadata_ = read_yaml(kMetadata);
     info_ = read_json_member(kDataInfo);
     rig_ = read_json_member(kRigTrajectories);
@@ -120,16 +125,19 @@ class BundleCheck {
     return member;
   }
 
-  /// Scalars become text; what may be a number, one.
-  static json json_of(const YAML::Node& node) {
+  /// Scalars become text; what may be a number, one. `left`: nodes that may still come: an alias
+  /// stands for all nodes that it names, and few of them can stand for more than fit into memory.
+  static json json_of(const YAML::Node& node, int* left) {
+    if (--*left < 0) throw YAML::Exception(node.Mark(), "its aliases stand for too many values");
     if (node.IsMap()) {
       json object = json::object();
-      for (const auto& entry : node) object[entry.first.as<std::string>()] = json_of(entry.second);
+      for (const auto& entry : node)
+        object[entry.first.as<std::string>()] = json_of(entry.second, left);
       return object;
     }
     if (node.IsSequence()) {
       json list = json::array();
-      for (const auto& entry : node) list.push_back(json_of(entry));
+      for (const auto& entry : node) list.push_back(json_of(entry, left));
       return list;
     }
     if (!node.IsScalar()) return nullptr;
@@ -142,10 +150,12 @@ class BundleCheck {
     ReadMember member;
     const auto text = text_of(name, &member.why);
     constexpr std::size_t kMost = 1 << 20;
+    constexpr int kMostNodes = 1 << 18;
     if (!text) return member;
     if (text->size() > kMost) return member.why = "is larger than 1 MiB", member;
     try {
-      member.value = json_of(YAML::Load(*text));
+      int left = kMostNodes;
+      member.value = json_of(YAML::Load(*text), &left);
     } catch (const YAML::Exception& error) {
       member.why = std::string("is no YAML: ") + error.what();
     }

@@ -26,6 +26,7 @@ struct BundleReport {
   std::vector<BundleGap> alpasim, carla;  ///< gaps that keep them from opening it
   std::vector<BundleGap> remarks;         ///< gaps that they accept
   bool has_run = false;                   ///< redrive's run is inside
+  std::string run_damage;                 ///< why the run cannot be rendered; empty: it can
 };
 
 /// InputError if it is no zip, or damaged.

@@ -25,6 +25,10 @@ KittiSlots fill_slots(
     const std::function<bool(const CameraCalibration& camera, const std::string& folder)>& fits,
     std::vector<const RecordedCamera*>* left, DriveNotes* notes);
 
+/// DriveFormat::cameras of KITTI and KITTI-360.
+WrittenCameras kitti_cameras(const Recording& drive, DriveNotes* notes);
+WrittenCameras kitti360_cameras(const Recording& drive, DriveNotes* notes);
+
 /// Frames at the times of the first camera, as readers take them.
 struct KittiFrames {
   std::vector<FramePose> frames;  ///< ids and times as written, poses at these times

@@ -88,9 +88,10 @@ std::string calibration_lines(const CameraCalibration& camera, const std::string
 }
 
 /// Writes images and calib_cam_to_cam.txt. Returns the pose of the rectified camera 0 in the body.
-Rigid3d write_cameras(const fs::path& day, const fs::path& drive_folder, const KittiSlots& slots,
-                      const RecordedCamera& reference, std::int64_t earlier_ids, ThreadPool& pool,
-                      const std::atomic<bool>& stop, DriveNotes* notes) {
+Rigid3d write_cameras(const fs::path& folder, const fs::path& day, const fs::path& drive_folder,
+                      const KittiSlots& slots, const RecordedCamera& reference,
+                      std::int64_t earlier_ids, ThreadPool& pool, const std::atomic<bool>& stop,
+                      DriveNotes* notes) {
   const Eigen::Matrix3d axes = reference.calibration.body_from_sensor.linear();
   // Where image_00 is missing, the first camera is camera 0, too.
   Rigid3d body_from_rectified = slots.begin()->second->calibration.body_from_sensor;
@@ -121,7 +122,7 @@ Rigid3d write_cameras(const fs::path& day, const fs::path& drive_folder, const K
                                     Eigen::Vector3d::Zero());
   make_folders(drive_folder);
   write_file(day / "calib_cam_to_cam.txt", text);
-  write_images(drive_folder, {}, photos, pool, stop);
+  write_drive_images(folder, drive_folder.lexically_relative(folder), photos, pool, stop, notes);
   return body_from_rectified;
 }
 
@@ -187,6 +188,19 @@ void write_scan_times(const fs::path& folder,
 
 }  // namespace
 
+WrittenCameras kitti_cameras(const Recording& drive, DriveNotes* notes) {
+  const RecordedCamera& reference = reference_camera(drive);
+  DriveNotes of_folders;
+  WrittenCameras cameras;
+  for (const auto& [name, recorded] : assign_folders(drive, reference, &of_folders))
+    cameras.emplace(recorded->calibration.name,
+                    pinhole_photo_camera(recorded->calibration,
+                                         reference.calibration.body_from_sensor.linear()));
+  notes->left_out.insert(notes->left_out.end(), of_folders.left_out.begin(),
+                         of_folders.left_out.end());
+  return cameras;
+}
+
 DriveNotes write_kitti(const fs::path& folder, const Recording& drive, ThreadPool& pool,
                        const std::atomic<bool>& stop) {
   DriveNotes notes;
@@ -198,7 +212,7 @@ DriveNotes write_kitti(const fs::path& folder, const Recording& drive, ThreadPoo
   const fs::path day = folder / date, root = day / (date + "_drive_0000_sync");
 
   const Rigid3d body_from_rectified =
-      write_cameras(day, root, slots, reference, frames.earlier_ids, pool, stop, &notes);
+      write_cameras(folder, day, root, slots, reference, frames.earlier_ids, pool, stop, &notes);
   for (const auto& [name, camera] : slots)
     write_camera_times(root / name, name, *camera, drive, frames, &notes);
   note_rolling(slots, &notes);

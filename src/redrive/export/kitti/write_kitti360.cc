@@ -111,7 +111,7 @@ void write_cameras(const kitti360::Layout& layout, const KittiSlots& slots,
   write_file(layout.calibration() / "perspective.txt",
              perspective.empty() ? "corner_dist: 0\n" : perspective);
   write_file(layout.calibration() / "calib_cam_to_pose.txt", places);
-  write_images(layout.root, {}, photos, pool, stop);
+  write_drive_images(layout.root, {}, photos, pool, stop, notes);
 }
 
 // ---- Poses and times
@@ -195,6 +195,19 @@ std::vector<kitti360::Object> objects_of(const Recording& drive,
 }
 
 }  // namespace
+
+WrittenCameras kitti360_cameras(const Recording& drive, DriveNotes* notes) {
+  DriveNotes of_folders;
+  WrittenCameras cameras;
+  for (const auto& [name, recorded] : assign_slots(drive, &of_folders))
+    cameras.emplace(recorded->calibration.name,
+                    is_perspective(recorded->calibration)
+                        ? pinhole_photo_camera(recorded->calibration)
+                        : photo_camera(recorded->calibration, is_fisheye_of_format));
+  notes->left_out.insert(notes->left_out.end(), of_folders.left_out.begin(),
+                         of_folders.left_out.end());
+  return cameras;
+}
 
 DriveNotes write_kitti360(const fs::path& folder, const Recording& drive, ThreadPool& pool,
                           const std::atomic<bool>& stop) {

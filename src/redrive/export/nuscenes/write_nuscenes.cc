@@ -216,7 +216,7 @@ class SceneWriter {
             {file.path, image.path, static_cast<int>(file.sensor), Rigid3d::Identity(), {}, false});
       }
     for (const PhotoCamera& camera : photos.cameras) pinholes_.push_back(camera.calibration);
-    write_images(folder_, {}, photos, pool_, stop_);
+    write_drive_images(folder_, {}, photos, pool_, stop_, &notes_);
   }
 
   void write_scans() {

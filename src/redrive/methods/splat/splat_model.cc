@@ -290,6 +290,8 @@ StepOutput SplatModel::step(kernels::Backend& backend, const TrainingSet& data,
   }
 
   buffers->workspace.begin();
+  if (request.step == 0 && request.update && has_scan(data, request))
+    train_scans_first(backend, data, request, &own.scan);
   StepSums& sums = buffers->workspace.sums();
   sums = {};
   StepOutput out;
@@ -308,7 +310,12 @@ StepOutput SplatModel::step(kernels::Backend& backend, const TrainingSet& data,
     step_window(backend, data, request, step, gradients, &own, 1.0 / double(end - first), &sums,
                 &out);
   }
-  if (has_scan(data, request)) step_scan(backend, data, request, gradients, &own.scan, &sums);
+  if (has_scan(data, request)) {
+    const auto draw =
+        static_cast<std::uint64_t>(request.world_size * (request.step / scan_every) + request.rank);
+    step_scan(backend, data, request, random_key(request.seed, kStreamScans), draw, gradients,
+              &own.scan, &sums);
+  }
   return out;
 }
 

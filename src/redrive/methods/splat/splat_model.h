@@ -41,8 +41,9 @@ struct SplatModel final : Trainee, FieldGaussians {
         harmonics_rate = 0.01f, lidar_rate = 1;
   float l1_weight = 0.8f, ssim_weight = 0.2f;
   float range_weight = 0.1f;  ///< weight of LiDAR returns in images
-  int scan_every = 8;         ///< steps after which a part of a LiDAR scan is rendered; 0: never
+  int scan_every = 4;         ///< steps after which a part of a LiDAR scan is rendered; 0: never
   ScanWeights scan_weights;
+  int scans_first = 320;         ///< parts of LiDAR scans that train before the first image
   float surface_rate = 0.5f;     ///< part of the way to a LiDAR plane in a call
   float opacity_weight = 0.02f;  ///< weight of transmittance, unless a background is given
   int lidar_rays = 1;            ///< 0: LiDAR is not used
@@ -179,9 +180,14 @@ struct SplatModel final : Trainee, FieldGaussians {
   }
   /// Whether a step renders a part of a LiDAR scan, too.
   bool has_scan(const TrainingSet& data, const StepRequest& request) const;
-  /// Adds the loss of a part of a scan, and gradients, or updates the Gaussians.
+  /// Adds the loss of part `draw` of the scans in the order of `key`, times `weight`, and
+  /// gradients, or updates the Gaussians.
   void step_scan(kernels::Backend& backend, const TrainingSet& data, const StepRequest& request,
-                 std::span<float> gradients, ScanBuffers* buffers, StepSums* sums) const;
+                 std::uint64_t key, std::uint64_t draw, std::span<float> gradients,
+                 ScanBuffers* buffers, StepSums* sums) const;
+  /// Trains on parts of the scans alone, before the first step.
+  void train_scans_first(kernels::Backend& backend, const TrainingSet& data,
+                         const StepRequest& request, ScanBuffers* buffers) const;
   /// Returns the gradients with respect to the parameters behind the Gaussians.
   template <class T>
   std::span<T> others_of(std::span<T> gradients) const {

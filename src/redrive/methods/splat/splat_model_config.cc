@@ -116,6 +116,8 @@ void SplatModel::visit_hyperparameters(HyperparameterVisitor& visit) {
       scan_every);
   visit({"scan.range", "weight of the error of a scan's log distances", 0, 1000},
         scan_weights.range);
+  visit({"scan.first", "parts of LiDAR scans that train before the first image", 0, 1e6},
+        scans_first);
   visit({"scan.returns", "weight of the squared error of a ray's probability to return", 0, 1000},
         scan_weights.returns);
   visit({"scan.intensity", "weight of the squared error of intensities", 0, 1000},

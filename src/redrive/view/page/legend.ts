@@ -42,6 +42,7 @@ export function showLegend(place: HTMLElement, hello: Hello, state: State): void
     items.push(bar(hello.depth.colours, near, `${far}, logarithmic`, "depth"));
   }
   if (layer === "coverage") items.push(swatch("#f00", "no training image saw it"));
+  if (layer === "actors") items.push(swatch("#ff8000", "a colour for each moving object"));
   if (layer === "opacity") items.push(bar(["#000", "#fff"], "empty", "opaque", "opacity"));
   if (layer === "normals")
     items.push(swatch("#ff8080", "faces right"), swatch("#80ff80", "up"),

@@ -4,7 +4,7 @@ import {mountFrom, mountText, type Mount} from "./mount";
 import type {Hello} from "./protocol";
 
 export const compares = ["off", "beside", "wipe", "blend", "difference"] as const;
-export const layers = ["image", "depth", "normals", "opacity", "coverage"] as const;
+export const layers = ["image", "depth", "normals", "opacity", "coverage", "actors"] as const;
 export const overlays = ["trajectory", "frusta", "lidar", "cloud", "boxes", "masks"] as const;
 export const scanColours = ["range", "intensity", "error"] as const;
 export const moves = ["left", "forward", "up", "yaw", "pitch"] as const;

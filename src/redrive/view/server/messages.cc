@@ -49,7 +49,8 @@ Layer layer_of(const JsonField& field) {
   if (name == "normals") return Layer::kNormals;
   if (name == "opacity") return Layer::kOpacity;
   if (name == "coverage") return Layer::kCoverage;
-  field.fail("must be image, depth, normals, opacity or coverage");
+  if (name == "actors") return Layer::kActors;
+  field.fail("must be image, depth, normals, opacity, coverage or actors");
 }
 
 Overlays overlays_of(const JsonField& field) {

@@ -35,7 +35,7 @@ namespace redrive::view {
 constexpr std::size_t kMaxMessageBytes = 1 << 20;
 
 /// The quantity that the colours of an image show.
-enum class Layer { kImage, kDepth, kNormals, kOpacity, kCoverage };
+enum class Layer { kImage, kDepth, kNormals, kOpacity, kCoverage, kActors };
 
 /// What is drawn over an image.
 struct Overlays {

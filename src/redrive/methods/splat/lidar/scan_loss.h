@@ -12,8 +12,8 @@ namespace redrive {
 /// Weights of the means over the rays.
 struct ScanWeights {
   float range = 0.1f;       ///< RasterImage::range_error of rays with a return
-  float returns = 0.1f;     ///< squared error of the probability of a return
-  float intensity = 0.05f;  ///< squared error of the intensity of rays with a return
+  float returns = 0.02f;    ///< squared error of the probability of a return
+  float intensity = 0.01f;  ///< squared error of the intensity of rays with a return
 };
 
 /// Planes of what was measured; a place without a ray has `weight` 0.

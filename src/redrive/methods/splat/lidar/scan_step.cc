@@ -17,18 +17,15 @@ bool SplatModel::has_scan(const TrainingSet& data, const StepRequest& request) c
 }
 
 void SplatModel::step_scan(kernels::Backend& backend, const TrainingSet& data,
-                           const StepRequest& request, std::span<float> gradients,
-                           ScanBuffers* buffers, StepSums* sums) const {
+                           const StepRequest& request, std::uint64_t key, std::uint64_t draw,
+                           std::span<float> gradients, ScanBuffers* buffers, StepSums* sums) const {
   if (!buffers->windows)
     buffers->windows.emplace(data.scene, data.lidar, [ids = actor_ids](std::int64_t id) {
       return std::ranges::find(ids, id) != ids.end();
     });
   const ScanWindows& windows = *buffers->windows;
   if (windows.size() == 0) return;
-  const auto draw =
-      static_cast<std::uint64_t>(request.world_size * (request.step / scan_every) + request.rank);
-  const ScanWindow window =
-      windows[drawn_window(random_key(request.seed, kStreamScans), draw, windows.size())];
+  const ScanWindow window = windows[drawn_window(key, draw, windows.size())];
   std::vector<MovingObject> moved = data.scene.actors;
   correct_actors(&moved);
   for (const RayGroup& group : group_around(window.rays(), window.world_from_axes)) {
@@ -66,6 +63,23 @@ void SplatModel::step_scan(kernels::Backend& backend, const TrainingSet& data,
     raster.backward({gradient.d_rgb, gradient.d_transmittance, buffers->error, gradient.d_range},
                     to, {});
   }
+}
+
+void SplatModel::train_scans_first(kernels::Backend& backend, const TrainingSet& data,
+                                   const StepRequest& request, ScanBuffers* buffers) const {
+  const std::uint64_t key = random_key(request.seed, kStreamScans, 1);
+  StepUpdate update = *request.update;
+  StepRequest scan = request;
+  scan.update = &update;
+  StepSums unused;
+  const int n = scans_first;
+  for (int k = 0; k < n; ++k) {
+    update.step = k + 1;
+    update.learning_rate = learning_rate({.step = k, .progress = static_cast<double>(k) / n});
+    step_scan(backend, data, scan, key, static_cast<std::uint64_t>(k), {}, buffers, &unused);
+  }
+  // Images begin with moments of their own.
+  std::ranges::fill(update.adam->packed.span(), 0u);
 }
 
 }  // namespace redrive
