@@ -29,6 +29,7 @@ using redrive::testing::ProgramResult;
 using ::testing::AllOf;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
+using ::testing::UnorderedElementsAre;
 
 constexpr const char* kFront = "F_MIDLONGRANGECAM_CL";
 constexpr std::uint64_t kMuch = std::uint64_t{1} << 40;
@@ -455,6 +456,23 @@ TEST_F(ServeTest, SaysWhichFileOfASceneIsDamaged) {
     EXPECT_THAT(error.what(), HasSubstr("broken/checkpoint.safetensors"));
   }
   EXPECT_THAT(service.loaded_scenes(), ElementsAre());
+}
+
+TEST_F(ServeTest, WhatCannotBeRenderedIsLeftOutOfAFolder) {
+  const fs::path folder = folder_ / "mixed", empty = folder / "empty";
+  fs::create_directories(empty);
+  fs::copy(folder_ / "one", folder / "good", fs::copy_options::recursive);
+  fs::copy_file(folder_ / "one/config.json", empty / "config.json");
+  write_file(folder / "text.usdz", "no zip");
+  write_zip(folder / "foreign.usdz",
+            std::vector<ZipMember>{{"data_info.json", R"({"sequence_id": "foreign"})"}});
+  const SceneStore store({folder}, {.threads = 1}, kMuch);
+  EXPECT_THAT(store.ids(), ElementsAre("good"));
+  EXPECT_THAT(
+      store.left_out(),
+      UnorderedElementsAre(HasSubstr("empty: its run has no checkpoint"), HasSubstr("text.usdz"),
+                           HasSubstr("foreign.usdz: it has no run of redrive")));
+  EXPECT_THROW(SceneStore({folder / "foreign.usdz"}, {.threads = 1}, kMuch), InputError);
 }
 
 TEST_F(ServeTest, ABundleNeedsNoRecordingAndRendersTheBitsOfItsRun) {

@@ -61,6 +61,24 @@ TEST(ReportImages, CoverageMarksUnseenPixels) {
   EXPECT_EQ(colours.rgb, (std::vector<std::uint8_t>{51, 51, 51, 153, 25, 25, 0, 0, 0}));
 }
 
+TEST(ReportImages, MovingObjectsHaveColoursOfTheirOwn) {
+  RenderedImage image;
+  image.width = 4;
+  image.height = 1;
+  image.rgb.assign(12, 0.2f);  // 51
+  image.valid = {1, 1, 1, 0};
+  image.ids = {0, 1, 2, 1};
+  const std::vector<std::uint8_t> rgb = actor_colours(image).rgb;
+  const auto pixel = [&](std::size_t i) {
+    return std::vector<std::uint8_t>(rgb.begin() + std::ptrdiff_t(3 * i),
+                                     rgb.begin() + std::ptrdiff_t(3 * i + 3));
+  };
+  EXPECT_EQ(pixel(0), (std::vector<std::uint8_t>{51, 51, 51}));
+  EXPECT_NE(pixel(1), pixel(0));
+  EXPECT_NE(pixel(1), pixel(2));
+  EXPECT_EQ(pixel(3), (std::vector<std::uint8_t>{51, 51, 51})) << "invalid";
+}
+
 TEST(ReportImages, DepthGoesFromBlueToRedWithInvalidPixelsGrey) {
   RenderedImage image;
   image.width = 3;

@@ -89,6 +89,27 @@ class CheckBundle : public ::testing::Test {
   TemporaryFolder folder_;
 };
 
+TEST_F(CheckBundle, AliasesOfYamlAreBounded) {
+  json members = complete();
+  std::string yaml = "a0: &a0 [x, x, x, x, x, x, x, x, x, x]\n";
+  for (int i = 1; i < 12; ++i) {
+    const std::string name = std::to_string(i), before = "*a" + std::to_string(i - 1);
+    yaml += "a" + name + ": &a" + name + " [" + before;
+    for (int k = 0; k < 9; ++k) yaml += ", " + before;
+    yaml += "]\n";
+  }
+  members["metadata.yaml"] = yaml;
+  EXPECT_THAT(texts(report(members).alpasim), Contains(HasSubstr("stand for too many values")));
+}
+
+TEST_F(CheckBundle, ARunThatCannotBeRenderedIsNamed) {
+  json members = complete();
+  members["redrive/config.json"] = json::object();
+  const BundleReport found = report(members);
+  EXPECT_TRUE(found.has_run);
+  EXPECT_THAT(found.run_damage, HasSubstr("redrive/"));
+}
+
 TEST_F(CheckBundle, FindsNothingInAWholeOne) {
   const BundleReport whole = report(complete());
   EXPECT_THAT(texts(whole.alpasim), IsEmpty());

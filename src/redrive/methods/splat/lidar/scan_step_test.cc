@@ -118,6 +118,26 @@ TEST(ScanStep, FindsRangesIntensitiesAndLostRays) {
   EXPECT_GT(after[3], 0.8);
 }
 
+TEST(ScanStep, ScansTrainBeforeTheFirstImage) {
+  const ScannedWall drive;
+  const auto backend = fast_backend();
+  for (const int parts : {0, 300}) {
+    Training training;
+    training.steps = 1;
+    training.begin(wall(kWall_m + 0.15, 0.4f));
+    training.model.scans_first = parts;
+    training.model.scan_weights = {1, 1, 0.5f};
+    training.run(*backend, drive.data());
+    const auto after = drive.errors(*backend, training.model);
+    if (parts == 0) {
+      EXPECT_GT(after[0], 0.1) << "metres";
+    } else {
+      EXPECT_LT(after[0], 0.05) << "metres";
+      EXPECT_GT(after[3], 0.8) << "lost rays";
+    }
+  }
+}
+
 TEST(ScanStep, EveryFewStepsHaveAScan) {
   const ScannedWall drive;
   const auto backend = fast_backend();
