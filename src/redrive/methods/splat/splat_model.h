@@ -41,7 +41,7 @@ struct SplatModel final : Trainee, FieldGaussians {
         harmonics_rate = 0.01f, lidar_rate = 1;
   float l1_weight = 0.8f, ssim_weight = 0.2f;
   float range_weight = 0.1f;  ///< weight of LiDAR returns in images
-  int scan_every = 4;         ///< steps after which a part of a LiDAR scan is rendered; 0: never
+  int scan_every = 8;         ///< steps after which a part of a LiDAR scan is rendered; 0: never
   ScanWeights scan_weights;
   int scans_first = 320;         ///< parts of LiDAR scans that train before the first image
   float surface_rate = 0.5f;     ///< part of the way to a LiDAR plane in a call
