@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <string>
 
+#include "redrive/base/error.h"
 #include "redrive/recording/formats/argoverse2/argoverse2_scan.h"
 #include "redrive/recording/lidar/scan_structure.h"
 #include "redrive/render/recorded_lidar.h"
@@ -13,12 +14,24 @@ namespace {
 
 constexpr int kLasers = 2 * kLasersOfLidar;
 
+bool knows_rings(const Recording& drive, std::size_t lidar) {
+  try {
+    return has_rings(drive.read_lidar(drive.scans_of(lidar).front()));
+  } catch (const InputError&) {  // named where all scans are read
+    return false;
+  }
+}
+
 }  // namespace
 
 std::vector<std::uint8_t> LasersOfLidar::numbers(const Recording& drive,
                                                  const std::vector<LidarPoint>& points) const {
   std::vector<std::uint8_t> numbers(points.size(), static_cast<std::uint8_t>(first));
-  if (!sensor) return numbers;
+  if (!sensor) {
+    for (std::size_t i = 0; i < points.size(); ++i)
+      if (points[i].ring < count) numbers[i] = static_cast<std::uint8_t>(first + points[i].ring);
+    return numbers;
+  }
   const std::vector<std::uint8_t> beams =
       beams_of(points, drive.lidars[lidar].body_from_lidar, *sensor);
   const int shared = std::max(count, static_cast<int>(sensor->beams.size()));
@@ -47,9 +60,9 @@ std::vector<LasersOfLidar> assign_lasers(const Recording& drive, DriveNotes* not
       notes->left_out.push_back("LiDAR " + name + ": the format has two, of 32 lasers each");
       continue;
     }
-    if (!lasers.sensor)
+    if (!lasers.sensor && !knows_rings(drive, k))
       notes->left_out.push_back("laser numbers of " + name + ": " + why);
-    else if (lasers.count == kLasers)
+    else if (lasers.sensor && lasers.count == kLasers)
       notes->changed.push_back(
           "LiDAR " + name + " of " + std::to_string(lasers.sensor->beams.size()) +
           " beams is up_lidar and down_lidar, at one place" +
