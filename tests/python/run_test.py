@@ -90,7 +90,7 @@ class OfRun(unittest.TestCase):
         by_pose = self.run_.render(CAMERA, self.frame, world_from_camera=pose)
         np.testing.assert_allclose(by_pose.rgb, by_frame.rgb, atol=1e-3)
         still = self.run_.render(CAMERA, self.frame, world_from_camera=np.stack([pose] * 3))
-        np.testing.assert_allclose(still.rgb, by_pose.rgb, atol=4e-3)  # a faint Gaussian less
+        np.testing.assert_allclose(still.rgb, by_pose.rgb, atol=4e-3)  # a Gaussian of alpha 1/255
         for key, wrong in (("yaw", float("nan")), ("edit", [1])):
             with self.assertRaisesRegex(redrive.UsageError, key):
                 self.run_.render(CAMERA, self.frame, **{key: wrong})

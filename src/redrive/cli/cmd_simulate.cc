@@ -7,7 +7,6 @@
 #include <filesystem>
 #include <map>
 #include <memory>
-#include <set>
 #include <string>
 #include <vector>
 
@@ -23,6 +22,7 @@
 #include "redrive/cli/help.h"
 #include "redrive/cli/render/render_options.h"
 #include "redrive/cli/train/training.h"
+#include "redrive/export/drive_path.h"
 #include "redrive/export/simulate.h"
 #include "redrive/export/write_photo_set.h"
 #include "redrive/recording/core/wording.h"
@@ -55,30 +55,19 @@ nlohmann::json stamp_of(const fs::path& file) {
   return {file.string(), error ? 0 : bytes, std::int64_t{changed.count()}};
 }
 
-/// Returns the stamps of the files that hold a run's field: a bundle, or checkpoints.
-nlohmann::json stamps_of_run(const fs::path& run) {
-  if (is_scene_bundle(run)) return {stamp_of(run)};
-  std::set<fs::path> checkpoints;
-  for (const fs::directory_entry& entry : fs::recursive_directory_iterator(run))
-    if (entry.path().filename() == RunPaths{}.checkpoint().filename())
-      checkpoints.insert(entry.path());
-  nlohmann::json stamps = nlohmann::json::array();
-  for (const fs::path& file : checkpoints) stamps.push_back(stamp_of(file));
-  return stamps;
-}
-
 /// Returns the options and files that rendered files depend on.
 nlohmann::json plan_of(const SimulateCommandOptions& options, const Run& run,
                        const std::string& backend) {
   const LidarOptions& lidar = options.simulate.lidar;
-  nlohmann::json bodies = nlohmann::json::array();
+  nlohmann::json field = nlohmann::json::array(), bodies = nlohmann::json::array();
+  for (const fs::path& file : field_files(options.run)) field.push_back(stamp_of(file));
   if (!options.edit.empty())
     for (const AddedActor& added : read_traffic_edit(options.edit).added)
       bodies.push_back(stamp_of(added.change.body_file));
   const bool is_file = fs::is_regular_file(options.simulate.path);
   return {{"run", fs::weakly_canonical(fs::absolute(options.run)).string()},
           {"to", options.format},
-          {"field", stamps_of_run(options.run)},
+          {"field", field},
           {"step", run.state.step},
           {"backend", backend},
           {"bodies", bodies},

@@ -5,6 +5,7 @@
 
 #include <gtest/gtest.h>
 
+#include "redrive/export/drive_path.h"
 #include "redrive/export/simulate.h"
 #include "redrive/recording/core/trajectory.h"
 #include "redrive/scene/scene_testing.h"

@@ -12,18 +12,9 @@
 
 namespace redrive {
 
-/// Returns the scene with the body on another path: "drive", as driven; "sideways:METRES" to the
-/// left in body axes; "speed:FACTOR" times as fast along the same way, ending where it ends; the
-/// places of a .csv (export/own_path.h), ending with it; or the poses of a file
-/// (recording/formats/egomotion_json.h), which must hold the scene's frames. Moving objects keep
-/// their times. UsageError, also more than 1 km from the driven way; InputError.
-Scene scene_on_path(const Scene& scene, const std::string& path);
 /// Returns the scene with these cameras in place of its own, each with an image of every frame.
 /// Throws as make_rig_camera.
 Scene scene_with_rig(Scene scene, const std::vector<CameraCalibration>& cameras);
-/// Throws UsageError where `path` is no number that scene_on_path takes.
-void check_path(const std::string& path);
-
 /// Returns the boxes of a frame in the axes of the body then: the scene's actors and those objects
 /// of `moving` that are parked, ascending by id. `moving`: the run's.
 std::vector<Box> boxes_at(const Scene& scene, const MovingObjects& moving, const Frame& frame);

@@ -5,7 +5,6 @@
 #include <pybind11/stl.h>
 #include <pybind11/stl/filesystem.h>
 
-#include "redrive/base/cpu_features.h"
 #include "redrive/base/did_you_mean.h"
 #include "redrive/base/error.h"
 #include "redrive/base/files/output_folder.h"
@@ -418,8 +417,8 @@ void bind_methods(py::class_<Opened, std::shared_ptr<Opened>>& recording) {
 
 }  // namespace
 
-std::vector<std::string> export_drive(const Opened& opened, const fs::path& out,
-                                      const std::string& to, bool force) {
+std::vector<std::string> export_drive(Opened& opened, const fs::path& out, const std::string& to,
+                                      bool force) {
   const auto format = std::ranges::find(drive_formats(), to, &DriveFormat::name);
   if (format == drive_formats().end()) {
     std::vector<std::string> names;
@@ -429,11 +428,11 @@ std::vector<std::string> export_drive(const Opened& opened, const fs::path& out,
   return without_lock([&] {
     check_output_folder("out", out, force);
     const Recording drive = drive_of_scene(opened.run().recording, opened.scene());
-    ThreadPool pool(hardware_threads());
-    const std::atomic<bool>& stop = InterruptibleCall::came();
     std::vector<std::string> remarks;
     write_output_folder("out", out, force, [&](const fs::path& folder) {
-      DriveNotes notes = format->write(folder, drive, pool, stop);
+      DriveNotes notes = opened.with_pool([&](ThreadPool& pool) {
+        return format->write(folder, drive, pool, InterruptibleCall::came());
+      });
       remarks = std::move(notes.changed);
       for (const std::string& what : notes.left_out) remarks.push_back("not exported: " + what);
     });

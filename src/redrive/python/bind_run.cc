@@ -218,8 +218,8 @@ py::object evaluate_run(OpenedRun& run, int max_images, bool all) {
   return py::module_::import("json").attr("loads")(json);
 }
 
-std::vector<std::string> export_run(const OpenedRun& run, const fs::path& out,
-                                    const std::string& to, bool force, int sh_degree) {
+std::vector<std::string> export_run(OpenedRun& run, const fs::path& out, const std::string& to,
+                                    bool force, int sh_degree) {
   const std::vector<ExportFormat> own = run.run().field()->export_formats();
   if (std::ranges::find(own, to, &ExportFormat::name) == own.end())
     return export_drive(run, out, to, force);

@@ -27,7 +27,7 @@ Axes axes_of(const std::string& name);
 
 /// Writes a recording or a run as a drive in a data set's layout; returns remarks. UsageError
 /// naming `to`.
-std::vector<std::string> export_drive(const Opened& opened, const std::filesystem::path& out,
+std::vector<std::string> export_drive(Opened& opened, const std::filesystem::path& out,
                                       const std::string& to, bool force);
 
 /// A rigid transform from a [4, 4] array. UsageError naming `argument`.

@@ -77,6 +77,13 @@ class Opened {
   /// Time of a frame. UsageError where there is none.
   std::int64_t frame_ns(std::int64_t frame) const;
 
+  /// Calls work(pool) while no other call has the pool.
+  template <class Work>
+  auto with_pool(const Work& work) {
+    const std::lock_guard lock(pool_mutex_);
+    return work(pool_);
+  }
+
   ImageRays rays(int camera, const View& view);
   Points scan(std::int64_t frame, Axes axes, bool lost);
   /// [height, width]: 1 where training would use the pixel. `moving`: masks boxes of moving

@@ -13,7 +13,8 @@
 
 namespace redrive {
 
-/// A ray of a lower opacity, or probability of a return, has none.
+/// A ray of a lower opacity, or probability of a return, has none. From 0.4 to 0.5 as many rays are
+/// lost or returned as recorded; at 0.4 fewer returns are missing (docs/experiments.md).
 constexpr float kMinReturnOpacity = 0.4f;
 
 /// Default limits of a return's range, metres.

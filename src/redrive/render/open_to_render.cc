@@ -133,7 +133,7 @@ bool is_scene_bundle(const fs::path& path) {
   return has_extension(path, {".usdz"}) && fs::is_regular_file(path, error);
 }
 
-std::optional<std::string> missing_of_run(const fs::path& root) {
+std::optional<std::string> missing_part(const fs::path& root) {
   const bool bundle = is_scene_bundle(root);
   std::optional<ZipFile> zip;
   if (bundle) zip.emplace(root);
@@ -146,6 +146,16 @@ std::optional<std::string> missing_of_run(const fs::path& root) {
   if (!divided && !has(paths.checkpoint())) return "its run has no checkpoint";
   if (bundle && !has(paths.recording())) return "its run has no recording.json";
   return std::nullopt;
+}
+
+std::vector<fs::path> field_files(const fs::path& root) {
+  if (is_scene_bundle(root)) return {root};
+  std::vector<fs::path> files;
+  for (const fs::directory_entry& entry : fs::recursive_directory_iterator(root))
+    if (entry.path().filename() == RunPaths{}.checkpoint().filename())
+      files.push_back(entry.path());
+  std::ranges::sort(files);
+  return files;
 }
 
 bool is_run_folder(const fs::path& folder) { return fs::exists(RunPaths{folder}.config()); }

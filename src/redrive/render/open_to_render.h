@@ -29,7 +29,10 @@ bool is_scene_bundle(const std::filesystem::path& path);
 
 /// Returns what a run or a scene bundle lacks to be rendered, by the names of its files; nothing:
 /// all is there. InputError for a damaged zip.
-std::optional<std::string> missing_of_run(const std::filesystem::path& root);
+std::optional<std::string> missing_part(const std::filesystem::path& root);
+
+/// Returns the files that hold a run's field: a scene bundle, or checkpoints, sorted.
+std::vector<std::filesystem::path> field_files(const std::filesystem::path& root);
 
 /// Whether the folder is a run rather than a recording.
 bool is_run_folder(const std::filesystem::path& folder);

@@ -24,8 +24,7 @@ std::uint64_t bytes_of_run(const fs::path& root) {
   std::uint64_t files = 0;
   if (is_scene_bundle(root))
     return kTables + 2 * ZipFile(root).size(RunPaths{root / kRunOfBundle}.checkpoint()).value_or(0);
-  for (const fs::directory_entry& entry : fs::recursive_directory_iterator(root))
-    if (entry.path().filename() == RunPaths{}.checkpoint().filename()) files += entry.file_size();
+  for (const fs::path& file : field_files(root)) files += fs::file_size(file);
   return kTables + 2 * files;
 }
 
@@ -42,7 +41,7 @@ SceneStore::SceneStore(const std::vector<fs::path>& runs, kernels::BackendChoice
                        std::uint64_t memory)
     : backend_(std::move(backend)), memory_(memory) {
   const auto add = [&](const fs::path& root) {
-    if (const auto missing = missing_of_run(root)) throw InputError(root, "", "", *missing);
+    if (const auto missing = missing_part(root)) throw InputError(root, "", "", *missing);
     known_.push_back(
         {is_scene_bundle(root) ? id_of_bundle(root) : fs::canonical(root).filename().string(),
          root});

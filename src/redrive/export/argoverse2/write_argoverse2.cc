@@ -46,9 +46,8 @@ class PoseRows {
 
 /// A row of annotations.feather.
 struct WrittenCuboid {
-  std::int64_t t_ns = 0;
   const Box* box = nullptr;
-  Rigid3d vehicle_from_box;  ///< at t_ns
+  Rigid3d vehicle_from_box;  ///< at the sweep's time
   std::size_t returns = 0;
 };
 
@@ -163,7 +162,6 @@ class LogWriter {
 
   void write_scans() {
     list_sweeps();
-    std::set<std::int64_t> with_boxes;
     for (Sweep& sweep : sweeps_) {
       times_ns_.insert(sweep.t_ns);
       for (const auto& [lasers, scan] : sweep.scans) times_ns_.insert(scan->last_ns);
@@ -203,7 +201,7 @@ class LogWriter {
     // A box is where its returns are, as the data set's are.
     for (std::size_t b = 0; b < sweep->boxes.size(); ++b)
       sweep->cuboids.push_back(
-          {sweep->t_ns + later_ns_, &sweep->boxes[b],
+          {&sweep->boxes[b],
            vehicle_from_global *
                global_from_box_at(sweep->boxes[b], drive_.frames, returns[b].t_ns),
            returns[b].n});
@@ -260,7 +258,7 @@ class LogWriter {
         const std::string category = argoverse2::category_of(box.type);
         if (category != box.type) renamed.insert(box.type + " is " + category);
         if (!argoverse2::is_known_category(category)) others.insert(category);
-        t_ns.push_back(cuboid.t_ns);
+        t_ns.push_back(sweep.t_ns + later_ns_);
         tracks.push_back(argoverse2::track_uuid(box.object_id));
         categories.push_back(category);
         for (int k = 0; k < 3; ++k) sizes[k].push_back(box.size_m[k]);

@@ -97,15 +97,13 @@ void add_cameras(const fs::path& root, const std::vector<FramePose>& poses,
   add_posed_cameras(std::move(cameras), calibrations, recording);
 }
 
-/// Whether one of the scans has returns of a LiDAR.
+/// Whether the first scan that can be read has returns of a LiDAR.
 bool has_returns(const std::vector<FrameFile>& scans, Lidar lidar) {
-  return std::ranges::any_of(scans, [&](const FrameFile& scan) {
-    try {
+  for (const FrameFile& scan : scans) try {
       return has_lasers_of(lidar, read_file(scan.path), scan.path);
     } catch (const InputError&) {  // named where all scans are checked
-      return false;
     }
-  });
+  return false;
 }
 
 void add_scans(const fs::path& root, const std::map<std::string, Rigid3d>& extrinsics,
