@@ -7,6 +7,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <span>
@@ -192,6 +193,13 @@ class Trainee : public Configurable, public Field {
   /// step of each call of train(), with the poses that training began with; steps elsewhere do
   /// without. No checkpoint holds it.
   virtual void prepare(const TrainingSet&, ThreadPool&, StepBuffers* /*buffers*/) const {}
+  /// Trains on what comes before images. Called before step 0 of every start, by each rank with the
+  /// same parameters and fresh moments, which it changes alike. Calls `go_on` every so often and
+  /// returns false, with parameters of no use, where that does. Must be deterministic.
+  virtual bool train_first(kernels::Backend&, const TrainingSet&, std::uint64_t /*seed*/,
+                           AdamState*, StepBuffers*, const std::function<bool()>& /*go_on*/) {
+    return true;
+  }
   /// Writes losses to buffers->workspace.sums() and adds their derivatives to gradients
   /// [gradients_size()]; with an update, a loss that is not finite changes nothing. The gradient
   /// of an actor's track is known only when the update is done: where it is not finite, it is

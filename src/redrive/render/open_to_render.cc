@@ -103,12 +103,14 @@ Run open_to_render(const fs::path& root, std::optional<double> max_damaged) {
     throw InputError(blocks_file(root), "", "",
                      "its blocks end before the drive of " + run.recording.root.string());
 
+  SeamExposure seams = read_seam_exposure(root, whole.blocks.size());
+  set_gains(seams.lidar_gains, exposure_file(root), &run.recording);
   std::unique_ptr<Trainee> like = make_run_model(run.options, run.scene);
   record_hyperparameters(*like, &run.options);
   auto field = std::make_unique<DividedField>(
       std::move(like),
       DividedDrive{std::move(cameras), std::move(t_ns), BlockWay(positions, last_core),
-                   read_seam_exposure(root, whole.blocks.size())},
+                   std::move(seams)},
       [root, blocks = whole.blocks, global_from_world = run.scene.global_from_world](int b) {
         return load_block(root, blocks[b], global_from_world);
       },

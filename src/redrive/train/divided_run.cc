@@ -87,10 +87,10 @@ std::vector<MovingObject> find_in_parts(const DividedRun& whole, ThreadPool& poo
 using ImageGainsByName = std::map<std::pair<std::string, std::int64_t>, LogGains>;
 
 /// Returns the log gains of a block's training images, with camera and frame.
-ImageGainsByName image_gains_of(const DividedRun& whole, const Block& block) {
+ImageGainsByName image_gains_of(const DividedRun& whole, const Block& block,
+                                const TrainState& state) {
   const Scene scene =
       make_scene(whole.recording, scene_options(block_options(whole.options, block)));
-  const TrainState state = load_checkpoint(RunPaths{whole.folder(block)}.checkpoint());
   ImageGainsByName gains;
   for (const View& view : scene.views)
     if (!view.held_out)
@@ -252,9 +252,12 @@ SeamExposure match_exposures(const DividedRun& whole) {
   std::vector<std::string> cameras;
   for (const RigCamera& camera : whole.scene.rig) cameras.push_back(camera.name);
   std::vector<SharedImage> shared;
+  std::vector<std::vector<LidarGains>> lidar_gains;
   ImageGainsByName before;
   for (std::size_t b = 0; b < whole.blocks.size(); ++b) {
-    const ImageGainsByName here = image_gains_of(whole, whole.blocks[b]);
+    const TrainState state = load_checkpoint(RunPaths{whole.folder(whole.blocks[b])}.checkpoint());
+    lidar_gains.push_back(state.lidar_gains);
+    const ImageGainsByName here = image_gains_of(whole, whole.blocks[b], state);
     for (const auto& [image, log_gains] : here)
       if (const auto there = before.find(image); there != before.end())
         shared.push_back({whole.scene.camera_index(image.first), static_cast<int>(b) - 1,
@@ -263,6 +266,7 @@ SeamExposure match_exposures(const DividedRun& whole) {
   }
   SeamExposure exposure =
       solve_seam_exposure(std::move(cameras), static_cast<int>(whole.blocks.size()), shared);
+  exposure.lidar_gains = mean_gains(lidar_gains);
   write_seam_exposure(whole.paths.root, exposure);
   return exposure;
 }

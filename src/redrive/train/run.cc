@@ -200,7 +200,7 @@ Run open_run(const std::filesystem::path& root, bool to_resume, std::optional<do
     if (!to_resume) check_rendering_memory(run);
     run.state = load_checkpoint(run.paths.checkpoint());
     check_belongs(run);
-    set_gains(run.state, &run);
+    set_gains(run.state.lidar_gains, run.paths.checkpoint(), &run.recording);
     check_shown_hyperparameters(run, config);
     load_actors(&run);  // in the poses that training began with, as training did
     if (run.state.step > 0 || !to_resume)
@@ -213,16 +213,16 @@ Run open_run(const std::filesystem::path& root, bool to_resume, std::optional<do
   return run;
 }
 
-void set_gains(const TrainState& state, Run* run) {
-  const std::vector<float>& gains = state.lidar_gains;
-  std::vector<RecordedLidar>& lidars = run->recording.lidars;
+void set_gains(const std::vector<LidarGains>& gains, const std::filesystem::path& file,
+               Recording* recording) {
+  std::vector<RecordedLidar>& lidars = recording->lidars;
   if (!gains.empty() && gains.size() != lidars.size())
-    throw InputError(run->paths.checkpoint(), "lidar_gains", std::to_string(gains.size()),
-                     run->recording.root.string() + " has " + counted(lidars.size(), "LiDAR") +
+    throw InputError(file, "lidar_gains", std::to_string(gains.size()),
+                     recording->root.string() + " has " + counted(lidars.size(), "LiDAR") +
                          ": it is no longer the recording that was trained on");
   for (std::size_t k = 0; k < gains.size(); ++k) {
-    lidars[k].gain = double(gains[k]);
-    if (k < state.lidar_beam_gains.size()) lidars[k].beam_gains = state.lidar_beam_gains[k];
+    lidars[k].gain = double(gains[k].gain);
+    lidars[k].beam_gains = gains[k].beams;
   }
 }
 

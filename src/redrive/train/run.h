@@ -73,9 +73,10 @@ struct Run {
 Run open_run(const std::filesystem::path& root, bool to_resume = false,
              std::optional<double> max_damaged = {});
 
-/// Sets RecordedLidar::gain and beam_gains of the recording's LiDARs where the state has them.
-/// InputError where they are not as many.
-void set_gains(const TrainState& state, Run* run);
+/// Sets RecordedLidar::gain and beam_gains of the recording's LiDARs; no gains leave them. `file`:
+/// where the gains are from. InputError where they are not as many as the LiDARs.
+void set_gains(const std::vector<LidarGains>& gains, const std::filesystem::path& file,
+               Recording* recording);
 
 /// Sets run->moving to the annotated objects that move and to `found` ones
 /// (perception/find_moving.h). If the model draws objects, sets run->scene.actors to those with

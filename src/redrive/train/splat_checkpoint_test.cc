@@ -54,12 +54,14 @@ TEST(SplatCheckpoint, RoundTripIsBitExact) {
 
 TEST(SplatCheckpoint, KeepsTheGainsOfSeveralLidars) {
   TrainState state = example_splat_state();
-  state.lidar_gains = {1, 0.1f, 3.0000002f};
-  state.lidar_beam_gains = {{{-0.1f, 0.7000001f}, {0.02f, 1.2f}}, {}, {{0, 1}}};
+  state.lidar_gains = {
+      {1, {{-0.1f, 0.7000001f}, {0.02f, 1.2f}}}, {0.1f, {}}, {3.0000002f, {{0, 1}}}};
   const std::string bytes = checkpoint_bytes(state);
   EXPECT_EQ(parse_checkpoint(bytes, "c").lidar_gains, state.lidar_gains);
-  EXPECT_EQ(parse_checkpoint(bytes, "c").lidar_beam_gains, state.lidar_beam_gains);
-  for (const char* broken : {"[]", "[1,0]", "[1,-2]", "[1,\"x\"]", "[1,1e9]", "1", "[1,"}) {
+  for (const char* broken :
+       {R"({})", R"([1])", R"([{"gain":0,"beams":[]}])", R"([{"gain":"x","beams":[]}])",
+        R"([{"gain":1e9,"beams":[]}])", R"([{"gain":1}])", R"([{"gain":1,"beams":[[0]]}])",
+        R"([{"gain":1,"beams":[[9,1]]}])", R"([{"gain":1,"beams":[[0,-1]]}])"}) {
     CheckpointParts parts(bytes);
     parts.header["__metadata__"]["lidar_gains"] = broken;
     EXPECT_THAT(checkpoint_error(parts.bytes()), HasSubstr("__metadata__.lidar_gains")) << broken;

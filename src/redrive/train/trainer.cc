@@ -93,6 +93,7 @@ class Trainer {
     while (true) {
       while (progress() < 1) {
         if (asked_to(stop)) return end(TrainEnd::kInterrupted);
+        if (state_.step == 0 && !train_first(stop)) return TrainEnd::kInterrupted;
         step();
         if (observer_) observer_->between_steps(run_);
       }
@@ -128,18 +129,30 @@ class Trainer {
   void begin_from_data() {
     if (!data_.lidar.scan_ends.empty()) {
       state_.lidar_gains.clear();
-      state_.lidar_beam_gains.clear();
-      for (const LidarReturns::Sensor& sensor : data_.lidar.sensors) {
-        state_.lidar_gains.push_back(sensor.gain);
-        state_.lidar_beam_gains.push_back(sensor.beam_gains);
-      }
-      set_gains(state_, &run_);
+      for (const LidarReturns::Sensor& sensor : data_.lidar.sensors)
+        state_.lidar_gains.push_back({sensor.gain, sensor.beam_gains});
+      set_gains(state_.lidar_gains, run_.paths.checkpoint(), &run_.recording);
     }
     Trainee& model = *state_.model;
     const Progress progress("preparing the first parameters");
     run_.scene.correct({});
     model.initialize_from(data_, state_.seed, backend_.pool());
     if (state_.adam.size() != model.size()) state_.adam = model.zero_moments();
+  }
+
+  /// Trains on what comes before images. Where that is interrupted, the checkpoint of step 0
+  /// stands.
+  bool train_first(const std::atomic<bool>& stop) {
+    const Progress progress("training on LiDAR scans");
+    const auto begin = std::chrono::steady_clock::now();
+    const bool done = state_.model->train_first(backend_, data_, state_.seed, &state_.adam,
+                                                &buffers_, [&] { return !asked_to(stop); });
+    if (!done) {
+      state_.model->fetch(backend_);
+      state_ = load_checkpoint(run_.paths.checkpoint());
+    }
+    state_.seconds += of_processes(seconds_since(begin)).front();
+    return done;
   }
 
   void finish_training() {

@@ -93,6 +93,10 @@ struct SplatModel final : Trainee, FieldGaussians {
   std::int64_t steps_per_epoch(const TrainingSet& data, int world_size) const override;
   /// Fits planes to the LiDAR returns (surface_planes.h).
   void prepare(const TrainingSet& data, ThreadPool& pool, StepBuffers* buffers) const override;
+  /// Trains on parts of the LiDAR scans.
+  bool train_first(kernels::Backend& backend, const TrainingSet& data, std::uint64_t seed,
+                   AdamState* adam, StepBuffers* buffers,
+                   const std::function<bool()>& go_on) override;
   StepOutput step(kernels::Backend& backend, const TrainingSet& data, const StepRequest& request,
                   std::span<float> gradients, StepBuffers* buffers) const override;
   /// Pixels of one image are alike, and images differ: some ten thousand count as 32.
@@ -185,9 +189,6 @@ struct SplatModel final : Trainee, FieldGaussians {
   void step_scan(kernels::Backend& backend, const TrainingSet& data, const StepRequest& request,
                  std::uint64_t key, std::uint64_t draw, std::span<float> gradients,
                  ScanBuffers* buffers, StepSums* sums) const;
-  /// Trains on parts of the scans alone, before the first step.
-  void train_scans_first(kernels::Backend& backend, const TrainingSet& data,
-                         const StepRequest& request, ScanBuffers* buffers) const;
   /// Returns the gradients with respect to the parameters behind the Gaussians.
   template <class T>
   std::span<T> others_of(std::span<T> gradients) const {

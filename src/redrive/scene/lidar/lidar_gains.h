@@ -14,6 +14,7 @@ namespace redrive {
 struct LidarGains {
   float gain = 1;               ///< RecordedLidar::gain
   std::vector<BeamGain> beams;  ///< RecordedLidar::beam_gains
+  bool operator==(const LidarGains&) const = default;
 };
 
 /// Returns the gains of each of returns.sensors.

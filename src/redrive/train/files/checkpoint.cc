@@ -10,6 +10,7 @@
 #include "redrive/base/error.h"
 #include "redrive/base/files/files.h"
 #include "redrive/model/method.h"
+#include "redrive/train/files/gains_json.h"
 #include "redrive/train/files/safetensors.h"
 #include "redrive/train/files/state.h"
 
@@ -20,9 +21,8 @@ constexpr const char* kCellErrors = "cell_errors";
 constexpr const char* kMoments[] = {"adam.first_moment", "adam.second_moment"};
 constexpr const char* kPoses[] = {"poses", "poses.first_moment", "poses.second_moment"};
 constexpr const char *kPacked = "adam.packed", *kErrors = "adam.errors";
-constexpr const char *kDevice = "device", *kLidarGains = "lidar_gains",
-                     *kBeamGains = "lidar_beam_gains";
-constexpr const char* kFormat = "redrive-19";
+constexpr const char *kDevice = "device", *kLidarGains = "lidar_gains";
+constexpr const char* kFormat = "redrive-20";
 
 /// Visits the scalars of a state, without its model's, once each by name; writing and reading share
 /// this list.
@@ -138,54 +138,10 @@ Buffer<T> read(const Safetensors& parsed, const std::string& name, std::size_t s
   return out;
 }
 
-std::vector<float> parse_gains(const std::string& text, const std::filesystem::path& file) {
-  constexpr float kMost = 1e4f;
-  const nlohmann::json json = nlohmann::json::parse(text, nullptr, /*allow_exceptions=*/false);
-  std::vector<float> gains;
-  if (json.is_array())
-    for (const nlohmann::json& gain : json)
-      gains.push_back(gain.is_number() ? gain.get<float>() : 0);
-  if (gains.empty() ||
-      !std::ranges::all_of(gains, [&](float gain) { return gain > 0 && gain <= kMost; }))
-    throw InputError(file, std::string("__metadata__.") + kLidarGains, text.substr(0, 80),
-                     "must be a list of numbers above 0, 1e4 at most");
-  return gains;
-}
-
-/// A list of the LiDARs, each a list of beams, each its elevation, rad, and its gain.
-nlohmann::json beam_gains_to_json(const std::vector<std::vector<BeamGain>>& lidars) {
-  nlohmann::json json = nlohmann::json::array();
-  for (const std::vector<BeamGain>& beams : lidars) {
-    json.push_back(nlohmann::json::array());
-    for (const BeamGain& beam : beams) json.back().push_back({beam.elevation_rad, beam.gain});
-  }
-  return json;
-}
-
-std::vector<std::vector<BeamGain>> parse_beam_gains(const std::string& text,
-                                                    const std::filesystem::path& file,
-                                                    std::size_t lidars) {
-  constexpr float kMost = 1e4f;
-  constexpr std::size_t kMostBeams = kNoRing;
-  const auto fail = [&] {
-    throw InputError(file, std::string("__metadata__.") + kBeamGains, text.substr(0, 80),
-                     "must be a list of each LiDAR's beams, each an elevation and a gain above 0");
-  };
-  const nlohmann::json json = nlohmann::json::parse(text, nullptr, /*allow_exceptions=*/false);
-  if (!json.is_array() || json.size() != lidars) fail();
-  std::vector<std::vector<BeamGain>> out;
-  for (const nlohmann::json& beams : json) {
-    if (!beams.is_array() || beams.size() > kMostBeams) fail();
-    out.emplace_back();
-    for (const nlohmann::json& beam : beams) {
-      if (!beam.is_array() || beam.size() != 2 || !beam[0].is_number() || !beam[1].is_number())
-        fail();
-      const BeamGain gain{beam[0].get<float>(), beam[1].get<float>()};
-      if (!(std::abs(gain.elevation_rad) < 4) || !(gain.gain > 0 && gain.gain <= kMost)) fail();
-      out.back().push_back(gain);
-    }
-  }
-  return out;
+std::vector<LidarGains> parse_gains(const std::string& text, const std::filesystem::path& file) {
+  nlohmann::json root;
+  root["__metadata__"][kLidarGains] = parse_json(text, file);
+  return gains_from_json(JsonField(root, file).at("__metadata__").at(kLidarGains));
 }
 
 SafetensorsFile checkpoint_file(const TrainState& state) {
@@ -203,9 +159,7 @@ SafetensorsFile checkpoint_file(const TrainState& state) {
   visit_numbers(state, note);
   visit_model(state, note);
   if (!state.device.empty()) metadata[kDevice] = state.device;
-  if (!state.lidar_gains.empty()) metadata[kLidarGains] = nlohmann::json(state.lidar_gains).dump();
-  if (!state.lidar_beam_gains.empty())
-    metadata[kBeamGains] = beam_gains_to_json(state.lidar_beam_gains).dump();
+  if (!state.lidar_gains.empty()) metadata[kLidarGains] = gains_to_json(state.lidar_gains).dump();
   std::vector<SafetensorsEntry> entries;
   for (const ModelTensor& tensor : model.tensors())
     entries.push_back({tensor.name,
@@ -330,8 +284,6 @@ TrainState parse_checkpoint(std::string_view bytes, const std::filesystem::path&
     state.device = device->second.substr(0, 200);
   if (const auto gains = parsed.metadata.find(kLidarGains); gains != parsed.metadata.end())
     state.lidar_gains = parse_gains(gains->second, file);
-  if (const auto gains = parsed.metadata.find(kBeamGains); gains != parsed.metadata.end())
-    state.lidar_beam_gains = parse_beam_gains(gains->second, file, state.lidar_gains.size());
   read_adam(parsed, file, model, &state.adam);
   const std::vector<ModelTensor> tensors = model.tensors();
   model.parameters = Buffer<float>(model.size());

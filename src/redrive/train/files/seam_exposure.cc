@@ -11,6 +11,7 @@
 #include "redrive/base/files/files.h"
 #include "redrive/base/json_field.h"
 #include "redrive/field/appearance.h"
+#include "redrive/train/files/gains_json.h"
 
 namespace redrive {
 namespace {
@@ -59,6 +60,39 @@ SeamExposure solve_seam_exposure(std::vector<std::string> cameras, int blocks,
       for (int k = 0; k < 3; ++k) result.log_gains[b][c][k] = solution(b, k);
   }
   return result;
+}
+
+std::vector<LidarGains> mean_gains(const std::vector<std::vector<LidarGains>>& blocks) {
+  struct Sum {
+    double log_gain = 0, elevation_rad = 0;
+    int n = 0;
+    void add(const BeamGain& beam) {
+      log_gain += std::log(double(beam.gain));
+      elevation_rad += double(beam.elevation_rad);
+      ++n;
+    }
+    BeamGain mean() const {
+      return {static_cast<float>(elevation_rad / n), static_cast<float>(std::exp(log_gain / n))};
+    }
+  };
+  std::vector<Sum> sensors;
+  std::vector<std::vector<Sum>> beams;
+  for (const std::vector<LidarGains>& of_block : blocks) {
+    sensors.resize(std::max(sensors.size(), of_block.size()));
+    beams.resize(sensors.size());
+    for (std::size_t k = 0; k < of_block.size(); ++k) {
+      sensors[k].add({0, of_block[k].gain});
+      beams[k].resize(std::max(beams[k].size(), of_block[k].beams.size()));
+      for (std::size_t b = 0; b < of_block[k].beams.size(); ++b)
+        beams[k][b].add(of_block[k].beams[b]);
+    }
+  }
+  std::vector<LidarGains> means;
+  for (std::size_t k = 0; k < sensors.size(); ++k) {
+    means.push_back({sensors[k].mean().gain, {}});
+    for (const Sum& beam : beams[k]) means.back().beams.push_back(beam.mean());
+  }
+  return means;
 }
 
 LogGains image_log_gains(Trainee& model, const Exposure& exposure) {
@@ -121,13 +155,15 @@ SeamExposure parse_seam_exposure(std::string_view bytes, const std::filesystem::
       of_block.push_back({three[0], three[1], three[2]});
     }
   }
+  if (root.has("lidar_gains")) exposure.lidar_gains = gains_from_json(root.at("lidar_gains"));
   return exposure;
 }
 
 std::string seam_exposure_text(const SeamExposure& exposure) {
   const nlohmann::ordered_json json = {{"format", kExposureFormat},
                                        {"cameras", exposure.cameras},
-                                       {"log_gains", exposure.log_gains}};
+                                       {"log_gains", exposure.log_gains},
+                                       {"lidar_gains", gains_to_json(exposure.lidar_gains)}};
   return json.dump(2) + "\n";
 }
 

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "redrive/model/trainee.h"
+#include "redrive/scene/lidar/lidar_gains.h"
 #include "redrive/train/files/blocks.h"
 
 namespace redrive {
@@ -27,6 +28,9 @@ using LogGains = std::array<double, 3>;  ///< natural logarithms of factors of r
 struct SeamExposure {
   std::vector<std::string> cameras;              ///< in the order of names
   std::vector<std::vector<LogGains>> log_gains;  ///< [block of blocks.json][camera]
+  /// Gains of the recording's LiDARs, by which all blocks' intensities are multiplied; empty: not
+  /// known.
+  std::vector<LidarGains> lidar_gains = {};
 
   int camera_index(const std::string& name) const;  ///< -1 if there is none
   /// Returns 0 for an unknown camera.
@@ -44,6 +48,10 @@ struct SharedImage {
 /// squares where these leave a choice.
 SeamExposure solve_seam_exposure(std::vector<std::string> cameras, int blocks,
                                  const std::vector<SharedImage>& images);
+
+/// Returns the geometric means of what each block estimated, for a beam over the blocks that know
+/// it. Blocks without any do not count.
+std::vector<LidarGains> mean_gains(const std::vector<std::vector<LidarGains>>& blocks);
 
 /// Returns the log gains that a model has trained for a camera of its run's rig at a time; 0 of
 /// models without any.

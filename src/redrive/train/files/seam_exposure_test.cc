@@ -81,11 +81,26 @@ TEST(SeamExposure, IsWrittenAndRead) {
   const TemporaryFolder folder;
   EXPECT_EQ(read_seam_exposure(folder.path, 2).of(1, "F"), LogGains{}) << "no file yet";
   const SeamExposure written = {{"F", "B"},
-                                {{{0.1, 1.0 / 3, 0}, {0, 0, 0}}, {{-0.1, 0, 0}, {1, 2, 3}}}};
+                                {{{0.1, 1.0 / 3, 0}, {0, 0, 0}}, {{-0.1, 0, 0}, {1, 2, 3}}},
+                                {{1, {{-0.1f, 0.7f}}}, {0.3f, {}}}};
   write_seam_exposure(folder.path, written);
   const SeamExposure read = read_seam_exposure(folder.path, 2);
   EXPECT_EQ(read.cameras, written.cameras);
   EXPECT_EQ(read.log_gains, written.log_gains);
+  EXPECT_EQ(read.lidar_gains, written.lidar_gains);
+}
+
+TEST(SeamExposure, LidarGainsAreMeansOverBlocks) {
+  EXPECT_TRUE(mean_gains({}).empty());
+  EXPECT_TRUE(mean_gains({{}, {}}).empty());
+  const std::vector<LidarGains> mean =
+      mean_gains({{{1, {{0.1f, 2}}}, {4, {}}}, {}, {{1, {{0.3f, 0.5f}, {0.4f, 3}}}, {9, {}}}});
+  ASSERT_EQ(mean.size(), 2u);
+  EXPECT_FLOAT_EQ(mean[1].gain, 6);
+  ASSERT_EQ(mean[0].beams.size(), 2u);
+  EXPECT_FLOAT_EQ(mean[0].beams[0].gain, 1);
+  EXPECT_FLOAT_EQ(mean[0].beams[0].elevation_rad, 0.2f);
+  EXPECT_FLOAT_EQ(mean[0].beams[1].gain, 3) << "one block alone has seen it";
 }
 
 TEST(SeamExposure, BadFilesAreNamed) {

@@ -12,6 +12,7 @@
 
 #include "redrive/base/buffer.h"
 #include "redrive/model/trainee.h"
+#include "redrive/scene/lidar/lidar_gains.h"
 #include "redrive/scene/pose_corrections.h"
 
 namespace redrive {
@@ -74,11 +75,9 @@ struct TrainState {
   std::int64_t step = 0;  ///< steps done
   /// pixels drawn in the order of the epochs, without the rays of the error map
   std::uint64_t pixels_drawn = 0;
-  std::uint64_t pixels = 0;  ///< pixels that train, an epoch; 0 before the first step
-  /// RecordedLidar::gain and beam_gains of each; empty: not known
-  std::vector<float> lidar_gains;
-  std::vector<std::vector<BeamGain>> lidar_beam_gains;
-  Buffer<float> cell_errors;  ///< error map, of PixelSampler::cells; empty: not used
+  std::uint64_t pixels = 0;             ///< pixels that train, an epoch; 0 before the first step
+  std::vector<LidarGains> lidar_gains;  ///< one per LiDAR of the recording; empty: not known
+  Buffer<float> cell_errors;            ///< error map, of PixelSampler::cells; empty: not used
   std::string device;      ///< kernels::identity() of the backend that wrote it; empty: not known
   double seconds = 0;      ///< time of steps, including resumed runs, and of finish_training
   std::uint64_t seed = 0;  ///< in use; differs from the option after a restart

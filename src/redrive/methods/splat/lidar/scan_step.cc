@@ -65,21 +65,4 @@ void SplatModel::step_scan(kernels::Backend& backend, const TrainingSet& data,
   }
 }
 
-void SplatModel::train_scans_first(kernels::Backend& backend, const TrainingSet& data,
-                                   const StepRequest& request, ScanBuffers* buffers) const {
-  const std::uint64_t key = random_key(request.seed, kStreamScans, 1);
-  StepUpdate update = *request.update;
-  StepRequest scan = request;
-  scan.update = &update;
-  StepSums unused;
-  const int n = scans_first;
-  for (int k = 0; k < n; ++k) {
-    update.step = k + 1;
-    update.learning_rate = learning_rate({.step = k, .progress = static_cast<double>(k) / n});
-    step_scan(backend, data, scan, key, static_cast<std::uint64_t>(k), {}, buffers, &unused);
-  }
-  // Images begin with moments of their own.
-  std::ranges::fill(update.adam->packed.span(), 0u);
-}
-
 }  // namespace redrive
