@@ -9,6 +9,7 @@
 #include <map>
 #include <tuple>
 #include <type_traits>
+#include <utility>
 
 #include "redrive/kernels/vulkan/vulkan_api.h"
 
@@ -33,6 +34,8 @@ class WrappedApi {
   VkResult failure = VK_ERROR_DEVICE_LOST;
   int calls = 0;  ///< calls so far that may fail
   int alive = 0;  ///< objects that were made and not destroyed
+
+  std::uint32_t groups_of_row = 0;  ///< limit that devices state; 0: their own
 
   // ---- Memory
   /// Surrounds buffers with bytes that must keep their values, which are not a number: theirs at
@@ -103,7 +106,11 @@ class WrappedApi {
 
   static void install(Api* api) {
     wrap<&Api::CreateDevice>(api, "CreateDevice");
-    if (!api->CreateBuffer) return;  // the instance's table
+    if (!api->CreateBuffer) {  // the instance's table
+      if (api->GetPhysicalDeviceProperties2 != properties)
+        instance_properties_ = std::exchange(api->GetPhysicalDeviceProperties2, properties);
+      return;
+    }
 #define REDRIVE_WRAP(name) wrap<&Api::name>(api, #name);
     REDRIVE_VULKAN_DEVICE(REDRIVE_WRAP)
 #undef REDRIVE_WRAP
@@ -119,6 +126,11 @@ class WrappedApi {
 
   static std::size_t guard() { return current_ && current_->guards ? kGuard : 0; }
 
+  static void properties(VkPhysicalDevice device, VkPhysicalDeviceProperties2* out) {
+    instance_properties_(device, out);
+    if (current_ && current_->groups_of_row > 0)
+      out->properties.limits.maxComputeWorkGroupCount[0] = current_->groups_of_row;
+  }
   static void requirements(VkDevice device, VkBuffer buffer, VkMemoryRequirements* needs) {
     current_->inner_.GetBufferMemoryRequirements(device, buffer, needs);
     needs->size += 2 * guard();
@@ -183,6 +195,7 @@ class WrappedApi {
   }
 
   static inline WrappedApi* current_ = nullptr;
+  static inline PFN_vkGetPhysicalDeviceProperties2 instance_properties_ = nullptr;
   Api inner_;
   std::map<VkDeviceMemory, Memory> memory_;
   std::map<VkBuffer, VkDeviceMemory> bound_;

@@ -24,12 +24,11 @@ double StageCost::estimated_ms(const Gpu& gpu, const StageCost& measured) const 
 }
 
 std::vector<StageCost> step_costs(const StepCounts& of) {
-  // Bytes are what shaders read and write, each number once a dispatch. The operations of a
-  // projection and its adjoint were counted in the GLSL of camera model opencv_pinhole. Blending
-  // counts as if each pixel of a tile met all its Gaussians.
+  // Bytes are what shaders read and write, each number once a dispatch. Blending counts as if each
+  // pixel of a tile met all its Gaussians; it keeps five numbers a pixel for each 256 pairs.
   constexpr double kWord = 4, kRecord = 64, kPairSums = 64, kSortedPair = 5 * kWord,
-                   kPixelsOfTile = kernels::kTileSide * kernels::kTileSide, kProject = 520,
-                   kAdjoint = 1200, kBlend = 20, kBlendBackward = 60, kAdam = 25,
+                   kState = 5 * kWord, kPixelsOfTile = kernels::kTileSide * kernels::kTileSide,
+                   kBlend = 20, kBlendBackward = 60, kAdam = 25,
                    kHalo = 1 + 2.0 * kSsimRadius / kernels::kTileSide;
   double rows = 0;
   for (int row = 0; row < kDistanceRow; ++row) rows += is_seen(SeenBy::kCamera, row);
@@ -37,21 +36,22 @@ std::vector<StageCost> step_costs(const StepCounts& of) {
   const int tile_passes = (std::bit_width(tiles) + 7) / 8;
   // SSIM: taps of five moments along rows, with the halo, and columns; then of three slopes.
   const double loss = 3 * (kSsimTaps * (8 * kHalo + 10) + 40 + kSsimTaps * (6 * kHalo + 6) + 20);
-  return {{"projection", kProject * of.drawn,
-           4 * kWord * of.gaussians + ((rows - 3) * kWord + kRecord) * of.drawn, 0.03},
-          {"compaction", 0, 2 * kWord * of.gaussians + 2 * kWord * of.drawn, 0.03},
-          {"depth sort", 0, 3 * kSortedPair * of.drawn, 0.14},
-          {"pairs", 2 * 30 * of.drawn,
-           2 * (kRecord + kWord) * of.drawn + 3 * kWord * of.drawn + 4 * kWord * of.pairs, 0.06},
-          {"tile sort", 0, (tile_passes * kSortedPair + kWord) * of.pairs, 0.10},
-          {"blend", kBlend * kPixelsOfTile * of.pairs,
-           (kRecord + 2 * kWord) * of.pairs + 6 * kWord * of.pixels, 0.16},
-          {"loss", loss * of.pixels, (2 * 4 + 2 * 9 + 3 + 3) * kWord * of.pixels, 0.10},
-          {"blend backward", kBlendBackward * kPixelsOfTile * of.pairs,
-           (kRecord + 2 * kWord + kPairSums) * of.pairs + 8 * kWord * of.pixels, 0.50},
-          {"sums", 16 * of.pairs, kPairSums * (of.pairs + of.drawn), 0.04},
-          {"adjoint", kAdjoint * of.drawn, (2 * rows * kWord + kPairSums) * of.drawn, 0.02},
-          {"update", kAdam * rows * of.drawn, (5 * rows + 3) * kWord * of.drawn, 0.05}};
+  return {
+      {"projection", kProjectOperations * of.drawn,
+       4 * kWord * of.gaussians + ((rows - 3) * kWord + kRecord) * of.drawn, 0.03},
+      {"compaction", 0, 2 * kWord * of.gaussians + 2 * kWord * of.drawn, 0.03},
+      {"depth sort", 0, 3 * kSortedPair * of.drawn, 0.14},
+      {"pairs", 2 * 30 * of.drawn,
+       2 * (kRecord + kWord) * of.drawn + 3 * kWord * of.drawn + 4 * kWord * of.pairs, 0.06},
+      {"tile sort", 0, (tile_passes * kSortedPair + kWord) * of.pairs, 0.10},
+      {"blend", kBlend * kPixelsOfTile * of.pairs,
+       (kRecord + 2 * kWord + kState) * of.pairs + 6 * kWord * of.pixels, 0.16},
+      {"loss", loss * of.pixels, (2 * 4 + 2 * 9 + 3 + 3) * kWord * of.pixels, 0.10},
+      {"blend backward", kBlendBackward * kPixelsOfTile * of.pairs,
+       (kRecord + 2 * kWord + kPairSums + kState) * of.pairs + 8 * kWord * of.pixels, 0.50},
+      {"sums", 16 * of.pairs, kPairSums * (of.pairs + of.drawn), 0.04},
+      {"adjoint", kAdjointOperations * of.drawn, (2 * rows * kWord + kPairSums) * of.drawn, 0.02},
+      {"update", kAdam * rows * of.drawn, (5 * rows + 3) * kWord * of.drawn, 0.05}};
 }
 
 std::vector<StepCost> count_steps(kernels::Backend& backend) {

@@ -22,6 +22,10 @@ struct Gpu {
 constexpr Gpu kGpus[] = {
     {"H200", 67, 4800}, {"RTX 4090", 82.6, 1008}, {"RTX 3060", 12.7, 360}, {"UHD 770", 0.79, 76.8}};
 
+/// Operations of a Gaussian's projection and of its adjoint by camera model opencv_pinhole, as the
+/// shaders have them.
+constexpr double kProjectOperations = 540, kAdjointOperations = 1270;
+
 struct StageCost {
   std::string stage;
   double flops, bytes;

@@ -37,6 +37,14 @@ std::optional<double> max_damaged(const GivenFields& given) {
   return options.max_damaged;
 }
 
+/// Applies what is given to the run's options. Another backend does without the run's device.
+void apply(const GivenFields& given, TrainOptions* options) {
+  const std::string backend = options->backend;
+  parse_given(given, options);
+  if (options->backend != backend && !given.contains("device")) options->device.clear();
+  validate(*options);
+}
+
 /// Continues the blocks that are not finished, or all of them where their limits changed.
 int resume_blocks(const ResumeArguments& arguments, ProcessGroup& processes) {
   if (arguments.live.view)
@@ -47,8 +55,7 @@ int resume_blocks(const ResumeArguments& arguments, ProcessGroup& processes) {
   const RunLock lock(arguments.run);
   DividedRun whole = open_divided_run(arguments.run, max_damaged(arguments.given));
   print_notes(whole.recording, whole.scene);
-  parse_given(arguments.given, &whole.options);
-  validate(whole.options);
+  apply(arguments.given, &whole.options);
   check_blocks(whole, block_resources(processes, whole.options));
   if (!arguments.given.empty()) write_config(whole.paths, whole.options);
   for (const char* limit : {"epochs", "max-steps", "max-seconds"})
@@ -68,8 +75,7 @@ int lead_resuming(const ResumeArguments& arguments, ProcessGroup& processes) {
   const RunLock lock(arguments.run);
   Run run = open_run(arguments.run, /*to_resume=*/true, max_damaged(arguments.given));
   print_notes(run.recording, run.scene);
-  parse_given(arguments.given, &run.options);
-  validate(run.options);
+  apply(arguments.given, &run.options);
   if (run.state.step > 0 && run_progress(run.options, run.state) >= 1) {
     std::printf(
         "%s is finished: step %lld after %.1f s of training; nothing is written. A higher "

@@ -87,8 +87,9 @@ int checked_threads(const BackendChoice& choice) {
     throw UsageError(
         "--isa", choice.isa,
         "the " + choice.name + " backend has no instruction sets; omit it or use --backend cpu");
-  if (!choice.device.empty() && !(entry && entry->make_on))
-    throw UsageError("--device", choice.device, "chooses a device of --backend vulkan");
+  if (!choice.device.empty() && entry && !entry->make_on)
+    throw UsageError("--device", choice.device,
+                     "chooses a GPU; the " + choice.name + " backend computes on the processor");
   return choice.threads > 0 ? choice.threads : hardware_threads();
 }
 
@@ -124,6 +125,20 @@ std::unique_ptr<Backend> find_gpu(int threads, std::string* note) {
   return nullptr;
 }
 
+/// Opens the device that --device names. UsageError: there is none, or it fails the self-test.
+std::unique_ptr<Backend> named_gpu(const std::string& which, int threads) {
+  std::string fault = "this build was made without a backend for GPUs (docs/gpu.md)";
+  for (const Entry& entry : kBackends) {
+    if (!entry.devices) continue;
+    const std::vector<DeviceInfo> devices = entry.devices(&fault);
+    if (devices.empty()) break;
+    const std::size_t i = choose_device(devices, which);
+    if (auto backend = open_tested(entry, devices[i], i, threads, &fault)) return backend;
+    fault = devices[i].name + ": " + fault;
+  }
+  throw UsageError("--device", which, fault);
+}
+
 }  // namespace
 
 std::vector<std::string> backend_names() {
@@ -150,6 +165,7 @@ std::unique_ptr<Backend> make_backend(const BackendChoice& choice) {
   const int threads = checked_threads(choice);
   if (const Entry* const entry = find_backend(choice.name))
     return entry->make_on ? entry->make_on(choice.device, threads) : entry->make(choice, threads);
+  if (!choice.device.empty()) return named_gpu(choice.device, threads);
   std::string note;
   if (!choice.marches_rays && choice.isa == "auto")
     if (std::unique_ptr<Backend> gpu = find_gpu(threads, &note)) return gpu;

@@ -36,7 +36,8 @@ void add_field(CLI::App& command, const TrainField& field, GivenFields* given) {
 
 std::vector<std::string> devices_of_processes(const TrainOptions& options,
                                               const ProcessGroup& group) {
-  const bool lists = group.on_machine() > 1 && options.backend == "vulkan";
+  const bool lists =
+      group.on_machine() > 1 && (options.backend == "vulkan" || options.backend == "auto");
   std::string reason;
   return kernels::devices_of_processes(
       lists ? kernels::list_devices(&reason) : std::vector<kernels::DeviceInfo>(), options.device,

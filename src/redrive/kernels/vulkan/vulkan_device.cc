@@ -67,6 +67,7 @@ void Device::create() {
   api_.GetPhysicalDeviceMemoryProperties(physical_, &memory_types_);
   VkPhysicalDeviceProperties2 properties{VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_PROPERTIES_2};
   api_.GetPhysicalDeviceProperties2(physical_, &properties);
+  groups_of_row_ = properties.properties.limits.maxComputeWorkGroupCount[0];
   nanoseconds_per_tick_ = static_cast<double>(properties.properties.limits.timestampPeriod);
   family_ = static_cast<std::uint32_t>(compute_family(api_, physical_));
   const float priority = 1;

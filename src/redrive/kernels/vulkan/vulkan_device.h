@@ -63,6 +63,7 @@ class Device {
   VkQueue queue() const { return queue_; }
   std::uint32_t family() const { return family_; }  ///< the queue's
   VkPipelineLayout layout() const { return layout_; }
+  std::uint32_t groups_of_row() const { return groups_of_row_; }         ///< most groups along x
   double nanoseconds_per_tick() const { return nanoseconds_per_tick_; }  ///< counted by timestamps
 
   enum class Memory { kDevice, kUpload, kDownload };
@@ -86,7 +87,7 @@ class Device {
   VkPhysicalDeviceMemoryProperties memory_types_{};
   VkDevice device_ = VK_NULL_HANDLE;
   VkQueue queue_ = VK_NULL_HANDLE;
-  std::uint32_t family_ = 0;
+  std::uint32_t family_ = 0, groups_of_row_ = 1;
   double nanoseconds_per_tick_ = 0;
   bool broken_ = false;
   VkPipelineLayout layout_ = VK_NULL_HANDLE;

@@ -122,7 +122,8 @@ DeviceInfo describe_device(const Api& api, VkPhysicalDevice device) {
   const VkPhysicalDeviceProperties& p = properties.properties;
   DeviceInfo info;
   info.name = p.deviceName;
-  info.driver = std::string(driver.driverName) + " " + driver.driverInfo;
+  info.driver = std::string(driver.driverName) + " " +
+                (driver.driverInfo[0] ? driver.driverInfo : std::to_string(p.driverVersion));
   info.api = std::to_string(VK_API_VERSION_MAJOR(p.apiVersion)) + "." +
              std::to_string(VK_API_VERSION_MINOR(p.apiVersion)) + "." +
              std::to_string(VK_API_VERSION_PATCH(p.apiVersion));

@@ -104,7 +104,8 @@ void Queue::dispatch(const Shader& shader, std::span<const std::uint32_t> consta
                      std::span<const std::byte> push, std::uint32_t groups) {
   if (groups == 0) return;
   bind(shader, constants, push);
-  api_.CmdDispatch(commands_, groups, 1, 1);
+  const std::uint32_t across = std::min(groups, device_.groups_of_row());
+  api_.CmdDispatch(commands_, across, (groups + across - 1) / across, 1);
   barrier();
 }
 

@@ -32,10 +32,13 @@ class Queue {
   /// Makes `buffer` hold at least `bytes`. Where it grows, what is recorded runs first, and its
   /// contents are lost.
   void grow(DeviceBuffer* buffer, std::size_t bytes);
+  /// Largest number of groups along x.
+  std::uint32_t groups_of_row() const { return device_.groups_of_row(); }
   /// Makes a buffer that never grows.
   DeviceBuffer allocate(std::size_t bytes) { return device_.allocate(bytes); }
 
   // ---- Recording. Commands run in their order; each sees what those before it have written.
+  /// Dispatches at least `groups` groups, in rows of groups_of_row() at most.
   void dispatch(const Shader& shader, std::span<const std::uint32_t> constants,
                 std::span<const std::byte> push, std::uint32_t groups);
   /// Number of groups: three words at `at` in `arguments`, which a shader has written.
@@ -61,6 +64,7 @@ class Queue {
 
   /// Backend::take_stage_times.
   std::map<std::string, double> take_times() {
+    finish();
     stamps_ = true;
     return std::exchange(times_, {});
   }

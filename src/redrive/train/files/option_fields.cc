@@ -433,9 +433,8 @@ std::vector<TrainField> resource_fields() {
        text("isa", "NAME", &O::isa, {"auto", "avx2", "avx512", "avx512-bf16"},
             "instruction set of the cpu backend"),
        text("device", "NAME", &O::device, {},
-            "device of the vulkan backend: its number or a part of its name, as `redrive doctor` "
-            "lists them; otherwise the first GPU; 0,1: of processes that train together, one for "
-            "each")});
+            "GPU to compute on: its number or a part of its name, as `redrive doctor` lists them; "
+            "otherwise the first one; 0,1: of processes that train together, one for each")});
 }
 
 }  // namespace

@@ -108,8 +108,8 @@ void GaussianDevice::apply(const GaussianUpdate& update, std::size_t n, const De
   u.errors = errors_in_training_.address();
   u.gradients = gradients.address();
   u.new_errors = errors.address();
-  u.drawn = drawn ? drawn->address() : 0;
-  u.control = control ? control->address() : 0;
+  u.drawn = (drawn ? *drawn : numbers_).address();
+  u.control = (control ? *control : numbers_).address();
   u.n = static_cast<std::uint32_t>(n);
   u.bounded_colours =
       static_cast<std::uint32_t>(std::min<std::size_t>(update.bounded_colours, UINT32_MAX));

@@ -75,8 +75,8 @@ void VulkanLoss::send(const ImageLossInput& input, Parameters* p) {
                                    send(&used_, target.used, 1)};
   const KeptTargets::Image& image = kept ? *kept : sent;
   p->target = image.rgb;
-  p->alpha = image.alpha;
-  p->used = image.used;
+  p->alpha = image.alpha ? image.alpha : image.rgb;
+  p->used = image.used ? image.used : image.rgb;
   p->target_width = static_cast<std::uint32_t>(target.width);
   p->target_x = static_cast<std::uint32_t>(target.x);
   p->target_y = static_cast<std::uint32_t>(target.y);

@@ -245,7 +245,8 @@ void VulkanRaster::write_inputs() {
 }
 
 void VulkanRaster::record_depth_order() {
-  const std::uint32_t n = static_cast<std::uint32_t>(gaussians_.n), unused = 0;
+  const std::uint32_t n = static_cast<std::uint32_t>(gaussians_.n), unused = 0,
+                      groups_of_row = shared_.queue().groups_of_row();
   const Dispatches by{0};
   const Push flags(depth_key_, shared_.block_sums, control_, drawn_, shared_.keys[0], unused,
                    kDrawnAt, n);
@@ -253,7 +254,7 @@ void VulkanRaster::record_depth_order() {
   shared_.run("flags0", flags, groups);
   shared_.run("flags1", flags, 1);
   shared_.run("flags2", flags, groups);
-  shared_.run("plan", Push(control_, kDrawnAt, std::uint32_t{0}, n), 1);
+  shared_.run("plan", Push(control_, kDrawnAt, std::uint32_t{0}, n, groups_of_row), 1);
   shared_.queue().stamp("compact");
   const DeviceBuffer* values = &drawn_;
   int from = 0;
@@ -276,7 +277,10 @@ void VulkanRaster::record_pairs() {
   const Push push(inputs_, shared_.tile_keys[0]);
   shared_.run_indirect("pairs0", push, control_, by_gaussian.by_256(), {centres});
   shared_.scan(shared_.first, control_, kDrawnAt, kPairsAt, by_gaussian.by_scanned());
-  shared_.run("plan", Push(control_, kPairsAt, set, static_cast<std::uint32_t>(max_pairs_)), 1);
+  shared_.run("plan",
+              Push(control_, kPairsAt, set, static_cast<std::uint32_t>(max_pairs_),
+                   shared_.queue().groups_of_row()),
+              1);
   shared_.queue().fill(shared_.tile_keys[0], max_pairs_ * kWord, UINT32_MAX);
   shared_.run_indirect("pairs1", push, control_, by_gaussian.by_256(), {centres});
   shared_.queue().stamp("pairs");

@@ -10,6 +10,7 @@
 
 #include <gtest/gtest.h>
 
+#include "redrive/bench/roofline.h"
 #include "redrive/camera/example_cameras_testing.h"
 #include "redrive/kernels/gaussian/vulkan/formulas/traced_gaussian.h"
 #include "redrive/math/angle_of.h"
@@ -180,6 +181,23 @@ TEST(Trace, LidarIsTheTemplate) {
   int hidden = 0;
   compare(make_spherical_camera(400, 1.2, 640, 64), TracedGaussian(TracedLidar()), &hidden);
   EXPECT_GT(hidden, 2);
+}
+
+TEST(Trace, TheRooflineHasTheNumberOfOperations) {
+  for_each_model([](const auto& of, const std::string& name) {
+    if (name != "opencv_pinhole") return;
+    TracedGaussian gaussian(of);
+    const auto operations = [](const std::vector<Output>& outputs) {
+      const std::vector<bool> needed = needed_for(outputs);
+      double n = 0;
+      for (std::size_t i = 0; i < nodes.size(); ++i) n += needed[i] && nodes[i].operation;
+      return n;
+    };
+    EXPECT_NEAR(operations(gaussian.projection()), bench::kProjectOperations,
+                0.02 * bench::kProjectOperations);
+    EXPECT_NEAR(operations(gaussian.adjoint()), bench::kAdjointOperations,
+                0.02 * bench::kAdjointOperations);
+  });
 }
 
 }  // namespace

@@ -20,7 +20,7 @@ layout(push_constant) uniform Push { Update u; };
 bool updates(int row) { return (u.rows >> row & 1u) != 0u; }
 
 void main() {
-  uint id = gl_GlobalInvocationID.x;
+  uint id = thread_index();
 #ifdef ALL
   if (id >= u.n) return;
 #else

@@ -11,7 +11,7 @@ layout(push_constant) uniform Push {
   uint with_pose;
 };
 void main() {
-  const uint i = gl_GlobalInvocationID.x;
+  const uint i = thread_index();
   if (i >= p.control.v[0] || p.control.v[2] != 0u) return;
   const uint id = p.drawn.v[i], slot = slot_of(id);
   float rows[kGaussianRows], sum[kPairSums], d_rows[kGaussianRows], d_pose[6];

@@ -11,6 +11,14 @@
 #endif
 #include "constants.glsl"
 
+// Groups are dispatched in rows of as many as the device allows; the last row may have some too
+// many.
+uint group_index() {
+  return gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x;
+}
+// The size is that of the layout, which follows this file.
+#define thread_index() (group_index() * gl_WorkGroupSize.x + gl_LocalInvocationIndex)
+
 layout(buffer_reference, std430, buffer_reference_align = 4) buffer Floats { float v[]; };
 layout(buffer_reference, std430, buffer_reference_align = 4) buffer Words { uint v[]; };
 layout(buffer_reference, std430, buffer_reference_align = 16) buffer Vec4s { vec4 v[]; };

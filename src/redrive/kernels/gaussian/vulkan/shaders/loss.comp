@@ -92,7 +92,8 @@ float sum_of(uint value) {
 }
 #endif
 void main() {
-  const uint tile = gl_WorkGroupID.x, t = gl_LocalInvocationIndex, lx = t & 15u, ly = t >> 4;
+  const uint tile = group_index(), t = gl_LocalInvocationIndex, lx = t & 15u, ly = t >> 4;
+  if (tile * 256u >= p.stride * p.rows) return;
   const ivec2 corner = ivec2(tile % p.tiles_x, tile / p.tiles_x) * 16;
   const uint x = uint(corner.x) + lx, y = uint(corner.y) + ly;
   const uint plane = p.stride * p.rows, at = y * p.stride + x;
@@ -172,7 +173,6 @@ void main() {
     } else if (t < 17u) {
       total += sum_of(t - 9u);
     }
-    sync();
 #else
     float d = 0.0;
     if (inside) {
@@ -183,7 +183,6 @@ void main() {
       absolute += abs(off);
     }
     p.d_rgb.v[c * plane + at] = d;
-    sync();
 #endif
   }
 #if PASS == 0

@@ -87,7 +87,7 @@ void put(uint at, uint end, uint gaussian, uint tile, uint bits) {
 }
 
 void main() {
-  const uint t = gl_LocalInvocationIndex, i = gl_GlobalInvocationID.x, drawn = p.control.v[0];
+  const uint t = gl_LocalInvocationIndex, i = thread_index(), drawn = p.control.v[0];
 #if EMIT
   if (p.control.v[2] != 0u) return;
 #endif
@@ -121,7 +121,7 @@ void main() {
   for (uint word = 0u; word < 8u; ++word)
   for (uint left = s_large[R(0u, word)]; left != 0u; left &= left - 1u) {
     const uint j = word * 32u + uint(findLSB(left));
-    const uint other = gl_WorkGroupID.x * 256u + j, its = p.by_depth.v[other];
+    const uint other = group_index() * 256u + j, its = p.by_depth.v[other];
     const vec4 its_a = p.records.v[4u * its], its_b = p.records.v[4u * its + 1u];
     const vec4 its_d = p.records.v[4u * its + 3u];
     const TileRect its_rect = tiles_of(its_a.xy, its_d.xy);

@@ -7,11 +7,12 @@
 layout(local_size_x = 1) in;
 layout(push_constant) uniform Push {
   Words control;
-  uint n_at, set, most;
+  uint n_at, set, most, groups_of_row;
 };
 void put(uint at, uint groups) {
-  control.v[at] = groups;
-  control.v[at + 1u] = 1u;
+  const uint across = min(groups, groups_of_row);
+  control.v[at] = across;
+  control.v[at + 1u] = across > 0u ? (groups + across - 1u) / across : 1u;
   control.v[at + 2u] = 1u;
 }
 void main() {

@@ -13,7 +13,8 @@ layout(push_constant) uniform Push {
 #include "races.glsl"
 shared float s_sum[256];
 void main() {
-  const uint part = gl_WorkGroupID.x, t = gl_LocalInvocationIndex;
+  const uint part = group_index(), t = gl_LocalInvocationIndex;
+  if (part >= p.n_parts) return;
   const uint begin = p.parts.v[2u * part] * 16u;
   const uint end = part + 1u < p.n_parts ? min(p.parts.v[2u * part + 2u] * 16u, p.n) : p.n;
   float sum[6];
@@ -31,6 +32,5 @@ void main() {
       sync();
     }
     if (t == 0u) out_sums.v[6u * part + k] = s_sum[R(0u, 0u)];
-    sync();
   }
 }

@@ -8,7 +8,7 @@ layout(local_size_x = 128) in;
 layout(push_constant) uniform Push { Params p; };
 
 void main() {
-  const uint i = gl_GlobalInvocationID.x;
+  const uint i = thread_index();
   if (i >= p.n) return;
   const uint slot = slot_of(i);
   p.depth_key.v[i] = kNotDrawn;

@@ -10,6 +10,6 @@ layout(push_constant) uniform Push {
   uint n;
 };
 void main() {
-  const uint i = gl_GlobalInvocationID.x;
+  const uint i = thread_index();
   if (i < n) log_range.v[ranged.v[2u * i]] = ranged.v[2u * i + 1u];
 }

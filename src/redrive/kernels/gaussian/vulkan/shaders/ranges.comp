@@ -9,7 +9,7 @@ layout(push_constant) uniform Push {
   Words tiles;
 };
 void main() {
-  const uint i = gl_GlobalInvocationID.x, n = p.control.v[1], end = p.tiles_x * p.tiles_y;
+  const uint i = thread_index(), n = p.control.v[1], end = p.tiles_x * p.tiles_y;
   if (i >= n) return;
   const uint tile = min(tiles.v[i], end), next = i + 1u < n ? min(tiles.v[i + 1u], end) : end;
   if (i == 0u)

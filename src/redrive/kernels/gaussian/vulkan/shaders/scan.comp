@@ -34,8 +34,8 @@ void main() {
   }
   if (t == 0u) control.v[total_at] = all;
 #else
-  const uint first = gl_WorkGroupID.x * 2048u + t * 8u;
-  if (gl_WorkGroupID.x * 2048u >= n) return;
+  const uint first = group_index() * 2048u + t * 8u;
+  if (group_index() * 2048u >= n) return;
   uint v[8], sum = 0u, total;
   for (uint k = 0u; k < 8u; ++k) {
     v[k] = first + k < n ? number(first + k) : 0u;
@@ -43,9 +43,9 @@ void main() {
   }
   uint before = before_in_group(sum, total);
 #if PASS == 0
-  if (t == 0u) block_sums.v[gl_WorkGroupID.x] = total;
+  if (t == 0u) block_sums.v[group_index()] = total;
 #else
-  before += block_sums.v[gl_WorkGroupID.x];
+  before += block_sums.v[group_index()];
   for (uint k = 0u; k < 8u; ++k) {
 #ifdef FLAGS
     if (v[k] != 0u) {

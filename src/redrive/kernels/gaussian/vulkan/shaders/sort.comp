@@ -16,7 +16,7 @@ shared uint s_count[256];
 shared uint s_mask[8 * 256];
 #endif
 void main() {
-  const uint n = control.v[n_at], groups = (n + 4095u) / 4096u, group = gl_WorkGroupID.x;
+  const uint n = control.v[n_at], groups = (n + 4095u) / 4096u, group = group_index();
   const uint t = gl_LocalInvocationIndex, first = group * 4096u;
   if (group >= groups) return;
 #if SCATTER

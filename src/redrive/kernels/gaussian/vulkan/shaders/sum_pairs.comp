@@ -15,7 +15,7 @@ shared float s_part[256];
 void main() {
   const uint t = gl_LocalInvocationIndex, k = t % 16u, mine = t / 16u;
   if (p.control.v[2] != 0u) return;
-  const uint drawn = p.control.v[0], first_of_group = gl_WorkGroupID.x * 16u;
+  const uint drawn = p.control.v[0], first_of_group = group_index() * 16u;
   for (uint g = 0u; g < 16u; ++g) {
     const uint i = first_of_group + g;
     if (i >= drawn) break;  // the same for all threads

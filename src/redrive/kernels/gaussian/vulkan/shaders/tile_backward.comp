@@ -30,9 +30,10 @@ vec2 centre_of(uvec2 pixel) {
 
 void main() {
   const uint t = gl_LocalInvocationIndex, block = t >> 5, lane = t & 31u;
-  const uint tiles = p.tiles_x * p.tiles_y, state = gl_WorkGroupID.x - tiles;
-  const bool is_first = gl_WorkGroupID.x < tiles;
-  const uint tile = is_first ? gl_WorkGroupID.x : p.segments.v[state];
+  const uint tiles = p.tiles_x * p.tiles_y, state = group_index() - tiles;
+  const bool is_first = group_index() < tiles;
+  if (group_index() >= tiles + p.control.v[1] / kSegment) return;
+  const uint tile = is_first ? group_index() : p.segments.v[state];
   if (tile >= tiles || p.wanted.v[tile] == 0u || p.control.v[2] != 0u) return;
   const uvec2 corner = uvec2(tile % p.tiles_x, tile / p.tiles_x) * 16u;
   const uvec2 pixel = corner + pixel_in_tile(t);

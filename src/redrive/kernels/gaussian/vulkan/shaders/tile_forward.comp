@@ -19,8 +19,8 @@ shared uint s_met[64];  // [8, 8] by block: bits of the batch's Gaussians that m
 shared uint s_live[1];
 
 void main() {
-  const uint tile = gl_WorkGroupID.x, t = gl_LocalInvocationIndex, block = t >> 5;
-  if (p.wanted.v[tile] == 0u || p.control.v[2] != 0u) return;
+  const uint tile = group_index(), t = gl_LocalInvocationIndex, block = t >> 5;
+  if (tile >= p.tiles_x * p.tiles_y || p.wanted.v[tile] == 0u || p.control.v[2] != 0u) return;
   const uvec2 pixel = uvec2(tile % p.tiles_x, tile / p.tiles_x) * 16u + pixel_in_tile(t);
   const uint at = pixel.y * p.stride + pixel.x, plane = p.stride * p.rows;
   const float x = kCentres ? p.centre_u.v[at] : float(pixel.x);
