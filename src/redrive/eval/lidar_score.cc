@@ -189,6 +189,9 @@ void LidarScores::add(const LidarReturns& scan, const SensorPoses& world_from_se
   const bool has_signals = !rendered.lost.empty();
   const std::size_t sensor = scan.sensor_of(0);
   const std::vector<BeamGain>& beams = scan.sensors[sensor].beam_gains;
+  const auto comes_back = [&](const Traced& of, std::size_t i, const Eigen::Vector3d& direction) {
+    return of.comes_back(i) && !scan.sensors[sensor].is_blind(direction);
+  };
   const float gain = scan.sensors[sensor].gain, full = scan.full_intensities()[sensor] / gain;
   Cloud measured, seen;
   std::vector<MovingBox> drawn, left_out;
@@ -204,9 +207,9 @@ void LidarScores::add(const LidarReturns& scan, const SensorPoses& world_from_se
     const Eigen::Vector3f origin = traced.rays.origin_at(i),
                           direction = traced.rays.direction_at(i);
     const float depth_m = rendered.depth[i];
+    const bool returned = comes_back(traced, i, scan.direction_in_sensor(i));
     std::optional<double> range_m;
-    if (traced.comes_back(i) && depth_m >= kMinReturn_m && depth_m <= kMaxReturn_m)
-      range_m = depth_m;
+    if (returned && depth_m >= kMinReturn_m && depth_m <= kMaxReturn_m) range_m = depth_m;
     std::size_t nearest = i;  // the ray's return nearest to the rendered one
     const auto off_m = [&](std::size_t k) { return std::abs(scan.range_m[k] - *range_m); };
     for (std::size_t k = i + 1; range_m && k < end; ++k)
@@ -223,7 +226,7 @@ void LidarScores::add(const LidarReturns& scan, const SensorPoses& world_from_se
     if (on_object(drawn, there)) sums_->on_moving.add(range_m, scan.range_m[nearest]);
     if (has_signals)
       sums_->signals.add_return(
-          traced.comes_back(i),
+          returned,
           double(gain * gain_of_ring(beams, scan.ring_of(ray.strongest)) * rendered.intensity[i] -
                  float(scan.intensity[ray.strongest]) / full));
   }
@@ -238,7 +241,8 @@ void LidarScores::add(const LidarReturns& scan, const SensorPoses& world_from_se
   const Traced lost = trace(
       run_, backend_, lost_ns, [&](std::size_t i) { return scan.lost[i].direction.cast<double>(); },
       world_from_sensor);
-  for (std::size_t i = 0; i < lost_ns.size(); ++i) sums_->signals.add_lost(lost.comes_back(i));
+  for (std::size_t i = 0; i < lost_ns.size(); ++i)
+    sums_->signals.add_lost(comes_back(lost, i, scan.lost[i].direction.cast<double>()));
 }
 
 std::optional<LidarScore> LidarScores::score() {

@@ -33,6 +33,7 @@ enum GaussianRow {
   /// 4: what a LiDAR sees in place of colours: intensity, then probability of a return, each a + b
   /// times the cosine of the angle of incidence.
   kLidarRow = 23,
+  kReturnRow = 25,  ///< 2 of these, of the probability
   /// Distance to the nearest training camera, metres: scales the learning rate of the position. Not
   /// trained.
   kDistanceRow = 27,

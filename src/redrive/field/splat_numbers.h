@@ -76,7 +76,7 @@ inline void set_splat_numbers(const SplatNumbers& numbers, double distance_m, st
   }
   for (int k = 0; k < 4; ++k) set(kQuaternionRow + k, numbers.quaternion[k]);
   set(kOpacityRow, numbers.opacity);
-  for (int row = kLidarRow; row < kDistanceRow; ++row) set(row, row == kLidarRow + 2 * kReturnSlot);
+  for (int row = kLidarRow; row < kDistanceRow; ++row) set(row, row == kReturnRow);
   set(kDistanceRow, distance_m);
 }
 

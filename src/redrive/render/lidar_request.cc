@@ -99,6 +99,8 @@ bool complete_sensor(const Recording& recording, LidarRequest* request) {
   const std::size_t lidar = lidar_index(*request, recording);
   if (request->is_of_recording() && lidar < recording.lidars.size())
     request->scan.gain = static_cast<float>(recording.lidars[lidar].gain);
+  if (!request->mount && lidar < recording.lidars.size())
+    request->scan.blind = recording.lidars[lidar].blind;
   if (request->recorded) {
     if (lidar < recording.lidars.size())
       request->scan.beam_gains = recording.lidars[lidar].beam_gains;

@@ -97,6 +97,7 @@ LidarScan render_scan(kernels::Backend& backend, const Field& model, const Lidar
         axes_from_sensor =
             motion.world_from_body(t_ns).inverse(Eigen::Isometry) * motion.world_from_sensor(t_ns);
     }
+    const Eigen::Vector3d& direction = firings.direction[i];
     const double range_m = rays.depth[i];
     const float probability = rays.returned(i);
     const float least = options.seed
@@ -104,7 +105,8 @@ LidarScan render_scan(kernels::Backend& backend, const Field& model, const Lidar
                                                      static_cast<std::uint64_t>(firings.t_ns[0])),
                                           i)
                             : kMinReturnOpacity;
-    if (!(probability >= least && probability > 0 && range_m > 0)) {
+    if (!(probability >= least && probability > 0 && range_m > 0) ||
+        options.blind.contains(motion.body_from_sensor.linear() * direction)) {
       ++scan.lost;
       continue;
     }
@@ -112,7 +114,6 @@ LidarScan render_scan(kernels::Backend& backend, const Field& model, const Lidar
       ++scan.out_of_range;
       continue;
     }
-    const Eigen::Vector3d& direction = firings.direction[i];
     LidarRecord point{axes_from_sensor * (range_m * direction), t_ns};
     point.ring = firings.ring[i];
     const float gain = options.gain * gain_of_ring(options.beam_gains, point.ring);

@@ -42,6 +42,7 @@ struct ScanOptions {
   PointAxes axes = PointAxes::kSensor;
   float gain = 1;                         ///< factor of intensities (RecordedLidar::gain)
   std::vector<BeamGain> beam_gains = {};  ///< more of them, by LidarFirings::ring
+  BlindDirections blind = {};             ///< rays that the vehicle stops are lost
   /// draws rays with a return by their probability; nothing: kMinReturnOpacity decides
   std::optional<std::uint64_t> seed;
 };

@@ -93,6 +93,20 @@ TEST_F(LidarScanTest, DropsWhatIsOutOfRange) {
   }
 }
 
+TEST_F(LidarScanTest, RaysThatTheVehicleStopsAreLost) {
+  const LidarFirings firings = spin();
+  const LidarScan all = scan(firings, {});
+  ASSERT_GT(all.points.size(), 0u);
+  ScanOptions options;
+  const std::uint32_t stopped = all.firing[0];
+  options.blind.insert(
+      BlindDirections::cell_of(motion_.body_from_sensor.linear() * firings.direction[stopped]));
+  const LidarScan some = scan(firings, options);
+  EXPECT_LT(some.points.size(), all.points.size());
+  EXPECT_EQ(some.points.size() + some.lost, all.points.size() + all.lost);
+  EXPECT_EQ(std::ranges::count(some.firing, stopped), 0);
+}
+
 TEST_F(LidarScanTest, ShiftsAlongTheAxesOfTheSensor) {
   motion_.axes = ShiftAxes::kCamera;
   motion_.shift_m = {0, 2, 0};

@@ -164,7 +164,9 @@ std::vector<ImageRow> lidar_image_rows(const Run& run, kernels::Backend& backend
   const Points recorded = recorded_points(scan, body_from_lidar);
   const LidarScan rendered =
       render_scan(backend, *run.field(), *firings, {run.scene, body_from_lidar},
-                  {.gain = static_cast<float>(lidar.gain), .beam_gains = lidar.beam_gains});
+                  {.gain = static_cast<float>(lidar.gain),
+                   .beam_gains = lidar.beam_gains,
+                   .blind = lidar.blind});
 
   const RangeImage cells = range_image(structure, recorded);
   const std::string title = "LiDAR, frame " + std::to_string(id) + ", held out: ";

@@ -223,6 +223,7 @@ void set_gains(const std::vector<LidarGains>& gains, const std::filesystem::path
   for (std::size_t k = 0; k < gains.size(); ++k) {
     lidars[k].gain = double(gains[k].gain);
     lidars[k].beam_gains = gains[k].beams;
+    lidars[k].blind = gains[k].blind;
   }
 }
 

@@ -73,8 +73,8 @@ struct Run {
 Run open_run(const std::filesystem::path& root, bool to_resume = false,
              std::optional<double> max_damaged = {});
 
-/// Sets RecordedLidar::gain and beam_gains of the recording's LiDARs; no gains leave them. `file`:
-/// where the gains are from. InputError where they are not as many as the LiDARs.
+/// Sets RecordedLidar::gain, beam_gains and blind of the recording's LiDARs; no gains leave them.
+/// `file`: where the gains are from. InputError where they are not as many as the LiDARs.
 void set_gains(const std::vector<LidarGains>& gains, const std::filesystem::path& file,
                Recording* recording);
 

@@ -56,12 +56,15 @@ TEST(SplatCheckpoint, KeepsTheGainsOfSeveralLidars) {
   TrainState state = example_splat_state();
   state.lidar_gains = {
       {1, {{-0.1f, 0.7000001f}, {0.02f, 1.2f}}}, {0.1f, {}}, {3.0000002f, {{0, 1}}}};
+  for (const std::size_t cell : {3, 4, 5, 129599}) state.lidar_gains[1].blind.insert(cell);
   const std::string bytes = checkpoint_bytes(state);
   EXPECT_EQ(parse_checkpoint(bytes, "c").lidar_gains, state.lidar_gains);
   for (const char* broken :
-       {R"({})", R"([1])", R"([{"gain":0,"beams":[]}])", R"([{"gain":"x","beams":[]}])",
-        R"([{"gain":1e9,"beams":[]}])", R"([{"gain":1}])", R"([{"gain":1,"beams":[[0]]}])",
-        R"([{"gain":1,"beams":[[9,1]]}])", R"([{"gain":1,"beams":[[0,-1]]}])"}) {
+       {R"({})", R"([1])", R"([{"gain":0,"beams":[],"blind":[]}])",
+        R"([{"gain":"x","beams":[],"blind":[]}])", R"([{"gain":1e9,"beams":[],"blind":[]}])",
+        R"([{"gain":1}])", R"([{"gain":1,"beams":[[0]],"blind":[]}])",
+        R"([{"gain":1,"beams":[[9,1]],"blind":[]}])", R"([{"gain":1,"beams":[[0,-1]],"blind":[]}])",
+        R"([{"gain":1,"beams":[],"blind":[[129599,2]]}])"}) {
     CheckpointParts parts(bytes);
     parts.header["__metadata__"]["lidar_gains"] = broken;
     EXPECT_THAT(checkpoint_error(parts.bytes()), HasSubstr("__metadata__.lidar_gains")) << broken;

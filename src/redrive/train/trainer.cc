@@ -130,7 +130,7 @@ class Trainer {
     if (!data_.lidar.scan_ends.empty()) {
       state_.lidar_gains.clear();
       for (const LidarReturns::Sensor& sensor : data_.lidar.sensors)
-        state_.lidar_gains.push_back({sensor.gain, sensor.beam_gains});
+        state_.lidar_gains.push_back({sensor.gain, sensor.beam_gains, sensor.blind});
       set_gains(state_.lidar_gains, run_.paths.checkpoint(), &run_.recording);
     }
     Trainee& model = *state_.model;

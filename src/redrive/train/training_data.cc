@@ -132,6 +132,7 @@ TrainingData applied(const Run& run, ThreadPool& pool, Exclusions left_out,
     for (std::size_t k = 0; k < gains.size(); ++k) {
       data.lidar.sensors[k].gain = gains[k].gain;
       data.lidar.sensors[k].beam_gains = std::move(gains[k].beams);
+      data.lidar.sensors[k].blind = std::move(gains[k].blind);
     }
   }
   return data;

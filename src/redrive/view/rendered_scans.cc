@@ -110,7 +110,7 @@ void RenderedScans::update(const ScanRequest& request, std::int64_t frame, const
   const auto posed = std::ranges::find(run_.recording.frames, frame, &FramePose::id);
   if (posed == run_.recording.frames.end())
     refuse_scan("frame", std::to_string(frame), "the recording has no such frame");
-  ScanOptions options{.axes = PointAxes::kWorld};
+  ScanOptions options{.axes = PointAxes::kWorld, .blind = run_.recording.lidars[0].blind};
   LidarFirings rays = firings(request, frame, posed->t_ns, &options.max_range_m);
   thin(find_method(run_.options.method)->rasterises ? kMostRays : kMostMarchedRays, &rays);
   Scene edited;

@@ -35,7 +35,8 @@ AdjustmentProblem::AdjustmentProblem(RigModel* model, const std::vector<Track>& 
                                      const std::vector<LidarSample>& lidar,
                                      const BundleOptions& options, const HeldNumbers& held,
                                      std::size_t landmarks, ThreadPool& pool)
-    : model_(*model),
+    : pool_(pool),
+      model_(*model),
       tracks_(tracks),
       lidar_(lidar),
       options_(options),
@@ -205,7 +206,7 @@ ceres::Solver::Summary AdjustmentProblem::solve(int iterations, double tolerance
 }
 
 void AdjustmentProblem::compute_covariance(BundleResult* result) {
-  ReducedCovariance covariance = reduced_covariance(problem_, rig_, points_, groups_);
+  ReducedCovariance covariance = reduced_covariance(problem_, rig_, points_, pool_, groups_);
   result->covariance = std::move(covariance.matrix);
   result->robust_covariance = std::move(covariance.robust);
   result->variance = std::move(covariance.variance);

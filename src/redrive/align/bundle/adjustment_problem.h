@@ -64,6 +64,7 @@ class AdjustmentProblem {
   void add_term(std::unique_ptr<ceres::CostFunction> cost, ceres::LossFunction* loss,
                 const std::vector<double*>& parameters, int group);
 
+  ThreadPool& pool_;
   RigModel& model_;
   const std::vector<Track>& tracks_;
   const std::vector<LidarSample>& lidar_;

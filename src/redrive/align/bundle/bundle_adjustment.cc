@@ -416,8 +416,12 @@ BundleResult adjust_bundle(RigModel* model, const std::vector<Track>& tracks,
 
     note_changes(*model, before, &result);
     result.rounds = round + 1;
+    bool has_covariance = false;
+    const auto find_covariance = [&] {
+      if (!std::exchange(has_covariance, true)) problem.compute_covariance(&result);
+    };
     if (round >= kLeastRounds - 1 && is_near_convergence(result)) {
-      problem.compute_covariance(&result);
+      find_covariance();
       result.converged = has_converged(*model, lidar.empty(), result);
     }
     if (options.verbose)
@@ -426,7 +430,7 @@ BundleResult adjust_bundle(RigModel* model, const std::vector<Track>& tracks,
                    summary.total_time_in_seconds});
     if (!tested_observability && (result.converged || 2 * (round + 1) >= rounds)) {
       tested_observability = true;
-      problem.compute_covariance(&result);
+      find_covariance();
       if (hold_unobservable(count_used(tracks, triangulated, model->cameras.size()), options.priors,
                             !lidar.empty(), model, &result, &held)) {
         result.converged = false;
@@ -434,7 +438,7 @@ BundleResult adjust_bundle(RigModel* model, const std::vector<Track>& tracks,
       }
     }
     if (!result.converged && round + 1 < rounds) continue;
-    problem.compute_covariance(&result);
+    find_covariance();
     note_elevation_sigma(&result);
     result.unsupported_frames = doubtful_frames(agreeing.support, kUnsupported);
     place_between_neighbours(result.unsupported_frames, model);

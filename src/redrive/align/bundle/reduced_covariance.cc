@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/align/bundle/reduced_covariance.h"
 
+#include <algorithm>
 #include <cmath>
 #include <map>
 
@@ -15,44 +16,29 @@
 namespace redrive {
 namespace {
 
+constexpr std::size_t kBlocksOfRange = 64, kColumnsOfRange = 6;
 constexpr double kMinFraction = 0.2;  // lower bound: less curvature comes from gross outliers
 
-/// The gradient of one row, which belongs to an eliminated block.
-struct RowTerms {
-  int group = -1;
-  std::vector<std::pair<int, double>> gradient;  ///< key: parameter of the rig
-  Eigen::Vector3d own;  ///< derivatives with respect to the block's own parameters
-};
-
-/// An eliminated block: its own part of the normal matrix, its part with the rig, and its rows.
-struct Eliminated {
+/// A row of the Jacobian. An eliminated block that it depends on has the derivatives `own`.
+struct Row {
+  int first = 0, n = 0;  ///< range in CRSMatrix::values: derivatives by the rig's parameters
+  Eigen::Vector3d own = Eigen::Vector3d::Zero();
+  double residual = 0;
   double curvature = 1;  ///< as a fraction of the normal matrix: curvature_fractions
-  Eigen::Matrix3d own = Eigen::Matrix3d::Zero();
-  std::map<int, Eigen::Vector3d> with_rig;  ///< key: parameter of the rig
-  std::vector<RowTerms> rows;
+  int group = -1;
 };
 
-/// Returns, for each group, the sum of the gradients of a block's rows with respect to the rig's
-/// parameters, in the order of with_rig, with the block eliminated. `inverse`: inverse of `own`.
-std::map<int, Eigen::VectorXd> gradients_by_group(const Eliminated& e,
-                                                  const Eigen::Matrix3d& inverse) {
-  std::map<int, int> position;
-  for (const auto& [a, with_a] : e.with_rig) position.emplace(a, static_cast<int>(position.size()));
-  std::map<int, Eigen::VectorXd> gradients;
-  std::map<int, Eigen::Vector3d> own;
-  for (const RowTerms& row : e.rows) {
-    Eigen::VectorXd& gradient =
-        gradients.try_emplace(row.group, Eigen::VectorXd::Zero(position.size())).first->second;
-    for (const auto& [a, value] : row.gradient) gradient[position.at(a)] += value;
-    own.try_emplace(row.group, Eigen::Vector3d::Zero()).first->second += row.own;
-  }
-  for (auto& [group, gradient] : gradients) {
-    const Eigen::Vector3d weighted = inverse * own.at(group);
-    int i = 0;
-    for (const auto& [a, with_a] : e.with_rig) gradient[i++] -= with_a.dot(weighted);
-  }
-  return gradients;
-}
+/// An eliminated block: its own part of the normal matrix, its part with the rig, and its
+/// gradients.
+struct Eliminated {
+  std::vector<Row> rows;
+  double curvature = 1;
+  std::vector<int> index;     ///< ascending: the parameters of the rig that its rows depend on
+  Eigen::Matrix3Xd with_rig;  ///< [3, index]
+  Eigen::Matrix3Xd weighted;  ///< times the inverse of its own part
+  Eigen::VectorXd gradient;   ///< [index] of all rows, with the block eliminated
+  std::map<int, Eigen::VectorXd> of_groups;  ///< likewise of each group's rows
+};
 
 /// Sums of gradients of all blocks, one for each group.
 class GroupGradients {
@@ -154,73 +140,99 @@ struct RigSums {
   Eigen::MatrixXd spread;  ///< squares of gradients
 };
 
-/// Adds the rows of the Jacobian, whose first `n` columns are the rig's. Rows with a block that is
-/// eliminated are kept for it.
-void add_rows(const ceres::CRSMatrix& jacobian, int n, const std::vector<double>& residuals,
-              const std::vector<double>& fractions, const std::vector<int>& group_of_row,
-              RigSums* sums, std::vector<Eliminated>* all_eliminated) {
-  std::vector<Eliminated>& eliminated = *all_eliminated;
-  for (int row = 0; row < jacobian.num_rows; ++row) {
-    const int begin = jacobian.rows[row], end = jacobian.rows[row + 1];
-    int split = begin, block = -1;
-    while (split < end && jacobian.cols[split] < n) ++split;
-    Eigen::Vector3d own = Eigen::Vector3d::Zero();
-    for (int i = split; i < end; ++i) {
+/// Sorts the rows of the Jacobian, whose first `n` columns are the rig's, by the eliminated block
+/// that they depend on. The last entry has the rows without a block.
+std::vector<Eliminated> rows_of_blocks(const ceres::CRSMatrix& jacobian, int n, std::size_t blocks,
+                                       const std::vector<double>& residuals,
+                                       const std::vector<double>& fractions,
+                                       const std::vector<int>& group_of_row) {
+  std::vector<Eliminated> all(blocks + 1);
+  for (int r = 0; r < jacobian.num_rows; ++r) {
+    const int begin = jacobian.rows[r], end = jacobian.rows[r + 1];
+    Row row{begin, 0, Eigen::Vector3d::Zero(), residuals[r], 1, -1};
+    while (begin + row.n < end && jacobian.cols[begin + row.n] < n) ++row.n;
+    int block = -1;
+    for (int i = begin + row.n; i < end; ++i) {
       const int column = jacobian.cols[i] - n;
       REDRIVE_CHECK(block < 0 || block == column / 3);
       block = column / 3;
-      own[column % 3] = jacobian.values[i];
+      row.own[column % 3] = jacobian.values[i];
     }
-    RowTerms terms{group_of_row[row], {}, own * residuals[row]};
-    for (int a = begin; a < split; ++a) {
-      if (jacobian.values[a] == 0) continue;
-      for (int b = begin; b < split; ++b) {
-        const double product = jacobian.values[a] * jacobian.values[b];
-        sums->normal(jacobian.cols[b], jacobian.cols[a]) += product;
-        sums->curved(jacobian.cols[b], jacobian.cols[a]) +=
-            (block < 0 ? 1 : fractions[row]) * product;
-        if (block < 0) sums->spread(jacobian.cols[b], jacobian.cols[a]) += product;
-      }
-      if (block < 0) continue;
-      eliminated[block]
-          .with_rig.try_emplace(jacobian.cols[a], Eigen::Vector3d::Zero())
-          .first->second += jacobian.values[a] * own;
-      terms.gradient.emplace_back(jacobian.cols[a], jacobian.values[a] * residuals[row]);
+    if (block >= 0) {
+      row.curvature = fractions[r];
+      row.group = group_of_row[r];
     }
-    if (block < 0) continue;
-    eliminated[block].curvature = fractions[row];
-    eliminated[block].own += own * own.transpose();
-    eliminated[block].rows.push_back(std::move(terms));
+    all[block < 0 ? blocks : static_cast<std::size_t>(block)].rows.push_back(row);
+  }
+  return all;
+}
+
+/// Eliminates a block from its rows.
+void eliminate(const ceres::CRSMatrix& jacobian, Eliminated* e) {
+  for (const Row& row : e->rows)
+    for (int i = row.first; i < row.first + row.n; ++i)
+      if (jacobian.values[i] != 0) e->index.push_back(jacobian.cols[i]);
+  std::ranges::sort(e->index);
+  e->index.erase(std::ranges::unique(e->index).begin(), e->index.end());
+  const auto size = static_cast<Eigen::Index>(e->index.size());
+  const auto place = [&](int column) {
+    return std::ranges::lower_bound(e->index, column) - e->index.begin();
+  };
+  e->with_rig = Eigen::Matrix3Xd::Zero(3, size);
+  e->gradient = Eigen::VectorXd::Zero(size);
+  Eigen::Matrix3d own = Eigen::Matrix3d::Zero();
+  std::map<int, Eigen::Vector3d> own_of_groups;
+  for (const Row& row : e->rows) {
+    e->curvature = row.curvature;
+    own += row.own * row.own.transpose();
+    own_of_groups.try_emplace(row.group, Eigen::Vector3d::Zero()).first->second +=
+        row.residual * row.own;
+    Eigen::VectorXd& gradient =
+        e->of_groups.try_emplace(row.group, Eigen::VectorXd::Zero(size)).first->second;
+    for (int i = row.first; i < row.first + row.n; ++i) {
+      if (jacobian.values[i] == 0) continue;
+      const Eigen::Index at = place(jacobian.cols[i]);
+      e->with_rig.col(at) += jacobian.values[i] * row.own;
+      gradient[at] += jacobian.values[i] * row.residual;
+    }
+  }
+  e->weighted = inverse_of_block(own) * e->with_rig;
+  for (auto& [group, gradient] : e->of_groups) {
+    gradient -= e->weighted.transpose() * own_of_groups.at(group);
+    e->gradient += gradient;
   }
 }
 
-/// Removes what an eliminated block takes of the rig's information.
-void eliminate(const Eliminated& e, RigSums* sums, GroupGradients* of_groups) {
-  const Eigen::Matrix3d inverse = inverse_of_block(e.own);
-  for (const auto& [a, with_a] : e.with_rig) {
-    const Eigen::Vector3d weighted = inverse * with_a;
-    for (const auto& [b, with_b] : e.with_rig) {
-      sums->normal(b, a) -= weighted.dot(with_b);
-      sums->curved(b, a) -= e.curvature * weighted.dot(with_b);
+/// Adds what the rows of a block know about columns [begin, end) of the rig's parameters, less what
+/// the block takes of it.
+void add_columns(const ceres::CRSMatrix& jacobian, const Eliminated& e, bool is_free, int begin,
+                 int end, RigSums* sums) {
+  for (const Row& row : e.rows)
+    for (int a = row.first; a < row.first + row.n; ++a) {
+      const int column = jacobian.cols[a];
+      if (column < begin || column >= end || jacobian.values[a] == 0) continue;
+      for (int b = row.first; b < row.first + row.n; ++b) {
+        const double product = jacobian.values[a] * jacobian.values[b];
+        sums->normal(jacobian.cols[b], column) += product;
+        sums->curved(jacobian.cols[b], column) += row.curvature * product;
+        if (!is_free) sums->spread(jacobian.cols[b], column) += product;
+      }
     }
-  }
-  std::vector<int> index;
-  for (const auto& [a, with_a] : e.with_rig) index.push_back(a);
-  Eigen::VectorXd of_block = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(index.size()));
-  for (const auto& [group, gradient] : gradients_by_group(e, inverse)) {
-    of_block += gradient;
-    of_groups->add(group, index, gradient);
-  }
-  for (std::size_t a = 0; a < index.size(); ++a)
-    for (std::size_t b = 0; b < index.size(); ++b)
-      sums->spread(index[b], index[a]) +=
-          of_block[static_cast<Eigen::Index>(b)] * of_block[static_cast<Eigen::Index>(a)];
+  if (!is_free) return;
+  const auto first = std::ranges::lower_bound(e.index, begin) - e.index.begin();
+  for (Eigen::Index a = first; a < std::ssize(e.index) && e.index[a] < end; ++a)
+    for (Eigen::Index b = 0; b < std::ssize(e.index); ++b) {
+      const double taken = e.weighted.col(a).dot(e.with_rig.col(b));
+      sums->normal(e.index[b], e.index[a]) -= taken;
+      sums->curved(e.index[b], e.index[a]) -= e.curvature * taken;
+      sums->spread(e.index[b], e.index[a]) += e.gradient[b] * e.gradient[a];
+    }
 }
 
 }  // namespace
 
 ReducedCovariance reduced_covariance(ceres::Problem& problem, const std::vector<double*>& rig,
-                                     const std::vector<double*>& free,
+                                     const std::vector<double*>& free, ThreadPool& pool,
                                      const ResidualGroups& groups) {
   ceres::Problem::EvaluateOptions options;
   options.parameter_blocks = rig;
@@ -240,10 +252,20 @@ ReducedCovariance reduced_covariance(ceres::Problem& problem, const std::vector<
 
   const Eigen::MatrixXd zero = Eigen::MatrixXd::Zero(n, n);
   RigSums sums{zero, zero, zero};
-  std::vector<Eliminated> eliminated(free.size());
-  add_rows(jacobian, n, residuals, fractions, group_of_row, &sums, &eliminated);
+  std::vector<Eliminated> blocks =
+      rows_of_blocks(jacobian, n, free.size(), residuals, fractions, group_of_row);
+  pool.run_ranges(free.size(), kBlocksOfRange, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) eliminate(jacobian, &blocks[i]);
+  });
+  pool.run_ranges(static_cast<std::size_t>(n), kColumnsOfRange,
+                  [&](std::size_t begin, std::size_t end) {
+                    for (std::size_t i = 0; i < blocks.size(); ++i)
+                      add_columns(jacobian, blocks[i], i < free.size(), static_cast<int>(begin),
+                                  static_cast<int>(end), &sums);
+                  });
   GroupGradients of_groups(n);
-  for (const Eliminated& e : eliminated) eliminate(e, &sums, &of_groups);
+  for (const Eliminated& e : blocks)
+    for (const auto& [group, gradient] : e.of_groups) of_groups.add(group, e.index, gradient);
   sums.spread += of_groups.squares();
   ReducedCovariance covariance;
   covariance.matrix = inverse_of(sums.normal);

@@ -9,6 +9,8 @@
 #include <ceres/problem.h>
 #include <Eigen/Core>
 
+#include "redrive/base/parallel.h"
+
 namespace redrive {
 
 struct ReducedCovariance {
@@ -37,7 +39,7 @@ using ResidualGroups = std::unordered_map<ceres::ResidualBlockId, int>;
 /// eliminated; no residual may depend on two of them. Robust losses count as weights. A
 /// residual that is missing in `groups` has no group.
 ReducedCovariance reduced_covariance(ceres::Problem& problem, const std::vector<double*>& rig,
-                                     const std::vector<double*>& free,
+                                     const std::vector<double*>& free, ThreadPool& pool,
                                      const ResidualGroups& groups = {});
 
 }  // namespace redrive

@@ -46,6 +46,7 @@ Eigen::VectorXd random_vector(testing::SyntheticNoise* noise, int size) {
 // Two blocks of the rig and four free ones: compares with the block of the inverse of the normal
 // matrix of all 17 parameters.
 TEST(ReducedCovariance, EqualsTheBlockOfTheFullInverse) {
+  ThreadPool pool(2);
   testing::SyntheticNoise noise(21);
   std::array<double, 2> first{};
   std::array<double, 3> second{};
@@ -63,9 +64,9 @@ TEST(ReducedCovariance, EqualsTheBlockOfTheFullInverse) {
       all.segment<3>(5 + 3 * point) = a[2];
       normal += all * all.transpose();
     }
-  const ReducedCovariance covariance =
-      reduced_covariance(problem, {first.data(), second.data()},
-                         {points[0].data(), points[1].data(), points[2].data(), points[3].data()});
+  const ReducedCovariance covariance = reduced_covariance(
+      problem, {first.data(), second.data()},
+      {points[0].data(), points[1].data(), points[2].data(), points[3].data()}, pool);
   const Eigen::MatrixXd expected = normal.inverse().topLeftCorner(5, 5);
   EXPECT_LT((covariance.matrix - expected).norm(), 1e-10 * expected.norm());
   EXPECT_TRUE((covariance.variance.array() >= covariance.matrix.diagonal().array()).all());
@@ -75,6 +76,7 @@ TEST(ReducedCovariance, EqualsTheBlockOfTheFullInverse) {
 // independent errors: the variance of the mean is an 8th, then a 40th, of a measurement's. A prior
 // with the sigma of one measurement counts once.
 TEST(ReducedCovariance, AccountsForCorrelatedResidualsOfAPoint) {
+  ThreadPool pool(2);
   constexpr int kPoints = 8, kEach = 5;
   for (const bool known_before : {false, true}) {
     testing::SyntheticNoise noise(22);
@@ -94,7 +96,7 @@ TEST(ReducedCovariance, AccountsForCorrelatedResidualsOfAPoint) {
     }
     if (known_before)
       problem.AddResidualBlock(new LinearTerm({Eigen::VectorXd::Ones(1)}, 0), nullptr, &value);
-    const ReducedCovariance covariance = reduced_covariance(problem, {&value}, free);
+    const ReducedCovariance covariance = reduced_covariance(problem, {&value}, free, pool);
     const double n = kPoints * kEach + known_before;
     EXPECT_NEAR(covariance.matrix(0, 0), 1 / n, 1e-12);
     EXPECT_NEAR(covariance.variance[0],
@@ -106,6 +108,7 @@ TEST(ReducedCovariance, AccountsForCorrelatedResidualsOfAPoint) {
 // As above, with errors that eight images share: each image measures the number once at each of
 // five points.
 TEST(ReducedCovariance, AccountsForCorrelatedResidualsOfAGroup) {
+  ThreadPool pool(2);
   constexpr int kPoints = 5, kGroups = 8;
   testing::SyntheticNoise noise(24);
   double value = 0;
@@ -123,9 +126,9 @@ TEST(ReducedCovariance, AccountsForCorrelatedResidualsOfAGroup) {
           nullptr, &value, point.data())] = group;
   }
   const double n = kPoints * kGroups;
-  EXPECT_NEAR(reduced_covariance(problem, {&value}, free, groups).variance[0],
+  EXPECT_NEAR(reduced_covariance(problem, {&value}, free, pool, groups).variance[0],
               kPoints * kPoints * errors.squaredNorm() / (n * n), 1e-12);
-  EXPECT_NEAR(reduced_covariance(problem, {&value}, free).variance[0], 1 / n, 1e-12)
+  EXPECT_NEAR(reduced_covariance(problem, {&value}, free, pool).variance[0], 1 / n, 1e-12)
       << "without groups";
 }
 
@@ -133,6 +136,7 @@ TEST(ReducedCovariance, AccountsForCorrelatedResidualsOfAGroup) {
 // Cauchy loss of scale two. The stated covariance equals the covariance of repetitions. (With the
 // loss's weights as curvature it would be three quarters of it.)
 TEST(ReducedCovariance, AgreesWithRepetitionsUnderRobustLosses) {
+  ThreadPool pool(2);
   constexpr int kRepetitions = 400, kPoints = 60, kEach = 4;
   testing::SyntheticNoise noise(23);
   ceres::CauchyLoss loss(2);
@@ -161,7 +165,7 @@ TEST(ReducedCovariance, AgreesWithRepetitionsUnderRobustLosses) {
             new LinearTerm({Eigen::VectorXd::Ones(1), Eigen::VectorXd::Zero(3)}, measured[p]),
             &loss, &value, points[p].data());
     }
-    stated += reduced_covariance(problem, {&value}, free).variance[0] / kRepetitions;
+    stated += reduced_covariance(problem, {&value}, free, pool).variance[0] / kRepetitions;
     squares += value * value / kRepetitions;
   }
   EXPECT_NEAR(std::sqrt(stated / squares), 1, 0.12)
@@ -171,13 +175,15 @@ TEST(ReducedCovariance, AgreesWithRepetitionsUnderRobustLosses) {
 // Residuals that happen to agree, as with few points, do not lower the variance. Unmeasured
 // parameters have one of 1e12.
 TEST(ReducedCovariance, IsNoLessThanThatOfIndependentResiduals) {
+  ThreadPool pool(2);
   std::array<double, 2> value{};
   std::array<double, 3> point{};
   ceres::Problem problem;
   for (int k = 0; k < 4; ++k)
     problem.AddResidualBlock(new LinearTerm({Eigen::Vector2d(0.5, 0), Eigen::VectorXd::Zero(3)}, 0),
                              nullptr, value.data(), point.data());
-  const ReducedCovariance covariance = reduced_covariance(problem, {value.data()}, {point.data()});
+  const ReducedCovariance covariance =
+      reduced_covariance(problem, {value.data()}, {point.data()}, pool);
   EXPECT_NEAR(covariance.variance[0], 1, 1e-9);
   EXPECT_GT(covariance.variance[1], 1e11);
 }

@@ -113,6 +113,10 @@ void print_summary(const Run& run, const TrainingData& training, const kernels::
       std::printf("intensities of %s's beams: %.2f to %.2f of their mean\n",
                   run.recording.lidars[k].name.c_str(), double(least.gain), double(most.gain));
     }
+  for (std::size_t k = 0; k < training.lidar.sensors.size(); ++k)
+    if (const std::size_t cells = training.lidar.sensors[k].blind.cells(); cells > 0)
+      std::printf("the vehicle is in the way of %s in %.0f square degrees\n",
+                  run.recording.lidars[k].name.c_str(), 0.5 * static_cast<double>(cells));
   for (const Finding& damaged : training.damaged)
     std::printf("note: %s: %s\n", damaged.subject.c_str(), damaged.what.c_str());
   if (const auto& damaged = training.lidar.damaged)

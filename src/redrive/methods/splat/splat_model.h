@@ -38,7 +38,7 @@ struct SplatModel final : Trainee, FieldGaussians {
   double initial_rate = 0.1, last_rate = 0.03;
   /// Learning rates as multiples of the opacity's.
   float position_rate = 0.008f, scale_rate = 0.4f, rotation_rate = 0.16f, colour_rate = 0.3f,
-        harmonics_rate = 0.01f, lidar_rate = 1;
+        harmonics_rate = 0.01f, intensity_rate = 0.2f, return_rate = 0.5f;
   float l1_weight = 0.8f, ssim_weight = 0.2f;
   float range_weight = 0.1f;  ///< weight of LiDAR returns in images
   int scan_every = 8;         ///< steps after which a part of a LiDAR scan is rendered; 0: never

@@ -105,8 +105,11 @@ void SplatModel::visit_hyperparameters(HyperparameterVisitor& visit) {
   visit({"colour_rate", "learning rate of colours, relative to opacities", 0, 100}, colour_rate);
   visit({"harmonics_rate", "learning rate of harmonics of degree 1, relative to opacities", 0, 100},
         harmonics_rate);
-  visit({"lidar_rate", "learning rate of intensities and losses, relative to opacities", 0, 100},
-        lidar_rate);
+  visit({"intensity_rate", "learning rate of LiDAR intensities, relative to opacities", 0, 100},
+        intensity_rate);
+  visit(
+      {"return_rate", "learning rate of probabilities of a return, relative to opacities", 0, 100},
+      return_rate);
   visit({"l1_weight", "weight of the mean absolute error", 0, 100}, l1_weight);
   visit({"ssim_weight", "weight of (1 - SSIM) / 2", 0, 100}, ssim_weight);
   visit({"range_weight", "weight of the error of LiDAR returns' log distances", 0, 1000},

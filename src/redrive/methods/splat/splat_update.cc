@@ -40,7 +40,8 @@ kernels::GaussianUpdate SplatModel::gaussian_update(const StepUpdate& at, SeenBy
   set(kOpacityRow, kColourRow, 1);
   set(kColourRow, kHarmonicsRow, colour_rate);
   set(kHarmonicsRow, kLidarRow, harmonics_rate);
-  set(kLidarRow, kDistanceRow, lidar_rate);
+  set(kLidarRow, kReturnRow, intensity_rate);
+  set(kReturnRow, kDistanceRow, return_rate);
   update.min_log_scale = std::log(min_scale);
   update.max_log_scale = std::log(max_scale);
   update.version = version_;

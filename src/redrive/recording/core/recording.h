@@ -13,6 +13,7 @@
 
 #include "redrive/camera/calibration.h"
 #include "redrive/math/rigid3.h"
+#include "redrive/recording/core/blind_directions.h"
 
 namespace redrive {
 
@@ -98,6 +99,7 @@ struct RecordedLidar {
   double elevation_rad = 0;                       ///< added to the elevations of recorded returns
   double gain = 1;  ///< its intensities over the first LiDAR's of the same surface
   std::vector<BeamGain> beam_gains = {};  ///< a ring is an index; empty: not known
+  BlindDirections blind = {};             ///< where the vehicle hides what it would see
 };
 
 /// Views that were never driven, with images as ground truth or to be rendered.

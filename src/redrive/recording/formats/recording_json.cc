@@ -182,6 +182,7 @@ std::string recording_to_json(const Recording& recording) {
                               {"gain", lidar.gain}});
     for (const BeamGain& beam : lidar.beam_gains)
       json["lidars"].back()["beam_gains"].push_back({beam.elevation_rad, beam.gain});
+    if (!lidar.blind.empty()) json["lidars"].back()["blind"] = lidar.blind.runs();
   }
   for (const FramePose& frame : recording.frames)
     json["frames"].push_back({{"id", frame.id},
@@ -191,6 +192,22 @@ std::string recording_to_json(const Recording& recording) {
     for (const Box& box : recording.reader->read_boxes(file))
       json["boxes"].push_back(box_to_json(box, file.frame_id));
   return json.dump() + "\n";
+}
+
+BlindDirections blind_from_json(const JsonField& runs) {
+  BlindDirections blind;
+  if (!runs.json().is_array()) runs.fail("expected a list");
+  for (std::size_t i = 0; i < runs.size(); ++i) {
+    const JsonField run = runs.at(i);
+    if (run.size() != 2) run.fail("expected a cell and a number of cells");
+    const std::int64_t first = run.at(0).integer(), n = run.at(1).integer();
+    constexpr auto kCells = static_cast<std::int64_t>(BlindDirections::kCells);
+    if (first < 0 || n < 1 || first >= kCells || n > kCells - first)
+      run.fail("expected cells of " + std::to_string(kCells));
+    for (std::int64_t cell = first; cell < first + n; ++cell)
+      blind.insert(static_cast<std::size_t>(cell));
+  }
+  return blind;
 }
 
 Recording read_recording_json(const fs::path& file) {
@@ -217,6 +234,7 @@ Recording parse_recording_json(std::string_view text, const fs::path& file) {
                                 pose_from_json(lidar.at("body_from_lidar")),
                                 lidar.at("elevation_rad").number(), lidar.at("gain").number()});
     if (!(recording.lidars.back().gain > 0)) lidar.at("gain").fail("must be above 0");
+    if (lidar.has("blind")) recording.lidars.back().blind = blind_from_json(lidar.at("blind"));
     if (!lidar.has("beam_gains")) continue;
     const JsonField beams = lidar.at("beam_gains");
     for (std::size_t b = 0; b < beams.size(); ++b) {

@@ -7,6 +7,7 @@
 #include <string>
 #include <string_view>
 
+#include "redrive/base/json_field.h"
 #include "redrive/recording/core/recording.h"
 
 namespace redrive {
@@ -18,5 +19,8 @@ std::string recording_to_json(const Recording& recording);
 Recording read_recording_json(const std::filesystem::path& file);
 /// Likewise from the text of a file.
 Recording parse_recording_json(std::string_view text, const std::filesystem::path& file);
+
+/// Reads BlindDirections::runs(). InputError naming the field.
+BlindDirections blind_from_json(const JsonField& runs);
 
 }  // namespace redrive

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdint>
+#include <optional>
 
 #include "redrive/math/voxel_grid.h"
 
@@ -104,12 +106,60 @@ std::vector<BeamGain> beam_gains(const LidarReturns& returns, std::size_t sensor
   return known < 2 ? std::vector<BeamGain>() : gains;
 }
 
+/// Returns the blind directions of each sensor.
+std::vector<BlindDirections> blind_directions(const Scene& scene, const LidarReturns& returns) {
+  constexpr double kSteepest_z = -0.1;  // sine of the elevation: -6 degrees
+  constexpr double kLeastDriven_m = 10, kLost = 0.97;
+  constexpr std::uint32_t kLeastRays = 20;
+  std::vector<BlindDirections> blind(returns.sensors.size());
+  double driven_m = 0;
+  std::optional<Eigen::Vector3d> last;
+  for (const PosedFrame& frame : scene.posed_frames()) {
+    const Eigen::Vector3d at = frame.world_from_body.translation();
+    if (last) driven_m += (at - *last).norm();
+    last = at;
+  }
+  if (driven_m < kLeastDriven_m) return blind;
+  struct Rays {
+    std::uint32_t all = 0, hidden = 0;
+  };
+  std::vector<std::vector<Rays>> cells(blind.size(), std::vector<Rays>(BlindDirections::kCells));
+  const auto count = [&](std::size_t sensor, const Eigen::Vector3d& direction, bool hidden) {
+    const Eigen::Vector3d in_body = returns.sensors[sensor].body_from_sensor.linear() * direction;
+    if (in_body.z() > kSteepest_z) return;
+    Rays& cell = cells[sensor][BlindDirections::cell_of(in_body)];
+    ++cell.all;
+    cell.hidden += hidden;
+  };
+  LidarReturns::ScanEnd begin;
+  for (const LidarReturns::ScanEnd& end : returns.scan_ends) {
+    for (std::size_t i = begin.returns; i < end.returns; ++i)
+      count(end.sensor, returns.direction_in_sensor(i), false);
+    for (std::size_t i = begin.on_objects; i < end.on_objects; ++i)
+      if (returns.on_objects[i].range_m > 0)
+        count(end.sensor, returns.on_objects[i].direction.cast<double>(), false);
+    for (std::size_t i = begin.lost; i < end.lost; ++i)
+      count(end.sensor, returns.lost[i].direction.cast<double>(), true);
+    begin = end;
+  }
+  for (std::size_t k = 0; k < blind.size(); ++k) {
+    for (const Eigen::Vector3f& direction : returns.sensors[k].on_ego)
+      count(k, direction.cast<double>(), true);
+    for (std::size_t i = 0; i < cells[k].size(); ++i)
+      if (cells[k][i].all >= kLeastRays && cells[k][i].hidden >= kLost * cells[k][i].all)
+        blind[k].insert(i);
+  }
+  return blind;
+}
+
 }  // namespace
 
 std::vector<LidarGains> estimate_gains(const Scene& scene, const LidarReturns& returns,
                                        ThreadPool& pool) {
   const std::size_t every = 1 + returns.n / kMostReturns;
   std::vector<LidarGains> gains(returns.sensors.size());
+  std::vector<BlindDirections> blind = blind_directions(scene, returns);
+  for (std::size_t k = 0; k < gains.size(); ++k) gains[k].blind = std::move(blind[k]);
   if (!returns.ring.empty()) {
     const std::vector<std::uint64_t> keys = voxels_of(scene, returns, every, kBeamVoxel_m, pool);
     pool.run(static_cast<int>(gains.size()), [&](int k) {

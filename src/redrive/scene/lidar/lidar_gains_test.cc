@@ -7,6 +7,7 @@
 
 #include <gtest/gtest.h>
 
+#include "redrive/math/angles.h"
 #include "redrive/scene/scene_testing.h"
 
 namespace redrive {
@@ -53,6 +54,53 @@ TEST(LidarGains, OfBeamsFollowFromWhatOthersSee) {
   // Few returns do not tell, nor does a single beam.
   returns.ring.assign(returns.n, 2);
   EXPECT_TRUE(estimate_gains(scene, returns, pool)[0].beams.empty());
+}
+
+// The vehicle stops rays ahead, and returns some to the left; behind, every second ray is lost.
+TEST(LidarGains, DirectionsInWhichNothingReturnsAreBlind) {
+  const TemporaryFolder folder;
+  const Recording recording = make_test_recording(folder.path, 30);
+  const Eigen::Vector3d steep(1, 0, -0.3), flat(1, 0, -0.05);
+  const auto turned = [](const Eigen::Vector3d& ray, double degrees) {
+    return Eigen::Vector3d(
+        Eigen::AngleAxisd(kRadiansPerDegree * degrees, Eigen::Vector3d::UnitZ()) *
+        ray.normalized());
+  };
+  LidarReturns returns;
+  returns.sensors[0].body_from_sensor.linear() =
+      Eigen::AngleAxisd(kRadiansPerDegree * 90, Eigen::Vector3d::UnitZ()).toRotationMatrix();
+  const Eigen::Matrix3d sensor_from_body = returns.sensors[0].body_from_sensor.linear().transpose();
+  std::vector<Eigen::Vector3d> back;
+  for (int i = 0; i < 25; ++i) {
+    for (const Eigen::Vector3d& ray : {steep, flat})
+      returns.lost.push_back({(sensor_from_body * turned(ray, 0.5)).cast<float>(), 0});
+    returns.sensors[0].on_ego.push_back((sensor_from_body * turned(steep, 90.5)).cast<float>());
+    const Eigen::Vector3d behind = sensor_from_body * turned(steep, 178.5);
+    if (i % 2)
+      back.push_back(behind);
+    else
+      returns.lost.push_back({behind.cast<float>(), 0});
+  }
+  for (int i = 0; i < 5; ++i)  // too few
+    returns.lost.push_back({(sensor_from_body * turned(steep, 45.5)).cast<float>(), 0});
+  returns.n = back.size();
+  for (int axis = 0; axis < 3; ++axis)
+    for (const Eigen::Vector3d& ray : back) returns.direction.push_back(float(ray[axis]));
+  returns.range_m.assign(returns.n, 5);
+  returns.t_ns.assign(returns.n, recording.frames[1].t_ns);
+  returns.intensity.assign(returns.n, 100);
+  returns.scan_ends = {{returns.n, 0, returns.lost.size(), 0}};
+  ThreadPool pool(1);
+  const BlindDirections blind = estimate_gains(make_scene(recording, {}), returns, pool)[0].blind;
+  EXPECT_EQ(blind.cells(), 2u);
+  EXPECT_TRUE(blind.contains(turned(steep, 0.5)));
+  EXPECT_TRUE(blind.contains(turned(steep, 90.5)));
+  EXPECT_EQ(blind.runs().size(), 2u);
+  EXPECT_EQ(blind.runs()[0][1], 1u);
+  // What a parked car sees is not distinguished from itself.
+  const TemporaryFolder other;
+  const Recording parked = make_test_recording(other.path, 2);
+  EXPECT_TRUE(estimate_gains(make_scene(parked, {}), returns, pool)[0].blind.empty());
 }
 
 }  // namespace

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cstdio>
+#include <iterator>
 #include <tuple>
 #include <utility>
 
@@ -77,8 +78,11 @@ std::vector<Return> returns_of(const std::vector<LidarPoint>& points,
       ++out->beyond_trajectory;
       continue;
     }
+    const Eigen::Vector3d in_sensor = sensor_from_body * in_body;
+    const double range_m = in_sensor.norm();
     if (kEgo_m.contains(in_body)) {
       ++out->on_ego;
+      if (range_m > 0) out->sensors[0].on_ego.push_back((in_sensor / range_m).cast<float>());
       continue;
     }
     if (placed_ns != point.t_ns) {
@@ -86,8 +90,6 @@ std::vector<Return> returns_of(const std::vector<LidarPoint>& points,
       boxes = moving.at(placed_ns);
       if (!boxes.empty()) world_from_body = scene.world_from_body(placed_ns, Poses::kRecorded);
     }
-    const Eigen::Vector3d in_sensor = sensor_from_body * in_body;
-    const double range_m = in_sensor.norm();
     if (!(range_m > 0)) {
       ++out->unusable;
       continue;
@@ -207,7 +209,7 @@ LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene,
   returns.sensors.clear();
   for (const RecordedLidar& lidar : recording.lidars)
     returns.sensors.push_back(
-        {lidar.body_from_lidar, static_cast<float>(lidar.gain), lidar.beam_gains});
+        {lidar.body_from_lidar, static_cast<float>(lidar.gain), lidar.beam_gains, lidar.blind});
   std::vector<const FrameFile*> files;
   for (const FrameFile& file : recording.lidar_files)
     if (file.frame_id >= scene.frames.front().id && file.frame_id <= scene.frames.back().id &&
@@ -269,6 +271,8 @@ LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene,
     returns.on_objects.insert(returns.on_objects.end(), counts[f].on_objects.begin(),
                               counts[f].on_objects.end());
     returns.lost.insert(returns.lost.end(), counts[f].lost.begin(), counts[f].lost.end());
+    std::ranges::copy(counts[f].sensors[0].on_ego,
+                      std::back_inserter(returns.sensors[files[f]->lidar].on_ego));
     if (selected(f) && damaged[f].empty())
       returns.scan_ends.push_back(
           {returns.n, returns.on_objects.size(), returns.lost.size(), files[f]->lidar});

@@ -23,8 +23,15 @@ struct LidarReturns {
   /// A LiDAR; for a point cloud, whose points have no sensor, the scene's first camera.
   struct Sensor {
     Rigid3d body_from_sensor = Rigid3d::Identity();
-    float gain = 1;                         ///< RecordedLidar::gain
-    std::vector<BeamGain> beam_gains = {};  ///< RecordedLidar::beam_gains
+    float gain = 1;                            ///< RecordedLidar::gain
+    std::vector<BeamGain> beam_gains = {};     ///< RecordedLidar::beam_gains
+    BlindDirections blind = {};                ///< RecordedLidar::blind
+    std::vector<Eigen::Vector3f> on_ego = {};  ///< directions of dropped returns on the vehicle
+
+    /// Whether the vehicle is in the way; `direction` in the sensor's axes.
+    bool is_blind(const Eigen::Vector3d& direction) const {
+      return blind.contains(body_from_sensor.linear() * direction);
+    }
   };
   std::size_t n = 0;
   std::vector<Sensor> sensors = {Sensor{}};  ///< as Recording::lidars; at least one

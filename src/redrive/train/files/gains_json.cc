@@ -5,6 +5,8 @@
 
 #include <nlohmann/json.hpp>
 
+#include "redrive/recording/formats/recording_json.h"
+
 namespace redrive {
 namespace {
 
@@ -22,7 +24,8 @@ nlohmann::json gains_to_json(const std::vector<LidarGains>& lidars) {
   for (const LidarGains& lidar : lidars) {
     nlohmann::json beams = nlohmann::json::array();
     for (const BeamGain& beam : lidar.beams) beams.push_back({beam.elevation_rad, beam.gain});
-    json.push_back({{"gain", lidar.gain}, {"beams", std::move(beams)}});
+    json.push_back(
+        {{"gain", lidar.gain}, {"beams", std::move(beams)}, {"blind", lidar.blind.runs()}});
   }
   return json;
 }
@@ -36,6 +39,7 @@ std::vector<LidarGains> gains_from_json(const JsonField& lidars) {
     LidarGains& lidar = out.emplace_back(LidarGains{gain_from_json(gain, gain.number()), {}});
     if (!beams.json().is_array() || beams.size() > kMostBeams)
       beams.fail("must be a list of at most " + std::to_string(kMostBeams) + " beams");
+    lidar.blind = blind_from_json(lidars.at(k).at("blind"));
     for (std::size_t b = 0; b < beams.size(); ++b) {
       const std::vector<double> two = beams.at(b).numbers(2);
       if (std::abs(two[0]) > 4) beams.at(b).fail("must begin with an elevation in rad");

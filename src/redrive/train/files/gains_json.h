@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Gains of LiDARs as JSON, in checkpoints and exposure.json: a list of the recording's LiDARs, each
-//   {"gain": number, "beams": [[elevation, rad, gain], ...]}
+//   {"gain": number, "beams": [[elevation, rad, gain], ...], "blind": [[cell, number], ...]}
 #pragma once
 
 #include <vector>

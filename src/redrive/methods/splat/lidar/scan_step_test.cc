@@ -104,6 +104,7 @@ TEST(ScanStep, FindsRangesIntensitiesAndLostRays) {
   training.begin(wall(kWall_m + 0.15, 0.4f));
   training.model.scan_every = 1;
   training.model.scan_weights = {1, 1, 0.5f};
+  training.model.intensity_rate = training.model.return_rate = 1;
   training.model.surface_rate = 0;
   training.model.densify_every = 1000;
   const auto before = drive.errors(*backend, training.model);

@@ -94,7 +94,8 @@ ScanWindow ScanWindows::operator[](std::size_t which) const {
       add(at.direction, at.range_m, at.intensity, at.ring, at.t_ns);
   }
   for (std::size_t i = scan.begin.lost; i < scan.end.lost; ++i)
-    add(lidar_.lost[i].direction, 0, 0, kNoRing, lidar_.lost[i].t_ns);
+    if (!sensor.is_blind(lidar_.lost[i].direction.cast<double>()))
+      add(lidar_.lost[i].direction, 0, 0, kNoRing, lidar_.lost[i].t_ns);
   std::ranges::stable_sort(rays, {}, &FiredRay::t_ns);  // a pose is evaluated once for each time
 
   ScanWindow out;

@@ -96,6 +96,18 @@ TEST(ScanWindows, LeaveOutObjectsThatAreNotDrawn) {
   EXPECT_EQ(rays, 16u);
 }
 
+TEST(ScanWindows, LeaveOutLostRaysThatTheVehicleStops) {
+  TwoScans drive;
+  LidarReturns::Sensor& sensor = drive.lidar.sensors[0];
+  sensor.body_from_sensor.rotate(Eigen::AngleAxisd(0.5, Eigen::Vector3d::UnitZ()));
+  const Eigen::Vector3d lost = drive.lidar.lost[0].direction.cast<double>();
+  sensor.blind.insert(BlindDirections::cell_of(sensor.body_from_sensor.linear() * lost));
+  const ScanWindows windows(drive.scene, drive.lidar, [](std::int64_t) { return true; });
+  std::size_t rays = 0;
+  for (std::size_t w = 0; w < windows.size(); ++w) rays += windows[w].t_ns.size();
+  EXPECT_EQ(rays, 16u);
+}
+
 TEST(ScanWindows, TakeTheStrongerReturnOfARay) {
   TwoScans drive;
   LidarReturns& lidar = drive.lidar;
