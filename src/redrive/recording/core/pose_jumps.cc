@@ -7,8 +7,8 @@
 
 #include "redrive/math/angles.h"
 #include "redrive/math/so3.h"
+#include "redrive/math/upper_median.h"
 #include "redrive/recording/core/trajectory.h"
-#include "redrive/recording/core/upper_median.h"
 
 namespace redrive {
 namespace {

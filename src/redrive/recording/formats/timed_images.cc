@@ -6,9 +6,9 @@
 #include <cstdlib>
 
 #include "redrive/base/error.h"
+#include "redrive/math/upper_median.h"
 #include "redrive/recording/core/damaged_text.h"
 #include "redrive/recording/core/trajectory.h"
-#include "redrive/recording/core/upper_median.h"
 #include "redrive/recording/core/wording.h"
 #include "redrive/recording/formats/frame_files.h"
 

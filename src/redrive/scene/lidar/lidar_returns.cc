@@ -177,6 +177,18 @@ void join_files(const std::vector<std::vector<Return>>& of_files, LidarReturns* 
     }
 }
 
+/// Adds what a scan has besides its static returns. `sensor`: index in Recording::lidars.
+void add_other(const LidarReturns& scan, std::size_t sensor, LidarReturns* all) {
+  all->unusable += scan.unusable;
+  all->repeated += scan.repeated;
+  all->beyond_trajectory += scan.beyond_trajectory;
+  all->on_ego += scan.on_ego;
+  all->on_moving += scan.on_moving;
+  std::ranges::copy(scan.on_objects, std::back_inserter(all->on_objects));
+  std::ranges::copy(scan.lost, std::back_inserter(all->lost));
+  std::ranges::copy(scan.sensors[0].on_ego, std::back_inserter(all->sensors[sensor].on_ego));
+}
+
 }  // namespace
 
 bool is_on_object(const MovingBox& box, const Eigen::Vector3d& in_box) {
@@ -263,16 +275,7 @@ LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene,
   for (int f = 0; f < count; ++f) {
     returns.files += selected(f) && damaged[f].empty();
     returns.n += of_files[f].size();
-    returns.unusable += counts[f].unusable;
-    returns.repeated += counts[f].repeated;
-    returns.beyond_trajectory += counts[f].beyond_trajectory;
-    returns.on_ego += counts[f].on_ego;
-    returns.on_moving += counts[f].on_moving;
-    returns.on_objects.insert(returns.on_objects.end(), counts[f].on_objects.begin(),
-                              counts[f].on_objects.end());
-    returns.lost.insert(returns.lost.end(), counts[f].lost.begin(), counts[f].lost.end());
-    std::ranges::copy(counts[f].sensors[0].on_ego,
-                      std::back_inserter(returns.sensors[files[f]->lidar].on_ego));
+    add_other(counts[f], files[f]->lidar, &returns);
     if (selected(f) && damaged[f].empty())
       returns.scan_ends.push_back(
           {returns.n, returns.on_objects.size(), returns.lost.size(), files[f]->lidar});

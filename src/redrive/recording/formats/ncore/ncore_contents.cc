@@ -5,8 +5,8 @@
 #include <cmath>
 
 #include "redrive/base/error.h"
+#include "redrive/math/upper_median.h"
 #include "redrive/recording/core/damaged_text.h"
-#include "redrive/recording/core/upper_median.h"
 
 namespace redrive::ncore {
 namespace {

@@ -10,9 +10,9 @@
 #include "redrive/camera/camera.h"
 #include "redrive/image/image_io.h"
 #include "redrive/math/angles.h"
+#include "redrive/math/upper_median.h"
 #include "redrive/recording/core/recording.h"
 #include "redrive/recording/core/trajectory.h"
-#include "redrive/recording/core/upper_median.h"
 #include "redrive/recording/formats/recording_reader.h"
 
 namespace redrive {

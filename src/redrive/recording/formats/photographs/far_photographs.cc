@@ -5,7 +5,7 @@
 #include <cstdio>
 #include <limits>
 
-#include "redrive/recording/core/upper_median.h"
+#include "redrive/math/upper_median.h"
 #include "redrive/recording/core/wording.h"
 
 namespace redrive {

@@ -4,7 +4,7 @@
 #include <set>
 #include <tuple>
 
-#include "redrive/recording/core/upper_median.h"
+#include "redrive/math/upper_median.h"
 #include "redrive/recording/core/wording.h"
 #include "redrive/recording/formats/rosbag/bag_images.h"
 #include "redrive/recording/formats/rosbag/rig.h"

@@ -8,8 +8,8 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/files/files.h"
+#include "redrive/math/upper_median.h"
 #include "redrive/recording/core/trajectory.h"
-#include "redrive/recording/core/upper_median.h"
 #include "redrive/recording/core/wording.h"
 #include "redrive/recording/formats/frame_files.h"
 #include "redrive/recording/formats/image_size.h"
