@@ -37,11 +37,13 @@ std::optional<double> max_damaged(const GivenFields& given) {
   return options.max_damaged;
 }
 
-/// Applies what is given to the run's options. Another backend does without the run's device.
+/// Applies what is given to the run's options. Another backend than vulkan does without the run's
+/// device.
 void apply(const GivenFields& given, TrainOptions* options) {
   const std::string backend = options->backend;
   parse_given(given, options);
-  if (options->backend != backend && !given.contains("device")) options->device.clear();
+  if (options->backend != backend && options->backend != "vulkan" && !given.contains("device"))
+    options->device.clear();
   validate(*options);
 }
 

@@ -87,6 +87,8 @@ int checked_threads(const BackendChoice& choice) {
     throw UsageError(
         "--isa", choice.isa,
         "the " + choice.name + " backend has no instruction sets; omit it or use --backend cpu");
+  if (!choice.device.empty() && !entry && choice.isa != "auto")
+    throw UsageError("--isa", choice.isa, "GPUs, of which --device names one, have none");
   if (!choice.device.empty() && entry && !entry->make_on)
     throw UsageError("--device", choice.device,
                      "chooses a GPU; the " + choice.name + " backend computes on the processor");

@@ -26,6 +26,9 @@ TEST(Registry, RejectsImpossibleChoices) {
             "--isa sse9: must be one of auto, avx2, avx512, avx512-bf16");
   EXPECT_THAT(refusal({"ref", "avx2"}),
               HasSubstr("--isa avx2: the ref backend has no instruction sets"));
+  EXPECT_THAT(refusal({"cpu", "auto", 1, "GPU"}), HasSubstr("--device GPU: chooses a GPU"));
+  EXPECT_THAT(refusal({"auto", "avx2", 1, "GPU"}), HasSubstr("--isa avx2: GPUs"));
+  EXPECT_THAT(refusal({"auto", "auto", 1, "no such GPU"}), HasSubstr("--device no such GPU: "));
   EXPECT_THAT(refusal({"auto", "auto", -1}), HasSubstr("--threads -1"));
   EXPECT_THAT(refusal({"auto", "auto", 1 << 20}), HasSubstr("--threads 1048576"));
 }

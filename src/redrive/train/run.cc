@@ -145,7 +145,8 @@ std::unique_ptr<kernels::Backend> make_backend(kernels::BackendChoice choice,
   choice.marches_rays = !find_method(method)->rasterises;
   std::unique_ptr<kernels::Backend> backend = kernels::make_backend(choice);
   if (choice.marches_rays && !backend->marches_rays())
-    throw UsageError("--backend", choice.name,
+    throw UsageError(choice.device.empty() ? "--backend" : "--device",
+                     choice.device.empty() ? choice.name : choice.device,
                      "does not compute method " + method + ", which processors do: --backend cpu");
   return backend;
 }

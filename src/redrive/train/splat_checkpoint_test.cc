@@ -60,7 +60,7 @@ TEST(SplatCheckpoint, KeepsTheGainsOfSeveralLidars) {
   const std::string bytes = checkpoint_bytes(state);
   EXPECT_EQ(parse_checkpoint(bytes, "c").lidar_gains, state.lidar_gains);
   for (const char* broken :
-       {R"({})", R"([1])", R"([{"gain":0,"beams":[],"blind":[]}])",
+       {R"({})", R"([1])", "[1,", R"([{"gain":0,"beams":[],"blind":[]}])",
         R"([{"gain":"x","beams":[],"blind":[]}])", R"([{"gain":1e9,"beams":[],"blind":[]}])",
         R"([{"gain":1}])", R"([{"gain":1,"beams":[[0]],"blind":[]}])",
         R"([{"gain":1,"beams":[[9,1]],"blind":[]}])", R"([{"gain":1,"beams":[[0,-1]],"blind":[]}])",

@@ -149,6 +149,8 @@ class Trainer {
                                                 &buffers_, [&] { return !asked_to(stop); });
     if (!done) {
       state_.model->fetch(backend_);
+      state_.model->parameters = {};  // frees memory for the loaded state
+      state_.adam = {};
       state_ = load_checkpoint(run_.paths.checkpoint());
     }
     state_.seconds += of_processes(seconds_since(begin)).front();

@@ -207,6 +207,8 @@ void eliminate(const ceres::CRSMatrix& jacobian, Eliminated* e) {
 /// the block takes of it.
 void add_columns(const ceres::CRSMatrix& jacobian, const Eliminated& e, bool is_free, int begin,
                  int end, RigSums* sums) {
+  const auto first = std::ranges::lower_bound(e.index, begin) - e.index.begin();
+  if (is_free && (first == std::ssize(e.index) || e.index[first] >= end)) return;
   for (const Row& row : e.rows)
     for (int a = row.first; a < row.first + row.n; ++a) {
       const int column = jacobian.cols[a];
@@ -219,7 +221,6 @@ void add_columns(const ceres::CRSMatrix& jacobian, const Eliminated& e, bool is_
       }
     }
   if (!is_free) return;
-  const auto first = std::ranges::lower_bound(e.index, begin) - e.index.begin();
   for (Eigen::Index a = first; a < std::ssize(e.index) && e.index[a] < end; ++a)
     for (Eigen::Index b = 0; b < std::ssize(e.index); ++b) {
       const double taken = e.weighted.col(a).dot(e.with_rig.col(b));

@@ -36,12 +36,17 @@ void add_field(CLI::App& command, const TrainField& field, GivenFields* given) {
 
 std::vector<std::string> devices_of_processes(const TrainOptions& options,
                                               const ProcessGroup& group) {
-  const bool lists =
-      group.on_machine() > 1 && (options.backend == "vulkan" || options.backend == "auto");
+  const bool is_auto = options.backend == "auto" && options.device.empty() &&
+                       options.isa == "auto" && find_method(options.method)->rasterises;
+  std::vector<kernels::DeviceInfo> devices;
   std::string reason;
-  return kernels::devices_of_processes(
-      lists ? kernels::list_devices(&reason) : std::vector<kernels::DeviceInfo>(), options.device,
-      group.on_machine());
+  if (group.on_machine() > 1 && (is_auto || options.backend == "vulkan"))
+    devices = kernels::list_devices(&reason);
+  for (std::size_t i = 0; is_auto && i < devices.size(); ++i)
+    if (!devices[i].is_cpu && devices[i].missing.empty())
+      if (std::string fault = kernels::device_fault(devices[i], i); !fault.empty())
+        devices[i].missing.push_back(std::move(fault));
+  return kernels::devices_of_processes(devices, options.device, group.on_machine());
 }
 
 std::optional<std::uint64_t> check_run_memory(const Run& run, kernels::Backend& backend,
@@ -115,8 +120,8 @@ void print_summary(const Run& run, const TrainingData& training, const kernels::
     }
   for (std::size_t k = 0; k < training.lidar.sensors.size(); ++k)
     if (const std::size_t cells = training.lidar.sensors[k].blind.cells(); cells > 0)
-      std::printf("the vehicle is in the way of %s in %.0f square degrees\n",
-                  run.recording.lidars[k].name.c_str(), 0.5 * static_cast<double>(cells));
+      std::printf("the vehicle is in the way of %s in %zu cells of 0.5 x 1 degree\n",
+                  run.recording.lidars[k].name.c_str(), cells);
   for (const Finding& damaged : training.damaged)
     std::printf("note: %s: %s\n", damaged.subject.c_str(), damaged.what.c_str());
   if (const auto& damaged = training.lidar.damaged)

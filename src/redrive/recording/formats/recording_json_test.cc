@@ -63,6 +63,7 @@ Recording recorded() {
   }
   recording.cameras.push_back(camera);
   recording.lidars.push_back({"top", turned(0.2, 1), 0.003, 1.7});
+  for (const std::size_t cell : {40, 41}) recording.lidars[0].blind.insert(cell);
   recording.reader = std::make_shared<TwoBoxes>();
   return recording;
 }
@@ -100,6 +101,7 @@ TEST(RecordingJson, BringsBackEveryBit) {
   EXPECT_EQ(after.lidars.at(0).body_from_lidar.matrix(), before.lidars[0].body_from_lidar.matrix());
   EXPECT_EQ(after.lidars[0].elevation_rad, 0.003);
   EXPECT_EQ(after.lidars[0].gain, 1.7);
+  EXPECT_EQ(after.lidars[0].blind.runs(), (std::vector<BlindDirections::Run>{{40, 2}}));
 }
 
 TEST(RecordingJson, NamesFileFieldAndValue) {
@@ -108,6 +110,7 @@ TEST(RecordingJson, NamesFileFieldAndValue) {
   const nlohmann::json whole = nlohmann::json::parse(recording_to_json(recorded()));
   const std::vector<std::tuple<const char*, nlohmann::json, const char*>> cases = {
       {"/cameras/0/model", "mey", "cameras[0].model"},
+      {"/lidars/0/blind/0/1", 200000, "lidars[0].blind[0]"},
       {"/cameras/0/parameters/9", 1e9, "cameras[0].parameters[9]"},
       {"/cameras/0/readout_ns", 1e18, "readout_ns"},
       {"/frames/1/t_ns", 5, "frames[1].t_ns"},

@@ -5,7 +5,6 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
-#include <optional>
 
 #include "redrive/math/voxel_grid.h"
 
@@ -112,13 +111,12 @@ std::vector<BlindDirections> blind_directions(const Scene& scene, const LidarRet
   constexpr double kLeastDriven_m = 10, kLost = 0.97;
   constexpr std::uint32_t kLeastRays = 20;
   std::vector<BlindDirections> blind(returns.sensors.size());
-  double driven_m = 0;
-  std::optional<Eigen::Vector3d> last;
-  for (const PosedFrame& frame : scene.posed_frames()) {
-    const Eigen::Vector3d at = frame.world_from_body.translation();
-    if (last) driven_m += (at - *last).norm();
-    last = at;
-  }
+  double driven_m = 0;  // steps would add up the noise of a parked car's poses
+  const std::vector<PosedFrame> frames = scene.posed_frames();
+  for (const PosedFrame& frame : frames)
+    driven_m = std::max(driven_m, (frame.world_from_body.translation() -
+                                   frames.front().world_from_body.translation())
+                                      .norm());
   if (driven_m < kLeastDriven_m) return blind;
   struct Rays {
     std::uint32_t all = 0, hidden = 0;

@@ -29,8 +29,8 @@ struct LidarGains {
 /// these gains have mean 0. A beam with fewer than 500 such returns has 1.
 ///
 /// Blind directions: cells below -6 degrees in which 97 % of 20 rays or more were lost or returned
-/// from the vehicle, over a drive of 10 m at least. What stands beside the road is in no cell
-/// for so long; far ground and the sky return nothing either, so cells are steep.
+/// from the vehicle, over a drive that goes 10 m away at least. What stands beside the road is in
+/// no cell for so long; far ground and the sky return nothing either, so cells are steep.
 std::vector<LidarGains> estimate_gains(const Scene& scene, const LidarReturns& returns,
                                        ThreadPool& pool);
 

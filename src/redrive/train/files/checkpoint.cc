@@ -140,7 +140,11 @@ Buffer<T> read(const Safetensors& parsed, const std::string& name, std::size_t s
 
 std::vector<LidarGains> parse_gains(const std::string& text, const std::filesystem::path& file) {
   nlohmann::json root;
-  root["__metadata__"][kLidarGains] = parse_json(text, file);
+  nlohmann::json& gains = root["__metadata__"][kLidarGains];
+  gains = nlohmann::json::parse(text, nullptr, /*allow_exceptions=*/false);
+  if (gains.is_discarded())
+    throw InputError(file, std::string("__metadata__.") + kLidarGains, text.substr(0, 80),
+                     "must be JSON");
   return gains_from_json(JsonField(root, file).at("__metadata__").at(kLidarGains));
 }
 

@@ -49,7 +49,7 @@ struct SharedImage {
 SeamExposure solve_seam_exposure(std::vector<std::string> cameras, int blocks,
                                  const std::vector<SharedImage>& images);
 
-/// Returns the geometric means of what each block estimated, for a beam over the blocks that know
+/// Returns the geometric means of what each block estimated, for a beam over the blocks that list
 /// it, and the directions in which most are blind. Blocks without any do not count.
 std::vector<LidarGains> mean_gains(const std::vector<std::vector<LidarGains>>& blocks);
 

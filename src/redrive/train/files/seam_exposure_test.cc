@@ -80,9 +80,10 @@ TEST(ImageLogGains, AreInterpolatedBetweenKnots) {
 TEST(SeamExposure, IsWrittenAndRead) {
   const TemporaryFolder folder;
   EXPECT_EQ(read_seam_exposure(folder.path, 2).of(1, "F"), LogGains{}) << "no file yet";
-  const SeamExposure written = {{"F", "B"},
-                                {{{0.1, 1.0 / 3, 0}, {0, 0, 0}}, {{-0.1, 0, 0}, {1, 2, 3}}},
-                                {{1, {{-0.1f, 0.7f}}}, {0.3f, {}}}};
+  SeamExposure written = {{"F", "B"},
+                          {{{0.1, 1.0 / 3, 0}, {0, 0, 0}}, {{-0.1, 0, 0}, {1, 2, 3}}},
+                          {{1, {{-0.1f, 0.7f}}}, {0.3f, {}}}};
+  written.lidar_gains[1].blind.insert(77);
   write_seam_exposure(folder.path, written);
   const SeamExposure read = read_seam_exposure(folder.path, 2);
   EXPECT_EQ(read.cameras, written.cameras);
@@ -93,14 +94,18 @@ TEST(SeamExposure, IsWrittenAndRead) {
 TEST(SeamExposure, LidarGainsAreMeansOverBlocks) {
   EXPECT_TRUE(mean_gains({}).empty());
   EXPECT_TRUE(mean_gains({{}, {}}).empty());
-  const std::vector<LidarGains> mean =
-      mean_gains({{{1, {{0.1f, 2}}}, {4, {}}}, {}, {{1, {{0.3f, 0.5f}, {0.4f, 3}}}, {9, {}}}});
+  std::vector<std::vector<LidarGains>> blocks = {
+      {{1, {{0.1f, 2}}}, {4, {}}}, {}, {{1, {{0.3f, 0.5f}, {0.4f, 3}}}, {9, {}}}};
+  blocks[0][0].blind.insert(5);
+  for (const std::size_t block : {0, 2}) blocks[block][0].blind.insert(6);
+  const std::vector<LidarGains> mean = mean_gains(blocks);
   ASSERT_EQ(mean.size(), 2u);
   EXPECT_FLOAT_EQ(mean[1].gain, 6);
   ASSERT_EQ(mean[0].beams.size(), 2u);
   EXPECT_FLOAT_EQ(mean[0].beams[0].gain, 1);
   EXPECT_FLOAT_EQ(mean[0].beams[0].elevation_rad, 0.2f);
   EXPECT_FLOAT_EQ(mean[0].beams[1].gain, 3) << "one block alone has seen it";
+  EXPECT_EQ(mean[0].blind.runs(), (std::vector<BlindDirections::Run>{{6, 1}}));
 }
 
 TEST(SeamExposure, BadFilesAreNamed) {
