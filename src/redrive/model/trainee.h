@@ -197,7 +197,7 @@ class Trainee : public Configurable, public Field {
   /// same parameters and fresh moments, which it changes alike. Calls `go_on` every so often and
   /// returns false, with parameters of no use, where that does. Must be deterministic.
   virtual bool train_first(kernels::Backend&, const TrainingSet&, std::uint64_t /*seed*/,
-                           AdamState*, StepBuffers*, const std::function<bool()>& /*go_on*/) {
+                           AdamState*, const std::function<bool()>& /*go_on*/) {
     return true;
   }
   /// Writes losses to buffers->workspace.sums() and adds their derivatives to gradients

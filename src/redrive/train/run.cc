@@ -144,9 +144,9 @@ std::unique_ptr<kernels::Backend> make_backend(kernels::BackendChoice choice,
                                                const std::string& method) {
   choice.marches_rays = !find_method(method)->rasterises;
   std::unique_ptr<kernels::Backend> backend = kernels::make_backend(choice);
+  const bool named = !choice.device.empty();
   if (choice.marches_rays && !backend->marches_rays())
-    throw UsageError(choice.device.empty() ? "--backend" : "--device",
-                     choice.device.empty() ? choice.name : choice.device,
+    throw UsageError(named ? "--device" : "--backend", named ? choice.device : choice.name,
                      "does not compute method " + method + ", which processors do: --backend cpu");
   return backend;
 }

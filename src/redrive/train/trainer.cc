@@ -146,7 +146,7 @@ class Trainer {
     const Progress progress("training on LiDAR scans");
     const auto begin = std::chrono::steady_clock::now();
     const bool done = state_.model->train_first(backend_, data_, state_.seed, &state_.adam,
-                                                &buffers_, [&] { return !asked_to(stop); });
+                                                [&] { return !asked_to(stop); });
     if (!done) {
       state_.model->fetch(backend_);
       state_.model->parameters = {};  // frees memory for the loaded state

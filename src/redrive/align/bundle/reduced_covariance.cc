@@ -24,7 +24,7 @@ struct Row {
   int first = 0, n = 0;  ///< range in CRSMatrix::values: derivatives by the rig's parameters
   Eigen::Vector3d own = Eigen::Vector3d::Zero();
   double residual = 0;
-  double curvature = 1;  ///< as a fraction of the normal matrix: curvature_fractions
+  double curvature = 1;  ///< fraction of the normal matrix (curvature_fractions)
   int group = -1;
 };
 
@@ -36,8 +36,8 @@ struct Eliminated {
   std::vector<int> index;     ///< ascending: the parameters of the rig that its rows depend on
   Eigen::Matrix3Xd with_rig;  ///< [3, index]
   Eigen::Matrix3Xd weighted;  ///< times the inverse of its own part
-  Eigen::VectorXd gradient;   ///< [index] of all rows, with the block eliminated
-  std::map<int, Eigen::VectorXd> of_groups;  ///< likewise of each group's rows
+  Eigen::VectorXd gradient;   ///< [index] sum over all rows, with the block eliminated
+  std::map<int, Eigen::VectorXd> of_groups;  ///< the same sum over the rows of each group
 };
 
 /// Sums of gradients of all blocks, one for each group.
@@ -140,8 +140,8 @@ struct RigSums {
   Eigen::MatrixXd spread;  ///< squares of gradients
 };
 
-/// Sorts the rows of the Jacobian, whose first `n` columns are the rig's, by the eliminated block
-/// that they depend on. The last entry has the rows without a block.
+/// Sorts the rows of the Jacobian by eliminated block; rows without a block come last. Its first
+/// `n` columns are the rig's.
 std::vector<Eliminated> rows_of_blocks(const ceres::CRSMatrix& jacobian, int n, std::size_t blocks,
                                        const std::vector<double>& residuals,
                                        const std::vector<double>& fractions,

@@ -211,7 +211,7 @@ Action configure_render_lidar(CLI::App& command) {
   command
       .add_option(
           "--seed", options->lidar.seed,
-          "draw which rays return by their probabilities; otherwise those of 0.4 or more do")
+          "draw which rays return by their probabilities; otherwise a probability of 0.4 decides")
       ->default_str("not drawn");
   command
       .add_option("--points-in", options->lidar.points_in,

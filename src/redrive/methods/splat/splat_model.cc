@@ -261,30 +261,6 @@ const SurfacePlanes* SplatModel::surfaces_of(const StepBuffers& buffers) {
   return own.surfaces ? &*own.surfaces : nullptr;
 }
 
-bool SplatModel::train_first(kernels::Backend& backend, const TrainingSet& data, std::uint64_t seed,
-                             AdamState* adam, StepBuffers* buffers,
-                             const std::function<bool()>& go_on) {
-  if (scan_every == 0 || data.lidar.scan_ends.empty()) return true;
-  constexpr int kPartsAtOnce = 16;
-  const std::uint64_t key = random_key(seed, kStreamScans, 1);
-  ScanBuffers& own = splat_buffers(buffers).scan;
-  StepUpdate update{0, 0, parameters, adam};
-  StepRequest request;
-  request.update = &update;
-  StepSums unused;
-  for (int k = 0; k < scans_first; ++k) {
-    if (k % kPartsAtOnce == 0 && !go_on()) return false;
-    update.step = k + 1;
-    update.learning_rate =
-        learning_rate({.step = k, .progress = static_cast<double>(k) / scans_first});
-    step_scan(backend, data, request, key, static_cast<std::uint64_t>(k), {}, &own, &unused);
-  }
-  fetch(backend);
-  // Images begin with moments of their own.
-  std::ranges::fill(adam->packed.span(), 0u);
-  return true;
-}
-
 StepOutput SplatModel::step(kernels::Backend& backend, const TrainingSet& data,
                             const StepRequest& request, std::span<float> gradients,
                             StepBuffers* buffers) const {

@@ -95,8 +95,7 @@ struct SplatModel final : Trainee, FieldGaussians {
   void prepare(const TrainingSet& data, ThreadPool& pool, StepBuffers* buffers) const override;
   /// Trains on parts of the LiDAR scans.
   bool train_first(kernels::Backend& backend, const TrainingSet& data, std::uint64_t seed,
-                   AdamState* adam, StepBuffers* buffers,
-                   const std::function<bool()>& go_on) override;
+                   AdamState* adam, const std::function<bool()>& go_on) override;
   StepOutput step(kernels::Backend& backend, const TrainingSet& data, const StepRequest& request,
                   std::span<float> gradients, StepBuffers* buffers) const override;
   /// Pixels of one image are alike, and images differ: some ten thousand count as 32.

@@ -190,4 +190,43 @@ std::vector<LidarGains> estimate_gains(const Scene& scene, const LidarReturns& r
   return gains;
 }
 
+std::vector<LidarGains> mean_gains(const std::vector<std::vector<LidarGains>>& estimates) {
+  struct Sum {
+    double log_gain = 0, elevation_rad = 0;
+    int n = 0;
+    void add(const BeamGain& beam) {
+      log_gain += std::log(double(beam.gain));
+      elevation_rad += double(beam.elevation_rad);
+      ++n;
+    }
+    BeamGain mean() const {
+      return {static_cast<float>(elevation_rad / n), static_cast<float>(std::exp(log_gain / n))};
+    }
+  };
+  std::vector<Sum> sensors;
+  std::vector<std::vector<Sum>> beams;
+  std::vector<std::vector<int>> blind;
+  for (const std::vector<LidarGains>& estimate : estimates) {
+    sensors.resize(std::max(sensors.size(), estimate.size()));
+    beams.resize(sensors.size());
+    blind.resize(sensors.size(), std::vector<int>(BlindDirections::kCells));
+    for (std::size_t k = 0; k < estimate.size(); ++k) {
+      sensors[k].add({0, estimate[k].gain});
+      beams[k].resize(std::max(beams[k].size(), estimate[k].beams.size()));
+      for (std::size_t b = 0; b < estimate[k].beams.size(); ++b)
+        beams[k][b].add(estimate[k].beams[b]);
+      for (const BlindDirections::Run& run : estimate[k].blind.runs())
+        for (std::size_t cell = run[0]; cell < run[0] + run[1]; ++cell) ++blind[k][cell];
+    }
+  }
+  std::vector<LidarGains> means;
+  for (std::size_t k = 0; k < sensors.size(); ++k) {
+    means.push_back({sensors[k].mean().gain, {}});
+    for (const Sum& beam : beams[k]) means.back().beams.push_back(beam.mean());
+    for (std::size_t cell = 0; cell < BlindDirections::kCells; ++cell)
+      if (2 * blind[k][cell] > sensors[k].n) means.back().blind.insert(cell);
+  }
+  return means;
+}
+
 }  // namespace redrive

@@ -29,9 +29,14 @@ struct LidarGains {
 /// these gains have mean 0. A beam with fewer than 500 such returns has 1.
 ///
 /// Blind directions: cells below -6 degrees in which 97 % of 20 rays or more were lost or returned
-/// from the vehicle, over a drive that goes 10 m away at least. What stands beside the road is in
-/// no cell for so long; far ground and the sky return nothing either, so cells are steep.
+/// from the vehicle, over a drive that goes 10 m away at least. Nothing beside the road stays in a
+/// cell for so long. Cells are steep, since far ground and the sky return nothing either.
 std::vector<LidarGains> estimate_gains(const Scene& scene, const LidarReturns& returns,
                                        ThreadPool& pool);
+
+/// Returns the geometric means of several estimates for the same sensors, for a beam over the
+/// estimates that list it, and the directions in which most are blind. Empty estimates do not
+/// count.
+std::vector<LidarGains> mean_gains(const std::vector<std::vector<LidarGains>>& estimates);
 
 }  // namespace redrive

@@ -97,10 +97,27 @@ TEST(LidarGains, DirectionsInWhichNothingReturnsAreBlind) {
   EXPECT_TRUE(blind.contains(turned(steep, 90.5)));
   EXPECT_EQ(blind.runs().size(), 2u);
   EXPECT_EQ(blind.runs()[0][1], 1u);
-  // What a parked car sees is not distinguished from itself.
+  // A parked car cannot tell itself from what stands beside it.
   const TemporaryFolder other;
   const Recording parked = make_test_recording(other.path, 2);
   EXPECT_TRUE(estimate_gains(make_scene(parked, {}), returns, pool)[0].blind.empty());
+}
+
+TEST(LidarGains, MeansAreGeometric) {
+  EXPECT_TRUE(mean_gains({}).empty());
+  EXPECT_TRUE(mean_gains({{}, {}}).empty());
+  std::vector<std::vector<LidarGains>> estimates = {
+      {{1, {{0.1f, 2}}}, {4, {}}}, {}, {{1, {{0.3f, 0.5f}, {0.4f, 3}}}, {9, {}}}};
+  estimates[0][0].blind.insert(5);
+  for (const std::size_t k : {0, 2}) estimates[k][0].blind.insert(6);
+  const std::vector<LidarGains> mean = mean_gains(estimates);
+  ASSERT_EQ(mean.size(), 2u);
+  EXPECT_FLOAT_EQ(mean[1].gain, 6);
+  ASSERT_EQ(mean[0].beams.size(), 2u);
+  EXPECT_FLOAT_EQ(mean[0].beams[0].gain, 1);
+  EXPECT_FLOAT_EQ(mean[0].beams[0].elevation_rad, 0.2f);
+  EXPECT_FLOAT_EQ(mean[0].beams[1].gain, 3) << "one estimate alone lists it";
+  EXPECT_EQ(mean[0].blind.runs(), (std::vector<BlindDirections::Run>{{6, 1}}));
 }
 
 }  // namespace

@@ -62,45 +62,6 @@ SeamExposure solve_seam_exposure(std::vector<std::string> cameras, int blocks,
   return result;
 }
 
-std::vector<LidarGains> mean_gains(const std::vector<std::vector<LidarGains>>& blocks) {
-  struct Sum {
-    double log_gain = 0, elevation_rad = 0;
-    int n = 0;
-    void add(const BeamGain& beam) {
-      log_gain += std::log(double(beam.gain));
-      elevation_rad += double(beam.elevation_rad);
-      ++n;
-    }
-    BeamGain mean() const {
-      return {static_cast<float>(elevation_rad / n), static_cast<float>(std::exp(log_gain / n))};
-    }
-  };
-  std::vector<Sum> sensors;
-  std::vector<std::vector<Sum>> beams;
-  std::vector<std::vector<int>> blind;
-  for (const std::vector<LidarGains>& of_block : blocks) {
-    sensors.resize(std::max(sensors.size(), of_block.size()));
-    beams.resize(sensors.size());
-    blind.resize(sensors.size(), std::vector<int>(BlindDirections::kCells));
-    for (std::size_t k = 0; k < of_block.size(); ++k) {
-      sensors[k].add({0, of_block[k].gain});
-      beams[k].resize(std::max(beams[k].size(), of_block[k].beams.size()));
-      for (std::size_t b = 0; b < of_block[k].beams.size(); ++b)
-        beams[k][b].add(of_block[k].beams[b]);
-      for (const BlindDirections::Run& run : of_block[k].blind.runs())
-        for (std::size_t cell = run[0]; cell < run[0] + run[1]; ++cell) ++blind[k][cell];
-    }
-  }
-  std::vector<LidarGains> means;
-  for (std::size_t k = 0; k < sensors.size(); ++k) {
-    means.push_back({sensors[k].mean().gain, {}});
-    for (const Sum& beam : beams[k]) means.back().beams.push_back(beam.mean());
-    for (std::size_t cell = 0; cell < BlindDirections::kCells; ++cell)
-      if (2 * blind[k][cell] > sensors[k].n) means.back().blind.insert(cell);
-  }
-  return means;
-}
-
 LogGains image_log_gains(Trainee& model, const Exposure& exposure) {
   const std::vector<ModelTensor> tensors = model.tensors();
   const auto tensor = std::ranges::find(tensors, "appearance", &ModelTensor::name);

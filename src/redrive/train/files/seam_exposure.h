@@ -49,10 +49,6 @@ struct SharedImage {
 SeamExposure solve_seam_exposure(std::vector<std::string> cameras, int blocks,
                                  const std::vector<SharedImage>& images);
 
-/// Returns the geometric means of what each block estimated, for a beam over the blocks that list
-/// it, and the directions in which most are blind. Blocks without any do not count.
-std::vector<LidarGains> mean_gains(const std::vector<std::vector<LidarGains>>& blocks);
-
 /// Returns the log gains that a model has trained for a camera of its run's rig at a time; 0 of
 /// models without any.
 LogGains image_log_gains(Trainee& model, const Exposure& exposure);

@@ -91,23 +91,6 @@ TEST(SeamExposure, IsWrittenAndRead) {
   EXPECT_EQ(read.lidar_gains, written.lidar_gains);
 }
 
-TEST(SeamExposure, LidarGainsAreMeansOverBlocks) {
-  EXPECT_TRUE(mean_gains({}).empty());
-  EXPECT_TRUE(mean_gains({{}, {}}).empty());
-  std::vector<std::vector<LidarGains>> blocks = {
-      {{1, {{0.1f, 2}}}, {4, {}}}, {}, {{1, {{0.3f, 0.5f}, {0.4f, 3}}}, {9, {}}}};
-  blocks[0][0].blind.insert(5);
-  for (const std::size_t block : {0, 2}) blocks[block][0].blind.insert(6);
-  const std::vector<LidarGains> mean = mean_gains(blocks);
-  ASSERT_EQ(mean.size(), 2u);
-  EXPECT_FLOAT_EQ(mean[1].gain, 6);
-  ASSERT_EQ(mean[0].beams.size(), 2u);
-  EXPECT_FLOAT_EQ(mean[0].beams[0].gain, 1);
-  EXPECT_FLOAT_EQ(mean[0].beams[0].elevation_rad, 0.2f);
-  EXPECT_FLOAT_EQ(mean[0].beams[1].gain, 3) << "one block alone has seen it";
-  EXPECT_EQ(mean[0].blind.runs(), (std::vector<BlindDirections::Run>{{6, 1}}));
-}
-
 TEST(SeamExposure, BadFilesAreNamed) {
   const auto error_of = [](const std::string& text) -> std::string {
     try {

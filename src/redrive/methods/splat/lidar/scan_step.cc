@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The part of a training step that renders a part of a LiDAR scan.
+// Training on parts of LiDAR scans: before the first image, and in a step.
 #include "redrive/methods/splat/lidar/scan_step.h"
 
 #include <algorithm>
@@ -63,6 +63,29 @@ void SplatModel::step_scan(kernels::Backend& backend, const TrainingSet& data,
     raster.backward({gradient.d_rgb, gradient.d_transmittance, buffers->error, gradient.d_range},
                     to, {});
   }
+}
+
+bool SplatModel::train_first(kernels::Backend& backend, const TrainingSet& data, std::uint64_t seed,
+                             AdamState* adam, const std::function<bool()>& go_on) {
+  if (scan_every == 0 || data.lidar.scan_ends.empty()) return true;
+  constexpr int kPartsAtOnce = 16;
+  const std::uint64_t key = random_key(seed, kStreamScans, 1);
+  ScanBuffers buffers;
+  StepUpdate update{0, 0, parameters, adam};
+  StepRequest request;
+  request.update = &update;
+  StepSums unused;
+  for (int k = 0; k < scans_first; ++k) {
+    if (k % kPartsAtOnce == 0 && !go_on()) return false;
+    update.step = k + 1;
+    update.learning_rate =
+        learning_rate({.step = k, .progress = static_cast<double>(k) / scans_first});
+    step_scan(backend, data, request, key, static_cast<std::uint64_t>(k), {}, &buffers, &unused);
+  }
+  fetch(backend);
+  // Images begin with moments of their own.
+  std::ranges::fill(adam->packed.span(), 0u);
+  return true;
 }
 
 }  // namespace redrive

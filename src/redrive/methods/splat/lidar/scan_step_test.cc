@@ -127,8 +127,8 @@ TEST(ScanStep, ScansTrainBeforeTheFirstImage) {
     training.begin(wall(kWall_m + 0.15, 0.4f));
     training.model.scans_first = parts;
     training.model.scan_weights = {1, 1, 0.5f};
-    EXPECT_TRUE(training.model.train_first(*backend, drive.data(), 5, &training.adam,
-                                           &training.buffers, [] { return true; }));
+    EXPECT_TRUE(
+        training.model.train_first(*backend, drive.data(), 5, &training.adam, [] { return true; }));
     for (const std::uint32_t moments : training.adam.packed.span()) ASSERT_EQ(moments, 0u);
     const auto after = drive.errors(*backend, training.model);
     if (parts == 0) {

@@ -16,7 +16,7 @@
 uint group_index() {
   return gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x;
 }
-// The size is that of the layout, which follows this file.
+// A macro, since the layout, which sets gl_WorkGroupSize, follows this file.
 #define thread_index() (group_index() * gl_WorkGroupSize.x + gl_LocalInvocationIndex)
 
 layout(buffer_reference, std430, buffer_reference_align = 4) buffer Floats { float v[]; };
