@@ -590,11 +590,12 @@ TEST_P(GaussianStagesTest, LossOfARasterAgreesWithTheOracle) {
   input.gains = {{1.1f, 0.9f, 1}, 24, 16, log_shading};
   const auto run_loss = [&](Backend& by, Result* out) {
     Raster raster = by.gaussians().rasterise(c.view(), c.gaussians(), c.options());
-    const ImageLossOutput loss = raster.loss(input, {.transmittance = 0.3f, .range = 1e-3f});
     out->gradients.assign(c.numbers.size(), 0);
     out->errors.assign(c.numbers.size() / kGaussianRows, 0);
     out->poses.resize(1);
-    raster.backward({.gradients = out->gradients, .errors = out->errors}, out->poses);
+    const ImageLossOutput loss =
+        raster.backward(input, {.transmittance = 0.3f, .range = 1e-3f},
+                        {.gradients = out->gradients, .errors = out->errors}, out->poses);
     out->counts = raster.counts();
     out->image = copy_of(raster.image());
     return loss;
@@ -611,6 +612,39 @@ TEST_P(GaussianStagesTest, LossOfARasterAgreesWithTheOracle) {
   EXPECT_GT(b.transmittance, 0);
   EXPECT_NEAR(a.range, b.range, 1e-3 * b.range);
   EXPECT_GT(b.range, 0);
+}
+
+TEST_P(GaussianStagesTest, AnUpdateByALossThatIsNotFiniteChangesNothing) {
+  const auto backend = make();
+  const GaussianCase c(kMei, true, true);
+  const std::vector<std::uint8_t> target(3 * 70 * 43, 99);
+  std::vector<float> numbers = c.numbers, errors(c.numbers.size() / kGaussianRows, 0.5f);
+  std::vector<std::uint32_t> moments(numbers.size(), pack_moments(0.1f, 0.2f));
+  GaussianUpdate update;
+  update.step = adam_step(0, 3);
+  for (float& rate : update.rates) rate = 0.01f;
+  update.numbers = numbers;
+  update.moments = moments;
+  update.errors = errors;
+  ImageLossInput input;
+  input.target = {.width = 70, .rgb = target};
+  for (const float gain : {NAN, 1.0f}) {
+    const bool finite = gain == 1;
+    SCOPED_TRACE(gain);
+    for (float& colour : input.gains.colour) colour = gain;
+    std::array<GaussianPoseGradient<NumberMath<double>>, 1> d_pose{};
+    const ImageLossOutput loss =
+        backend->gaussians()
+            .rasterise(c.view(), {c.n, numbers}, c.options())
+            .backward(input, {.transmittance = 0.3f, .range = 1e-3f}, {.update = &update}, d_pose);
+    backend->gaussians().fetch();
+    EXPECT_EQ(is_finite(loss), finite);
+    EXPECT_EQ(numbers == c.numbers, !finite);
+    EXPECT_EQ(std::ranges::count(moments, pack_moments(0.1f, 0.2f)) == std::ssize(moments),
+              !finite);
+    EXPECT_EQ(std::ranges::count(errors, 0.5f) == std::ssize(errors), !finite);
+    EXPECT_EQ(d_pose[0].translation[0] == 0, !finite);
+  }
 }
 
 TEST_P(GaussianStagesTest, LossIsZeroInThePaddingWhateverWasThere) {

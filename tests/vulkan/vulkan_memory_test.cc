@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // What crosses from the host to the first Vulkan device, and memory that grows.
 #include <algorithm>
+#include <cmath>
 #include <string>
 #include <vector>
 
@@ -208,15 +209,20 @@ TEST_F(VulkanMemory, MorePairsThanTheirMemoryHolds) {
   struct Found {
     RasterCounts counts;
     double loss = 0;
-    std::vector<float> rgb;
+    std::vector<float> rgb, gradients;
   };
   const auto run = [&](Backend& backend, bool counts_first) {
     Found out;
     Raster raster = backend.gaussians().rasterise(scene.view(), {scene.kCount, scene.numbers}, {});
-    if (!counts_first) {  // loss() finds the overflow
+    if (!counts_first) {  // backward() finds the overflow
+      out.gradients.resize(scene.numbers.size());
+      std::vector<float> errors(scene.numbers.size() / kGaussianRows);
       ImageLossInput input;
       input.target = {.width = 384, .rgb = target};
-      out.loss = raster.loss(input, {.transmittance = 0.02f}).l1;
+      out.loss = raster
+                     .backward(input, {.transmittance = 0.02f},
+                               {.gradients = out.gradients, .errors = errors}, {})
+                     .l1;
     }
     out.counts = raster.counts();
     const Buffer<float>& rgb = raster.image().rgb;
@@ -229,6 +235,13 @@ TEST_F(VulkanMemory, MorePairsThanTheirMemoryHolds) {
   EXPECT_GT(a.counts.pairs, kFirst);
   EXPECT_EQ(a.counts.visible, expected.counts.visible);
   EXPECT_NEAR(a.loss, expected.loss, 1e-3 * expected.loss);
+  double of_gradients = 0, off = 0;
+  for (std::size_t i = 0; i < a.gradients.size(); ++i) {
+    of_gradients += std::pow(static_cast<double>(expected.gradients[i]), 2);
+    off += std::pow(static_cast<double>(a.gradients[i] - expected.gradients[i]), 2);
+  }
+  EXPECT_GT(of_gradients, 0);
+  EXPECT_LT(off, 1e-4 * of_gradients);
   EXPECT_EQ(a.rgb, b.rgb);
   EXPECT_EQ(a.counts.pairs, b.counts.pairs);
   for (std::size_t i = 0; i < a.rgb.size(); ++i) ASSERT_NEAR(a.rgb[i], expected.rgb[i], 2e-3f);

@@ -24,7 +24,11 @@ class VulkanProgram : public ::testing::Test {
     if (!fs::exists(kLavapipe)) GTEST_SKIP() << "mesa-vulkan-drivers is not installed";
     setenv("VK_ICD_FILENAMES", kLavapipe, 1);
   }
-  void TearDown() override { unsetenv("VK_ICD_FILENAMES"); }
+  void TearDown() override {
+    for (const char* name :
+         {"VK_ICD_FILENAMES", "VK_LAYER_PATH", "VK_INSTANCE_LAYERS", "REDRIVE_LOSES_DEVICE_AT"})
+      unsetenv(name);
+  }
   static ProgramResult redrive(const std::vector<std::string>& arguments) {
     return Program(REDRIVE_BINARY, arguments).wait();
   }
@@ -78,6 +82,20 @@ TEST_F(VulkanProgram, TrainsTheStreetAsTheProcessorDoes) {
 
   const fs::path parts = folder_.path / "parts";
   expect_same_end_when_killed(folder_.path / "gpu", parts, arguments("parts", gpu), {1});
+  setenv("VK_LAYER_PATH", REDRIVE_LAYERS, 1);
+  setenv("VK_INSTANCE_LAYERS", "VK_LAYER_REDRIVE_failing", 1);
+  setenv("REDRIVE_LOSES_DEVICE_AT", "100", 1);
+  const ProgramResult lost = redrive(arguments("lost", gpu));
+  unsetenv("VK_INSTANCE_LAYERS");
+  EXPECT_EQ(lost.exit_code, kExitDevice) << lost.err;
+  EXPECT_THAT(lost.err, HasSubstr("device lost"));
+  const std::string run = (folder_.path / "lost").string();
+  const std::int64_t step = load_checkpoint(folder_.path / "lost/checkpoint.safetensors").step;
+  EXPECT_GE(step, 10);
+  EXPECT_LT(step, 60);
+  const ProgramResult resumed = redrive({"resume", run, "--device", "llvmpipe"});
+  EXPECT_EQ(resumed.exit_code, kExitOk) << resumed.err;
+  expect_same_end(folder_.path / "gpu", run);
   const ProgramResult elsewhere =
       redrive({"resume", parts.string(), "--backend", "cpu", "--max-steps", "61"});
   EXPECT_EQ(elsewhere.exit_code, kExitOk) << elsewhere.err;

@@ -54,7 +54,11 @@ const std::vector<Job>& jobs() {
                                        {"pairs0", "pairs.comp", {"EMIT=0"}},
                                        {"pairs1", "pairs.comp", {"EMIT=1"}},
                                        {"loss0", "loss.comp", {"PASS=0"}},
-                                       {"loss1", "loss.comp", {"PASS=1"}}};
+                                       {"loss_sums", "loss_sums.comp"},
+                                       {"loss1", "loss.comp", {"PASS=1"}},
+                                       {"score0", "score.comp", {"PASS=0"}},
+                                       {"score1", "score.comp", {"PASS=1"}},
+                                       {"score2", "score.comp", {"PASS=2"}}};
   return all;
 }
 
@@ -184,8 +188,8 @@ class Noting {
   std::uint32_t* noted_ = nullptr;
 };
 
-/// Trains Gaussians for a step with all that a step can have: more than 256 of them meet a tile,
-/// and some meet more than 32 tiles.
+/// Scores an image, and trains Gaussians for a step with all that a step can have: more than 256 of
+/// them meet a tile, and some meet more than 32 tiles.
 int races_of_a_step(const std::map<std::string, Words>& instead) {
   constexpr std::size_t kCount = 600;
   Noting noting(instead);
@@ -219,10 +223,12 @@ int races_of_a_step(const std::map<std::string, Words>& instead) {
         {kCount, numbers}, {.parts = true, .log_range = ranges});
     ImageLossInput input;
     input.target = {.width = camera.width, .rgb = target};
-    raster.loss(input, {.transmittance = 0.02f, .range = 0.01f});
     std::vector<float> gradients(numbers.size()), errors(numbers.size() / kGaussianRows);
     std::array<GaussianPoseGradient<NumberMath<double>>, 3> d_pose;
-    raster.backward({.gradients = gradients, .errors = errors}, d_pose);
+    raster.backward(input, {.transmittance = 0.02f, .range = 0.01f},
+                    {.gradients = gradients, .errors = errors}, d_pose);
+    const std::vector<float> rgb(target.size(), 0.5f);
+    backend->score({camera.width, camera.height, rgb, target, {}});
     EXPECT_GT(raster.counts().pairs, 6u * 256);
     EXPECT_LE(raster.counts().visible, 1024u) << "sum_pairs has a group for 16";
   } catch (const DeviceError& error) {  // a race may ask for any amount of memory
@@ -303,8 +309,9 @@ TEST_P(VulkanBarriers, AreThereAndNeeded) {
 
 const std::vector<std::string>& files_with_barriers() {
   static const std::vector<std::string> all = {
-      "loss.comp",      "pairs.comp",         "pose_sums.comp",    "scan.glsl",      "sort.comp",
-      "sum_pairs.comp", "tile_backward.comp", "tile_forward.comp", "tile_parts.comp"};
+      "loss.comp",          "loss_sums.comp",    "pairs.comp",     "pose_sums.comp",
+      "scan.glsl",          "score.comp",        "sort.comp",      "sum_pairs.comp",
+      "tile_backward.comp", "tile_forward.comp", "tile_parts.comp"};
   return all;
 }
 INSTANTIATE_TEST_SUITE_P(Shaders, VulkanBarriers, ::testing::ValuesIn(files_with_barriers()),

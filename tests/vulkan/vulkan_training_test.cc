@@ -51,7 +51,6 @@ struct Training : SelfTestScene {
     Raster raster = backend.gaussians().rasterise(view(), {kCount, numbers, kVersion}, {});
     ImageLossInput input;
     input.target = {.width = camera.width, .rgb = target};
-    const ImageLossOutput loss = raster.loss(input, {.transmittance = 0.02f});
     GaussianUpdate update;
     update.step = adam_step(0, number + 1);
     update.step.epsilon = 1e-15f;
@@ -60,7 +59,8 @@ struct Training : SelfTestScene {
     update.numbers = numbers;
     update.moments = moments;
     update.errors = errors;
-    raster.backward({.update = &update}, {});
+    const ImageLossOutput loss =
+        raster.backward(input, {.transmittance = 0.02f}, {.update = &update}, {});
     return loss.l1 + loss.dssim;
   }
 

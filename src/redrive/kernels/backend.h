@@ -104,7 +104,7 @@ class Backend {
 
   // ---- whole images
   /// The number of threads changes no bit.
-  ImageScore score(const ImagePair& images);
+  virtual ImageScore score(const ImagePair& images) = 0;
 
   // ---- stages of one method
   virtual NerfStages& nerf() = 0;

@@ -116,13 +116,13 @@ void run(GaussianStages& stages, Step* step, const Done& done) {
   ImageLossInput input;
   input.target = {.width = step->camera.width, .rgb = step->target};
   input.gains = {.colour = {kGain, kGain, kGain}};
-  const ImageLossOutput loss = raster.loss(input, {.transmittance = 0.02f});
-  step->loss = loss.l1 + loss.dssim + loss.transmittance;
-  if (!done()) return;
+  const PixelWeights weights{.transmittance = 0.02f};
   step->gradients.assign(step->numbers.size(), 0);
   std::vector<float> errors(step->errors.size());
-  raster.backward({.gradients = step->gradients, .errors = errors}, {});
-  if (!done()) return;
+  const ImageLossOutput loss =
+      raster.backward(input, weights, {.gradients = step->gradients, .errors = errors}, {});
+  step->loss = loss.l1 + loss.dssim + loss.transmittance;
+  if (!done() || !done()) return;  // the loss, its backward pass
   GaussianUpdate update;
   update.step = adam_step(0, 3);
   update.step.epsilon = 1e-15f;
@@ -130,7 +130,7 @@ void run(GaussianStages& stages, Step* step, const Done& done) {
   update.numbers = step->numbers;
   update.moments = step->moments;
   update.errors = step->errors;
-  raster.backward({.update = &update}, {});
+  raster.backward(input, weights, {.update = &update}, {});
   stages.fetch();
   done();
 }

@@ -41,16 +41,14 @@ class WrongPass final : public RasterPass {
     counts.visible += wrong_ == Wrong::kCounts;
     return counts;
   }
-  ImageLossOutput loss(const ImageLossInput& target, const PixelWeights& weights) override {
-    ImageLossOutput out = raster_.loss(target, weights);
-    if (wrong_ == Wrong::kLoss) out.dssim *= 2;
-    return out;
-  }
-  void backward(const GaussianDerivatives& to, PoseGradients d_poses) override {
+  ImageLossOutput backward(const ImageLossInput& target, const PixelWeights& weights,
+                           const GaussianDerivatives& to, PoseGradients d_poses) override {
     if (wrong_ == Wrong::kLost) throw DeviceError("GPU", "device lost");
-    raster_.backward(to, d_poses);
+    ImageLossOutput out = raster_.backward(target, weights, to, d_poses);
+    if (wrong_ == Wrong::kLoss) out.dssim *= 2;
     if (wrong_ == Wrong::kGradient && !to.update) to.gradients[gaussian_slot(3, kColourRow)] += 1;
     if (wrong_ == Wrong::kUpdate && to.update) to.update->numbers[5] += 0.001f;
+    return out;
   }
   void backward(const RasterGradient&, const GaussianDerivatives&, PoseGradients) override {}
 
@@ -96,7 +94,7 @@ TEST(SelfTest, NamesTheStageThatIsWrong) {
   EXPECT_THAT(tested(Wrong::kLoss), MatchesRegex("loss: off by .*, 0.001 allowed"));
   EXPECT_THAT(tested(Wrong::kGradient), MatchesRegex("backward: off by .*, 0.006 allowed"));
   EXPECT_EQ(tested(Wrong::kUpdate), "update: off by 0.001, 0.0002 allowed");
-  EXPECT_EQ(tested(Wrong::kLost), "backward: GPU: device lost");
+  EXPECT_EQ(tested(Wrong::kLost), "loss: GPU: device lost");
 }
 
 TEST(SelfTest, ProcessorsPass) {

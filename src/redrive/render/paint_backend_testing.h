@@ -10,6 +10,7 @@
 #include <gtest/gtest.h>
 
 #include "redrive/kernels/backend.h"
+#include "redrive/kernels/image_score.h"
 #include "redrive/kernels/nerf/nerf_stages.h"
 #include "redrive/methods/nerf/nerf_model.h"
 
@@ -31,6 +32,9 @@ class PaintBackend : public kernels::Backend, public kernels::NerfStages {
 
   std::string name() const override { return "paint"; }
   std::optional<Isa> isa() const override { return std::nullopt; }
+  kernels::ImageScore score(const kernels::ImagePair& images) override {
+    return kernels::score_images(images);
+  }
   void sample_stratified(int, const kernels::StratifiedSampling&, std::span<float>,
                          std::span<float>) override {}
   void sample_hierarchical(const kernels::Samples&, std::span<const float>, int, bool,

@@ -48,6 +48,9 @@ class InterferingBackend : public kernels::Backend, public kernels::NerfStages {
 
   std::string name() const override { return inner_.name(); }
   std::optional<Isa> isa() const override { return inner_.isa(); }
+  kernels::ImageScore score(const kernels::ImagePair& images) override {
+    return inner_.score(images);
+  }
   void sample_stratified(int n_rays, const kernels::StratifiedSampling& how, std::span<float> t,
                          std::span<float> dt) override {
     ++step_;

@@ -173,8 +173,8 @@ std::string make_glb(const TriangleMesh& mesh) {
     for (const float x : turned(vertex.position)) append(x, &bytes);
   for (const PlyPoint& vertex : mesh.vertices) {
     for (const std::uint8_t c : vertex.rgb)
-      append(static_cast<std::uint16_t>(
-                 std::lround(65535 * linear_from_srgb(static_cast<float>(c) / 255))),
+      append(static_cast<std::uint16_t>(std::lround(
+                 65535 * linear_from_srgb<NumberMath<float>>(static_cast<float>(c) / 255))),
              &bytes);
     append(std::uint16_t{65535}, &bytes);
   }

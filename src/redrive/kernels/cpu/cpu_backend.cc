@@ -5,6 +5,7 @@
 #include "redrive/kernels/check_sizes.h"
 #include "redrive/kernels/cpu/composite_range.h"
 #include "redrive/kernels/cpu/cpu_kernels.h"
+#include "redrive/kernels/cpu/cpu_score.h"
 #include "redrive/kernels/gaussian/cpu/cpu_gaussian_stages.h"
 #include "redrive/kernels/grid/cpu/cpu_grid_stages.h"
 #include "redrive/kernels/nerf/cpu/cpu_nerf_stages.h"
@@ -90,6 +91,8 @@ class CpuBackend final : public Backend {
     });
   }
 
+  ImageScore score(const ImagePair& images) override { return score_.score(images); }
+
   NerfStages& nerf() override { return *nerf_; }
   GridStages& grid() override { return *grid_; }
   GaussianStages& gaussians() override { return *gaussians_; }
@@ -97,6 +100,7 @@ class CpuBackend final : public Backend {
  private:
   const Isa isa_;
   const CpuKernels& kernels_;
+  CpuScore score_{isa_, &pool()};
   std::unique_ptr<NerfStages> nerf_ = make_cpu_nerf_stages(*this, isa_, kernels_, &pool());
   std::unique_ptr<GridStages> grid_ = make_cpu_grid_stages(isa_, &pool());
   std::unique_ptr<GaussianStages> gaussians_ = make_cpu_gaussian_stages(isa_, &pool());

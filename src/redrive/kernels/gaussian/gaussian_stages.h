@@ -6,6 +6,7 @@
 #pragma once
 
 #include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <memory>
 #include <span>
@@ -185,12 +186,17 @@ struct ImageLossOutput {
   /// variance of the target about its mean, averaged over the channels
   double colour_variance = 0;
   std::vector<PatchBrightness> patches;  ///< patches of kPatchSide squared pixels, row by row
-  // Raster::loss alone:
+  // Raster::backward alone:
   double transmittance = 0;  ///< mean over the unmasked pixels
   double range = 0;          ///< weighted sum of range errors
 };
 
-/// Weights of what Raster::loss adds to the loss of the colours.
+/// Whether an update may follow.
+inline bool is_finite(const ImageLossOutput& loss) {
+  return std::isfinite(loss.l1 + loss.dssim + loss.mse + loss.transmittance + loss.range);
+}
+
+/// Weights of what Raster::backward adds to the loss of the colours.
 struct PixelWeights {
   float transmittance = 0;  ///< weight of the mean over the unmasked pixels
   float range = 0;          ///< weight of the range error of each pixel that has a range
@@ -234,9 +240,9 @@ class RasterPass {
   // See Raster.
   virtual const RasterImage& image() = 0;
   virtual RasterCounts counts() = 0;
-  virtual ImageLossOutput loss(const ImageLossInput& target, const PixelWeights& weights) = 0;
-  virtual void backward(const GaussianDerivatives& to,
-                        std::span<GaussianPoseGradient<NumberMath<double>>> d_poses) = 0;
+  virtual ImageLossOutput backward(const ImageLossInput& target, const PixelWeights& weights,
+                                   const GaussianDerivatives& to,
+                                   std::span<GaussianPoseGradient<NumberMath<double>>> d_poses) = 0;
   virtual void backward(const RasterGradient& gradient, const GaussianDerivatives& to,
                         std::span<GaussianPoseGradient<NumberMath<double>>> d_poses) = 0;
 };
@@ -274,15 +280,12 @@ class Raster {
   /// One thread at a time may call it: a device copies its image to the host on the first call.
   const RasterImage& image() const { return pass_->image(); }
   RasterCounts counts() const { return pass_->counts(); }
-  /// Compares the image with `target`, whose size and rgb are not used, and keeps the derivatives
-  /// of the loss for backward().
-  ImageLossOutput loss(const ImageLossInput& target, const PixelWeights& weights) {
-    return pass_->loss(target, weights);
-  }
-  /// The backward pass of loss().
-  void backward(const GaussianDerivatives& to,
-                std::span<GaussianPoseGradient<NumberMath<double>>> d_poses) {
-    pass_->backward(to, d_poses);
+  /// Compares the image with `target`, whose size and rgb are not used, and runs the backward pass
+  /// of the loss. An update by a loss that is not finite changes nothing; d_poses are 0 then.
+  ImageLossOutput backward(const ImageLossInput& target, const PixelWeights& weights,
+                           const GaussianDerivatives& to,
+                           std::span<GaussianPoseGradient<NumberMath<double>>> d_poses) {
+    return pass_->backward(target, weights, to, d_poses);
   }
   /// The backward pass of any other loss. d_poses [1 + parts], overwritten, per metre and rad:
   /// derivatives by the camera's pose, in the world by the Gaussians before the parts, then in each

@@ -49,9 +49,15 @@ ImageLossOutput HostRaster::loss(const ImageLossInput& target, const PixelWeight
   return out;
 }
 
-void HostRaster::backward(const GaussianDerivatives& to,
-                          std::span<GaussianPoseGradient<NumberMath<double>>> d_poses) {
-  backward({d_rgb_, d_transmittance_, error_, d_range_}, to, d_poses);
+ImageLossOutput HostRaster::backward(const ImageLossInput& target, const PixelWeights& weights,
+                                     const GaussianDerivatives& to,
+                                     std::span<GaussianPoseGradient<NumberMath<double>>> d_poses) {
+  ImageLossOutput out = loss(target, weights);
+  if (to.update && !is_finite(out))
+    std::ranges::fill(d_poses, GaussianPoseGradient<NumberMath<double>>{});
+  else
+    backward({d_rgb_, d_transmittance_, error_, d_range_}, to, d_poses);
+  return out;
 }
 
 }  // namespace redrive::kernels

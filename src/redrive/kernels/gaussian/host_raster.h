@@ -16,10 +16,10 @@ class HostRaster : public RasterPass {
 
   const RasterImage& image() override { return image_; }
   RasterCounts counts() override { return counts_; }
-  ImageLossOutput loss(const ImageLossInput& target, const PixelWeights& weights) override;
   using RasterPass::backward;
-  void backward(const GaussianDerivatives& to,
-                std::span<GaussianPoseGradient<NumberMath<double>>> d_poses) override;
+  ImageLossOutput backward(const ImageLossInput& target, const PixelWeights& weights,
+                           const GaussianDerivatives& to,
+                           std::span<GaussianPoseGradient<NumberMath<double>>> d_poses) override;
 
  protected:
   RasterOptions options_;
@@ -27,6 +27,8 @@ class HostRaster : public RasterPass {
   RasterCounts counts_;
 
  private:
+  ImageLossOutput loss(const ImageLossInput& target, const PixelWeights& weights);
+
   GaussianStages& stages_;
   ThreadPool* const pool_;
   std::vector<float> d_rgb_, d_transmittance_, error_, d_range_;  ///< set by loss()

@@ -6,6 +6,7 @@
 #include "redrive/kernels/check_sizes.h"
 #include "redrive/kernels/gaussian/ref/ref_gaussian_stages.h"
 #include "redrive/kernels/grid/ref/ref_grid_stages.h"
+#include "redrive/kernels/image_score.h"
 #include "redrive/kernels/nerf/ref/ref_nerf_stages.h"
 #include "redrive/optim/photometric_loss.h"
 #include "redrive/volume/composite.h"
@@ -43,6 +44,7 @@ class RefBackend final : public Backend {
 
   std::string name() const override { return "ref"; }
   std::optional<Isa> isa() const override { return std::nullopt; }
+  ImageScore score(const ImagePair& images) override { return score_images(images); }
 
   void composite_forward(int n_rays, const Samples& samples, std::span<const float> raw,
                          std::span<const float> background, const CompositeOut& out) override {

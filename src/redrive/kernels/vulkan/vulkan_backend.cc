@@ -3,6 +3,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/kernels/gaussian/vulkan/vulkan_gaussian_stages.h"
+#include "redrive/kernels/gaussian/vulkan/vulkan_score.h"
 #include "redrive/kernels/grid/grid_stages.h"
 #include "redrive/kernels/nerf/nerf_stages.h"
 
@@ -20,9 +21,12 @@ VulkanBackend::VulkanBackend(std::unique_ptr<vulkan::Device> device, int threads
     : Backend(threads),
       device_(std::move(device)),
       queue_(vulkan::Queue::make(device_.get(), &pool())),
-      gaussians_(make_vulkan_gaussian_stages(queue_.get(), &pool())) {}
+      gaussians_(make_vulkan_gaussian_stages(queue_.get(), &pool())),
+      score_(std::make_unique<vulkan::VulkanScore>(queue_.get())) {}
 
 VulkanBackend::~VulkanBackend() = default;
+
+ImageScore VulkanBackend::score(const ImagePair& images) { return score_->score(images); }
 
 void VulkanBackend::composite_forward(int, const Samples&, std::span<const float>,
                                       std::span<const float>, const CompositeOut&) {

@@ -10,6 +10,10 @@
 
 namespace redrive::kernels {
 
+namespace vulkan {
+class VulkanScore;
+}
+
 class VulkanBackend final : public Backend {
  public:
   VulkanBackend(std::unique_ptr<vulkan::Device> device, int threads);
@@ -23,6 +27,8 @@ class VulkanBackend final : public Backend {
   std::map<std::string, double> take_stage_times() override { return queue_->take_times(); }
 
   bool marches_rays() const override { return false; }
+
+  ImageScore score(const ImagePair& images) override;
 
   // UsageError: rays are marched on processors alone.
   void composite_forward(int n_rays, const Samples& samples, std::span<const float> raw,
@@ -42,6 +48,7 @@ class VulkanBackend final : public Backend {
   std::unique_ptr<vulkan::Device> device_;
   std::unique_ptr<vulkan::Queue> queue_;
   std::unique_ptr<GaussianStages> gaussians_;
+  std::unique_ptr<vulkan::VulkanScore> score_;
 };
 
 }  // namespace redrive::kernels

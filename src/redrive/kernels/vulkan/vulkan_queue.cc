@@ -28,8 +28,8 @@ void Queue::create() {
   VkCommandBufferAllocateInfo commands{VK_STRUCTURE_TYPE_COMMAND_BUFFER_ALLOCATE_INFO};
   commands.commandPool = commands_pool_;
   commands.level = VK_COMMAND_BUFFER_LEVEL_PRIMARY;
-  commands.commandBufferCount = 1;
-  device_.check(api_.AllocateCommandBuffers(device_.handle(), &commands, &commands_),
+  commands.commandBufferCount = 2;
+  device_.check(api_.AllocateCommandBuffers(device_.handle(), &commands, parts_),
                 "vkAllocateCommandBuffers");
   VkSemaphoreTypeCreateInfo type{VK_STRUCTURE_TYPE_SEMAPHORE_TYPE_CREATE_INFO};
   type.semaphoreType = VK_SEMAPHORE_TYPE_TIMELINE;
@@ -58,14 +58,19 @@ void Queue::grow(DeviceBuffer* buffer, std::size_t bytes) {
   *buffer = device_.allocate(bytes + bytes / 8);
 }
 
+void Queue::begin_part(VkCommandBuffer part) {
+  commands_ = part;
+  VkCommandBufferBeginInfo info{VK_STRUCTURE_TYPE_COMMAND_BUFFER_BEGIN_INFO};
+  info.flags = VK_COMMAND_BUFFER_USAGE_ONE_TIME_SUBMIT_BIT;
+  device_.check(api_.BeginCommandBuffer(commands_, &info), "vkBeginCommandBuffer");
+}
+
 void Queue::begin() {
   if (recording_) return;
   device_.check_unbroken();
   wait();
   device_.check(api_.ResetCommandPool(device_.handle(), commands_pool_, 0), "vkResetCommandPool");
-  VkCommandBufferBeginInfo info{VK_STRUCTURE_TYPE_COMMAND_BUFFER_BEGIN_INFO};
-  info.flags = VK_COMMAND_BUFFER_USAGE_ONE_TIME_SUBMIT_BIT;
-  device_.check(api_.BeginCommandBuffer(commands_, &info), "vkBeginCommandBuffer");
+  begin_part(parts_[0]);
   recording_ = true;
   names_.clear();
   if (stamps_) api_.CmdResetQueryPool(commands_, queries_, 0, kStamps);
@@ -168,45 +173,67 @@ void Queue::download(const DeviceBuffer& from, std::size_t offset, void* to, std
   const Place place = stage(bytes, Device::Memory::kDownload);
   const VkBufferCopy copy{offset, place.offset, bytes};
   api_.CmdCopyBuffer(commands_, from.handle(), place.buffer->handle(), 1, &copy);
-  downloads_.push_back({place, to, bytes});
+  downloads_.push_back({place, to, bytes, submitted_ + (commands_ == parts_[0] ? 1 : 2)});
 }
 
-void Queue::submit() {
-  if (!recording_) return;
+void Queue::end_part() {
   // The host reads the results.
   VkMemoryBarrier host{VK_STRUCTURE_TYPE_MEMORY_BARRIER};
   host.srcAccessMask = VK_ACCESS_TRANSFER_WRITE_BIT;
   host.dstAccessMask = VK_ACCESS_HOST_READ_BIT;
   api_.CmdPipelineBarrier(commands_, VK_PIPELINE_STAGE_TRANSFER_BIT, VK_PIPELINE_STAGE_HOST_BIT, 0,
                           1, &host, 0, nullptr, 0, nullptr);
-  recording_ = false;
   device_.check(api_.EndCommandBuffer(commands_), "vkEndCommandBuffer");
-  const std::uint64_t value = submitted_ + 1;
-  VkTimelineSemaphoreSubmitInfo timeline{VK_STRUCTURE_TYPE_TIMELINE_SEMAPHORE_SUBMIT_INFO};
-  timeline.signalSemaphoreValueCount = 1;
-  timeline.pSignalSemaphoreValues = &value;
-  VkSubmitInfo info{VK_STRUCTURE_TYPE_SUBMIT_INFO};
-  info.pNext = &timeline;
-  info.commandBufferCount = 1;
-  info.pCommandBuffers = &commands_;
-  info.signalSemaphoreCount = 1;
-  info.pSignalSemaphores = &timeline_;
-  device_.check(api_.QueueSubmit(device_.queue(), 1, &info, VK_NULL_HANDLE), "vkQueueSubmit");
-  submitted_ = value;
-  running_ = true;
 }
 
-void Queue::wait() {
-  if (!running_) return;
-  running_ = false;
+void Queue::split() {
+  begin();
+  REDRIVE_CHECK(commands_ == parts_[0]);
+  end_part();
+  begin_part(parts_[1]);
+}
+
+void Queue::submit() {
+  if (!recording_) return;
+  recording_ = false;
+  end_part();
+  const std::uint32_t n = commands_ == parts_[0] ? 1 : 2;
+  const std::uint64_t values[] = {submitted_ + 1, submitted_ + 2};
+  VkTimelineSemaphoreSubmitInfo timelines[2];
+  VkSubmitInfo infos[2];
+  for (std::uint32_t part = 0; part < n; ++part) {
+    timelines[part] = {VK_STRUCTURE_TYPE_TIMELINE_SEMAPHORE_SUBMIT_INFO};
+    timelines[part].signalSemaphoreValueCount = 1;
+    timelines[part].pSignalSemaphoreValues = &values[part];
+    infos[part] = {VK_STRUCTURE_TYPE_SUBMIT_INFO};
+    infos[part].pNext = &timelines[part];
+    infos[part].commandBufferCount = 1;
+    infos[part].pCommandBuffers = &parts_[part];
+    infos[part].signalSemaphoreCount = 1;
+    infos[part].pSignalSemaphores = &timeline_;
+  }
+  device_.check(api_.QueueSubmit(device_.queue(), n, infos, VK_NULL_HANDLE), "vkQueueSubmit");
+  submitted_ += n;
+}
+
+void Queue::wait_for(std::uint64_t value) {
+  if (done_ >= value) return;
   VkSemaphoreWaitInfo info{VK_STRUCTURE_TYPE_SEMAPHORE_WAIT_INFO};
   info.semaphoreCount = 1;
   info.pSemaphores = &timeline_;
-  info.pValues = &submitted_;
-  device_.check(api_.WaitSemaphores(device_.handle(), &info, UINT64_MAX), "vkWaitSemaphores");
-  for (const Pending& d : downloads_)
+  info.pValues = &value;
+  const VkResult result = api_.WaitSemaphores(device_.handle(), &info, UINT64_MAX);
+  done_ = result == VK_SUCCESS ? value : submitted_;  // a lost device is not waited for again
+  device_.check(result, "vkWaitSemaphores");
+  for (; !downloads_.empty() && downloads_.front().done <= value; downloads_.pop_front()) {
+    const Pending& d = downloads_.front();
     copy(d.to, static_cast<const std::byte*>(d.from.buffer->mapped()) + d.from.offset, d.bytes);
-  downloads_.clear();
+  }
+}
+
+void Queue::wait() {
+  if (done_ == submitted_) return;
+  wait_for(submitted_);
   for (Staging& staging : staging_) staging.chunk = staging.used = 0;
   if (!stamps_ || names_.size() < 2) return;
   std::vector<std::uint64_t> ticks(names_.size());

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Commands for a Vulkan device: recorded into one command buffer at a time, run when they are
-// submitted.
+// Commands for a Vulkan device: recorded into a command buffer, or two of which the host waits for
+// the first alone, and run when they are submitted.
 //
 // Errors: as vulkan_device.h.
 #pragma once
@@ -48,12 +48,16 @@ class Queue {
   void fill(const DeviceBuffer& buffer, std::size_t bytes, std::uint32_t word);
   /// Copies `bytes` of the host, now, to be written when the commands run.
   void upload(const DeviceBuffer& to, std::size_t offset, const void* from, std::size_t bytes);
-  /// Writes to the host's `to` in finish().
+  /// Writes to the host's `to` in wait_first() or finish().
   void download(const DeviceBuffer& from, std::size_t offset, void* to, std::size_t bytes);
   /// Names the time since the last stamp, where stamps are on.
   void stamp(const char* name);
+  /// Ends the first part of what is recorded: wait_first() waits for it alone. Once a submission.
+  void split();
   /// Begins to run what is recorded.
   void submit();
+  /// Waits until what was submitted before split() is done.
+  void wait_first() { wait_for(submitted_ - 1); }
   /// submit(), then waits until all is done.
   void finish();
   /// Waits for what runs, and drops what is recorded.
@@ -73,6 +77,11 @@ class Queue {
   Queue(Device* device, ThreadPool* pool) : device_(*device), api_(device->api()), pool_(*pool) {}
   void create();
   void begin();
+  void begin_part(VkCommandBuffer part);
+  /// Ends a command buffer.
+  void end_part();
+  /// Waits until the timeline has this value.
+  void wait_for(std::uint64_t value);
   void wait();
   void bind(const Shader& shader, std::span<const std::uint32_t> constants,
             std::span<const std::byte> push);
@@ -90,12 +99,12 @@ class Queue {
   const Api& api_;
   ThreadPool& pool_;
   VkCommandPool commands_pool_ = VK_NULL_HANDLE;
-  VkCommandBuffer commands_ = VK_NULL_HANDLE;
+  VkCommandBuffer parts_[2] = {}, commands_ = VK_NULL_HANDLE;  ///< commands_: the current part
   VkSemaphore timeline_ = VK_NULL_HANDLE;
   VkQueryPool queries_ = VK_NULL_HANDLE;
 
-  bool recording_ = false, running_ = false, stamps_ = false;
-  std::uint64_t submitted_ = 0;  ///< value of the timeline
+  bool recording_ = false, stamps_ = false;
+  std::uint64_t submitted_ = 0, done_ = 0;  ///< values of the timeline; a part adds 1
   struct Staging {
     std::deque<DeviceBuffer> chunks;  ///< places point to them
     std::size_t chunk = 0, used = 0;
@@ -104,8 +113,9 @@ class Queue {
     Place from;
     void* to;
     std::size_t bytes;
+    std::uint64_t done;  ///< value of the timeline
   };
-  std::vector<Pending> downloads_;
+  std::deque<Pending> downloads_;
   std::vector<const char*> names_;  ///< names of stamps
   std::map<std::string, double> times_;
 };

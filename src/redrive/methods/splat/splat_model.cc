@@ -386,21 +386,11 @@ void SplatModel::step_window(kernels::Backend& backend, const TrainingSet& data,
   kernels::PixelWeights weights;
   if (data.scene.background == Background::kNone) weights.transmittance = opacity_weight;
   if (returns > 0) weights.range = range_weight / static_cast<float>(returns);
-  const kernels::ImageLossOutput loss = raster.loss(input, weights);
 
   std::vector<GaussianPoseGradient<NumberMath<double>>> d_poses(
       request.pose_gradients || (motion_rate > 0 && !poses.actors().empty())
           ? 1 + actors.parts.size()
           : 0);
-  const std::span<float> others = others_of(gradients);
-  if (request.progress > double(kGainsFrom))
-    gains.add_changes(gain_parameters(), exposure, own.exposures->gaps(exposure), size, part,
-                      loss.patches,
-                      static_cast<float>(std::pow(last_rate, std::min(request.progress, 1.0))),
-                      others.first(gains.size()));
-  const bool finite =
-      std::isfinite(loss.l1 + loss.dssim + loss.mse + loss.range + loss.transmittance) &&
-      std::ranges::all_of(others, [](float x) { return std::isfinite(x); });
   kernels::GaussianDerivatives to;
   kernels::GaussianUpdate update;
   if (request.update) {
@@ -410,7 +400,13 @@ void SplatModel::step_window(kernels::Backend& backend, const TrainingSet& data,
     to.gradients = gradients.first(blocks_size());
     to.errors = gradients.last(errors());
   }
-  if (finite || !request.update) raster.backward(to, d_poses);
+  const kernels::ImageLossOutput loss = raster.backward(input, weights, to, d_poses);
+  const std::span<float> others = others_of(gradients);
+  if (request.progress > double(kGainsFrom))
+    gains.add_changes(gain_parameters(), exposure, own.exposures->gaps(exposure), size, part,
+                      loss.patches,
+                      static_cast<float>(std::pow(last_rate, std::min(request.progress, 1.0))),
+                      others.first(gains.size()));
   if (motion_rate > 0 && request.progress > double(kMotionsFrom))
     out->left_out_tracks +=
         add_motion_gradients(data.scene, data.scene.exposed_ns(view), poses, d_poses, others);

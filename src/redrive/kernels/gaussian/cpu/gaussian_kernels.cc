@@ -4,7 +4,7 @@
 #include "redrive/kernels/gaussian/cpu/gaussian_kernels.h"
 
 #include "redrive/field/gaussian.h"
-#include "redrive/kernels/gaussian/cpu/gaussian_lanes.h"
+#include "redrive/kernels/cpu/simd/lane_math.h"
 #include "redrive/kernels/gaussian/cpu/tile_kernels.h"
 
 namespace redrive::kernels::REDRIVE_ISA {

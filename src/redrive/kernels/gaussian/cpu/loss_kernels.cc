@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The loss of an image, row by row. Compiled once per instruction set: REDRIVE_ISA names the
 // namespace.
-#include "redrive/kernels/gaussian/cpu/gaussian_lanes.h"
+#include "redrive/kernels/cpu/simd/lane_math.h"
 #include "redrive/kernels/gaussian/cpu/tile_kernels.h"
 #include "redrive/optim/ssim_gradient.h"
 

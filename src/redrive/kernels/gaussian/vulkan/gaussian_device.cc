@@ -28,9 +28,9 @@ const Shader& shader_of(std::string_view name) {
 
 }  // namespace
 
-void GaussianDevice::run(std::string_view shader, const Push& push, std::size_t groups,
-                         std::initializer_list<std::uint32_t> constants) {
-  queue_.dispatch(shader_of(shader), constants, push.bytes(), static_cast<std::uint32_t>(groups));
+void run(Queue* queue, std::string_view shader, const Push& push, std::size_t groups,
+         std::initializer_list<std::uint32_t> constants) {
+  queue->dispatch(shader_of(shader), constants, push.bytes(), static_cast<std::uint32_t>(groups));
 }
 
 void GaussianDevice::run_indirect(std::string_view shader, const Push& push,

@@ -37,6 +37,10 @@ class Push {
   std::size_t size_ = 0;
 };
 
+/// Dispatches one of gaussian_shaders().
+void run(Queue* queue, std::string_view shader, const Push& push, std::size_t groups,
+         std::initializer_list<std::uint32_t> constants = {});
+
 /// Words of a pass's control buffer (common.glsl) and of its dispatches (plan.comp), in bytes.
 constexpr std::uint32_t kDrawnAt = 0, kPairsAt = 1, kOverflowAt = 2, kControlWords = 96;
 struct Dispatches {
@@ -49,6 +53,7 @@ struct Dispatches {
   std::size_t by_scanned() const { return at(16); }
   std::size_t by_16() const { return at(20); }
   std::size_t by_64() const { return at(24); }
+  std::size_t by_segment() const { return at(28); }
 
  private:
   std::size_t at(std::size_t word) const { return 4 * (16 + 32 * first + word); }
@@ -61,7 +66,9 @@ class GaussianDevice {
   Queue& queue() { return queue_; }
   ThreadPool& pool() { return pool_; }
   void run(std::string_view shader, const Push& push, std::size_t groups,
-           std::initializer_list<std::uint32_t> constants = {});
+           std::initializer_list<std::uint32_t> constants = {}) {
+    vulkan::run(&queue_, shader, push, groups, constants);
+  }
   void run_indirect(std::string_view shader, const Push& push, const DeviceBuffer& control,
                     std::size_t at, std::initializer_list<std::uint32_t> constants = {});
 

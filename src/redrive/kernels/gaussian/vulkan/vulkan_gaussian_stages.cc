@@ -36,8 +36,9 @@ class VulkanGaussianStages final : public GaussianStages {
     queue_.grow(&rgb_, input.rgb.size_bytes());
     queue_.grow(&d_rgb_, d_rgb.size_bytes());
     queue_.grow(&error_, error.size_bytes());
+    queue_.grow(&control_, vulkan::kControlWords * sizeof(std::uint32_t));
     queue_.upload(rgb_, 0, input.rgb.data(), input.rgb.size_bytes());
-    loss_.record({input.size, &rgb_, &d_rgb_, &error_}, input, {});
+    loss_.record({input.size, &rgb_, &d_rgb_, &error_, &control_}, input, {});
     queue_.download(d_rgb_, 0, d_rgb.data(), d_rgb.size_bytes());
     queue_.download(error_, 0, error.data(), error.size_bytes());
     queue_.finish();
@@ -74,7 +75,7 @@ class VulkanGaussianStages final : public GaussianStages {
   ThreadPool* const pool_;
   vulkan::GaussianDevice shared_;
   vulkan::VulkanLoss loss_;
-  vulkan::DeviceBuffer rgb_, d_rgb_, error_;
+  vulkan::DeviceBuffer rgb_, d_rgb_, error_, control_;
   RasterArena arena_;
 };
 

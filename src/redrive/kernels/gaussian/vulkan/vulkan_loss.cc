@@ -11,18 +11,17 @@ namespace redrive::kernels::vulkan {
 /// Loss of shaders/loss.comp.
 struct VulkanLoss::Parameters {
   VkDeviceAddress rgb, gains, transmittance, range_error, log_range, target, alpha, used, slopes,
-      d_rgb, d_transmittance, error, d_range, sums, patches;
+      d_rgb, d_transmittance, error, d_range, tile_sums, sums, patches;
   std::uint32_t width, height, stride, rows, tiles_x, target_width, target_x, target_y, first_row,
       has_alpha, has_used, has_pixels, has_ranges, gain_columns, gain_rows;
   float cells_by_x, cells_by_y;
-  float l1_scale, ssim_scale, transmittance_each, range_each;
+  float l1_weight, ssim_weight, transmittance_weight, range_each;
   float background_change[3];
 };
 
 namespace {
 
-/// Sums of a tile in shaders/loss.comp.
-enum SumOfTile {
+enum LossSum {
   kAbsolute,
   kSquares,
   kDissimilar,
@@ -30,20 +29,8 @@ enum SumOfTile {
   kTarget,             ///< 3
   kTargetSquares = 7,  ///< 3
   kTransmittance = 10,
-  kRangeError,
-  kTileSums = 16
+  kRangeError
 };
-
-double used_pixels(const TargetWindow& target, const RasterSize& size) {
-  if (target.used.empty()) return static_cast<double>(size.width) * size.height;
-  std::size_t n = 0;
-  for (int y = 0; y < size.height; ++y) {
-    const std::uint8_t* const row =
-        target.used.data() + static_cast<std::size_t>(target.y + y) * target.width + target.x;
-    for (int x = 0; x < size.width; ++x) n += row[x] != 0;
-  }
-  return static_cast<double>(n);
-}
 
 /// Returns the gains at the centres of cells [3, rows, columns]; of one cell without shading.
 std::vector<float> gain_cells(const PixelGains& gains) {
@@ -103,7 +90,8 @@ void VulkanLoss::record(const LossPlanes& planes, const ImageLossInput& target,
   const std::size_t plane = size.plane(), tiles = plane / (kTileSide * kTileSide),
                     n_patches = plane / (kPatchSide * kPatchSide);
   queue.grow(&slopes_, 9 * plane * sizeof(float));
-  queue.grow(&sums_, tiles * kTileSums * sizeof(float));
+  queue.grow(&tile_sums_, tiles * kLossSums * sizeof(float));
+  queue.grow(&sums_, sizeof image_sums_);
   queue.grow(&patches_, n_patches * sizeof(PatchBrightness));
   queue.grow(&parameters_, sizeof(Parameters));
   ImageLossInput input = target;
@@ -111,11 +99,9 @@ void VulkanLoss::record(const LossPlanes& planes, const ImageLossInput& target,
   Parameters p{};
   send(input, &p);
 
-  pixels_ = used_pixels(input.target, size);
   l1_weight_ = static_cast<double>(input.l1_weight);
   ssim_weight_ = static_cast<double>(input.ssim_weight);
   range_weight_ = static_cast<double>(weights.range);
-  const double count = std::max(3 * pixels_, 1.0);
   const auto address = [](const DeviceBuffer* buffer, const DeviceBuffer* other) {
     return buffer ? buffer->address() : other->address();
   };
@@ -128,6 +114,7 @@ void VulkanLoss::record(const LossPlanes& planes, const ImageLossInput& target,
   p.d_transmittance = address(planes.d_transmittance, planes.error);
   p.error = planes.error->address();
   p.d_range = address(planes.d_range, planes.error);
+  p.tile_sums = tile_sums_.address();
   p.sums = sums_.address();
   p.patches = patches_.address();
   p.width = static_cast<std::uint32_t>(size.width);
@@ -137,39 +124,38 @@ void VulkanLoss::record(const LossPlanes& planes, const ImageLossInput& target,
   p.tiles_x = static_cast<std::uint32_t>(size.stride / kTileSide);
   p.has_pixels = planes.transmittance != nullptr;
   p.has_ranges = planes.log_range != nullptr;
-  p.l1_scale = static_cast<float>(l1_weight_ / count);
-  p.ssim_scale = static_cast<float>(ssim_weight_ / count);
-  p.transmittance_each = weights.transmittance / static_cast<float>(std::max(pixels_, 1.0));
+  p.l1_weight = input.l1_weight;
+  p.ssim_weight = input.ssim_weight;
+  p.transmittance_weight = weights.transmittance;
   p.range_each = weights.range;
   queue.upload(parameters_, 0, &p, sizeof p);
   shared_.run("loss0", Push(parameters_), tiles);
+  shared_.run("loss_sums",
+              Push(tile_sums_, sums_, *planes.control, static_cast<std::uint32_t>(tiles)), 1);
   shared_.run("loss1", Push(parameters_), tiles);
   queue.stamp("loss");
 
-  tile_sums_.resize(tiles * kTileSums);
   out_ = {};
   out_.patches.resize(n_patches);
-  queue.download(sums_, 0, tile_sums_.data(), tile_sums_.size() * sizeof(float));
+  queue.download(sums_, 0, image_sums_, sizeof image_sums_);
   queue.download(patches_, 0, out_.patches.data(), n_patches * sizeof(PatchBrightness));
 }
 
 ImageLossOutput VulkanLoss::result() {
-  double sum[kTileSums] = {};
-  for (std::size_t i = 0; i < tile_sums_.size(); ++i)
-    sum[i % kTileSums] += static_cast<double>(tile_sums_[i]);
-  const double count = std::max(3 * pixels_, 1.0);
-  out_.l1 = l1_weight_ / count * sum[kAbsolute];
-  out_.dssim = 0.5 * ssim_weight_ / count * sum[kDissimilar];
-  out_.mse = sum[kSquares] / count;
+  const auto sum = [&](int k) { return static_cast<double>(image_sums_[k]); };
+  const double pixels = std::max(sum(kPixels), 1.0), count = 3 * pixels;
+  out_.l1 = l1_weight_ / count * sum(kAbsolute);
+  out_.dssim = 0.5 * ssim_weight_ / count * sum(kDissimilar);
+  out_.mse = sum(kSquares) / count;
   TargetSums target;
-  target.pixels = sum[kPixels];
+  target.pixels = sum(kPixels);
   for (int c = 0; c < 3; ++c) {
-    target.sum[c] = sum[kTarget + c];
-    target.squares[c] = sum[kTargetSquares + c];
+    target.sum[c] = sum(kTarget + c);
+    target.squares[c] = sum(kTargetSquares + c);
   }
   target.finish(&out_);
-  out_.transmittance = sum[kTransmittance] / std::max(pixels_, 1.0);
-  out_.range = range_weight_ * sum[kRangeError];
+  out_.transmittance = sum(kTransmittance) / pixels;
+  out_.range = range_weight_ * sum(kRangeError);
   return std::move(out_);
 }
 

@@ -254,7 +254,7 @@ void VulkanRaster::record_depth_order() {
   shared_.run("flags0", flags, groups);
   shared_.run("flags1", flags, 1);
   shared_.run("flags2", flags, groups);
-  shared_.run("plan", Push(control_, kDrawnAt, std::uint32_t{0}, n, groups_of_row), 1);
+  shared_.run("plan", Push(control_, kDrawnAt, unused, n, groups_of_row, unused), 1);
   shared_.queue().stamp("compact");
   const DeviceBuffer* values = &drawn_;
   int from = 0;
@@ -279,7 +279,7 @@ void VulkanRaster::record_pairs() {
   shared_.scan(shared_.first, control_, kDrawnAt, kPairsAt, by_gaussian.by_scanned());
   shared_.run("plan",
               Push(control_, kPairsAt, set, static_cast<std::uint32_t>(max_pairs_),
-                   shared_.queue().groups_of_row()),
+                   shared_.queue().groups_of_row(), static_cast<std::uint32_t>(tiles)),
               1);
   shared_.queue().fill(shared_.tile_keys[0], max_pairs_ * kWord, UINT32_MAX);
   shared_.run_indirect("pairs1", push, control_, by_gaussian.by_256(), {centres});
@@ -377,25 +377,47 @@ const RasterImage& VulkanRaster::image() {
   return image_;
 }
 
-ImageLossOutput VulkanRaster::loss(const ImageLossInput& target, const PixelWeights& weights) {
+void VulkanRaster::allocate_backward() {
   Queue& queue = shared_.queue();
-  const std::size_t plane = size_.plane();
+  const std::size_t n = gaussian_blocks(gaussians_.n) * kGaussianBlock, plane = size_.plane();
   grow_for<float>(queue, &d_rgb_, 3 * plane);
   grow_for<float>(queue, &d_transmittance_, plane);
   grow_for<float>(queue, &error_, plane);
-  LossPlanes planes{size_, &rgb_, &d_rgb_, &error_, &transmittance_, &d_transmittance_};
-  if (has_ranges()) {
-    grow_for<float>(queue, &d_range_, plane);
-    planes.range_error = &range_error_;
-    planes.log_range = &log_range_;
-    planes.d_range = &d_range_;
-  }
+  if (has_ranges()) grow_for<float>(queue, &d_range_, plane);
+  grow_for<float>(queue, &shared_.pair_sums, max_pairs_ * kSumFloats);
+  grow_for<float>(queue, &shared_.sums, n * kSumFloats);
+  grow_for<float>(queue, &shared_.gradients, n * kGaussianRows);
+  grow_for<float>(queue, &shared_.errors, n);
+  grow_for<float>(queue, &shared_.pose_sums, 6 * parts_);
+}
+
+ImageLossOutput VulkanRaster::backward(
+    const ImageLossInput& target, const PixelWeights& weights, const GaussianDerivatives& to,
+    std::span<GaussianPoseGradient<NumberMath<double>>> d_poses) {
+  Queue& queue = shared_.queue();
+  if (to.update) shared_.hold(*to.update);
   do {
+    allocate_backward();
+    LossPlanes planes{size_,     &rgb_,           &d_rgb_,          &error_,
+                      &control_, &transmittance_, &d_transmittance_};
+    if (has_ranges()) {
+      planes.range_error = &range_error_;
+      planes.log_range = &log_range_;
+      planes.d_range = &d_range_;
+    }
     loss_.record(planes, target, weights);
     queue.download(control_, 0, control_words_, sizeof control_words_);
-    queue.finish();
+    // The host goes on with the loss while the device works at the rest.
+    queue.split();
+    record_backward(to, !d_poses.empty());
+    queue.submit();
+    queue.wait_first();
   } while (overflowed());
-  return loss_.result();
+  take_results(to, d_poses);
+  ImageLossOutput out = loss_.result();
+  if (to.update && !is_finite(out))
+    std::ranges::fill(d_poses, GaussianPoseGradient<NumberMath<double>>{});
+  return out;
 }
 
 void VulkanRaster::backward(const RasterGradient& gradient, const GaussianDerivatives& to,
@@ -403,28 +425,23 @@ void VulkanRaster::backward(const RasterGradient& gradient, const GaussianDeriva
   check_rasterise_backward(camera_, gaussians_, options_, gradient, to, d_poses.size());
   Queue& queue = shared_.queue();
   complete();
-  const auto send = [&](std::span<const float> from, DeviceBuffer* buffer) {
-    queue.grow(buffer, from.size_bytes());
-    queue.upload(*buffer, 0, from.data(), from.size_bytes());
+  if (to.update) shared_.hold(*to.update);
+  allocate_backward();
+  const auto send = [&](std::span<const float> from, const DeviceBuffer& buffer) {
+    queue.upload(buffer, 0, from.data(), from.size_bytes());
   };
-  send(gradient.d_rgb, &d_rgb_);
-  send(gradient.d_transmittance, &d_transmittance_);
-  send(gradient.error, &error_);
-  if (has_ranges()) send(gradient.d_range, &d_range_);
-  backward(to, d_poses);
+  send(gradient.d_rgb, d_rgb_);
+  send(gradient.d_transmittance, d_transmittance_);
+  send(gradient.error, error_);
+  if (has_ranges()) send(gradient.d_range, d_range_);
+  record_backward(to, !d_poses.empty());
+  queue.submit();
+  take_results(to, d_poses);
 }
 
-void VulkanRaster::backward(const GaussianDerivatives& to,
-                            std::span<GaussianPoseGradient<NumberMath<double>>> d_poses) {
+void VulkanRaster::record_backward(const GaussianDerivatives& to, bool with_poses) {
   Queue& queue = shared_.queue();
-  complete();
-  const std::size_t n = gaussian_blocks(gaussians_.n) * kGaussianBlock,
-                    tiles = size_.plane() / (kTileSide * kTileSide);
-  grow_for<float>(queue, &shared_.pair_sums, max_pairs_ * kSumFloats);
-  grow_for<float>(queue, &shared_.sums, n * kSumFloats);
-  grow_for<float>(queue, &shared_.gradients, n * kGaussianRows);
-  grow_for<float>(queue, &shared_.errors, n);
-  grow_for<float>(queue, &shared_.pose_sums, 6 * parts_);
+  const std::size_t n = gaussian_blocks(gaussians_.n) * kGaussianBlock;
   ShaderParameters p;
   std::memcpy(&p, input_bytes_.data(), sizeof p);
   p.d_rgb = d_rgb_.address();
@@ -440,46 +457,44 @@ void VulkanRaster::backward(const GaussianDerivatives& to,
     queue.fill(shared_.gradients, n * kGaussianRows * sizeof(float), 0);
     queue.fill(shared_.errors, n * sizeof(float), 0);
   }
-  const Dispatches by{0};
-  const std::uint32_t with_poses = !d_poses.empty();
+  const Dispatches by{0}, by_pair{1};
   queue.stamp("upload");
-  const std::size_t segments = tiles + control_words_[kPairsAt] / kSegment;
-  shared_.run("tile_backward", Push(inputs_, slots_), segments, {has_centres(), has_ranges()});
+  shared_.run_indirect("tile_backward", Push(inputs_, slots_), control_, by_pair.by_segment(),
+                       {has_centres(), has_ranges()});
   queue.stamp("backward");
   shared_.run_indirect("sum_pairs", Push(inputs_), control_, by.by_16());
   queue.stamp("sum pairs");
-  shared_.run_indirect("adjoint", Push(inputs_, with_poses), control_, by.by_64(), {model()});
+  shared_.run_indirect("adjoint", Push(inputs_, std::uint32_t{with_poses}), control_, by.by_64(),
+                       {model()});
   queue.stamp("adjoint");
-  std::vector<float> pose_sums(6 * d_poses.size());
   if (with_poses) {
     shared_.run("pose_sums", Push(inputs_, shared_.pose_sums), parts_);
-    queue.download(shared_.pose_sums, 0, pose_sums.data(), pose_sums.size() * sizeof(float));
+    pose_sums_.resize(6 * parts_);
+    queue.download(shared_.pose_sums, 0, pose_sums_.data(), pose_sums_.size() * sizeof(float));
   }
   if (to.update) {
-    shared_.hold(*to.update);
     shared_.apply(*to.update, gaussians_.n, &drawn_, &control_);
     queue.stamp("update");
-    queue.submit();
-  } else {
-    keep(to);
+    return;
   }
-  if (!with_poses) return;
-  queue.finish();
-  for (std::size_t s = 0; s < d_poses.size(); ++s)
-    for (int k = 0; k < 3; ++k) {
-      d_poses[s].translation[k] = static_cast<double>(pose_sums[6 * s + k]);
-      d_poses[s].rotation[k] = static_cast<double>(pose_sums[6 * s + 3 + k]);
-    }
+  gradients_.resize(to.gradients.size());
+  errors_.resize(to.errors.size());
+  queue.download(shared_.gradients, 0, gradients_.data(), gradients_.size() * sizeof(float));
+  queue.download(shared_.errors, 0, errors_.data(), errors_.size() * sizeof(float));
 }
 
-void VulkanRaster::keep(const GaussianDerivatives& to) {
-  Queue& queue = shared_.queue();
-  std::vector<float> gradients(to.gradients.size()), errors(to.errors.size());
-  queue.download(shared_.gradients, 0, gradients.data(), gradients.size() * sizeof(float));
-  queue.download(shared_.errors, 0, errors.data(), errors.size() * sizeof(float));
-  queue.finish();
-  for (std::size_t i = 0; i < gradients.size(); ++i) to.gradients[i] += gradients[i];
-  for (std::size_t i = 0; i < errors.size(); ++i) to.errors[i] += errors[i];
+void VulkanRaster::take_results(const GaussianDerivatives& to,
+                                std::span<GaussianPoseGradient<NumberMath<double>>> d_poses) {
+  if (to.update && d_poses.empty()) return;  // the host does not wait
+  shared_.queue().finish();
+  for (std::size_t s = 0; s < d_poses.size(); ++s)
+    for (int k = 0; k < 3; ++k) {
+      d_poses[s].translation[k] = static_cast<double>(pose_sums_[6 * s + k]);
+      d_poses[s].rotation[k] = static_cast<double>(pose_sums_[6 * s + 3 + k]);
+    }
+  if (to.update) return;
+  for (std::size_t i = 0; i < gradients_.size(); ++i) to.gradients[i] += gradients_[i];
+  for (std::size_t i = 0; i < errors_.size(); ++i) to.errors[i] += errors_[i];
 }
 
 }  // namespace redrive::kernels::vulkan

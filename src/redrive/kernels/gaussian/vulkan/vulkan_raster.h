@@ -20,9 +20,9 @@ class VulkanRaster final : public RasterPass {
 
   const RasterImage& image() override;
   RasterCounts counts() override;
-  ImageLossOutput loss(const ImageLossInput& target, const PixelWeights& weights) override;
-  void backward(const GaussianDerivatives& to,
-                std::span<GaussianPoseGradient<NumberMath<double>>> d_poses) override;
+  ImageLossOutput backward(const ImageLossInput& target, const PixelWeights& weights,
+                           const GaussianDerivatives& to,
+                           std::span<GaussianPoseGradient<NumberMath<double>>> d_poses) override;
   void backward(const RasterGradient& gradient, const GaussianDerivatives& to,
                 std::span<GaussianPoseGradient<NumberMath<double>>> d_poses) override;
 
@@ -39,6 +39,13 @@ class VulkanRaster final : public RasterPass {
   void record_pairs();
   void record_parts();
   void fetch_parts();
+  /// Makes what the backward pass writes.
+  void allocate_backward();
+  /// Records the backward pass of d_rgb_ and what is beside it, with the download of its results.
+  void record_backward(const GaussianDerivatives& to, bool with_poses);
+  /// Waits for them and hands them over.
+  void take_results(const GaussianDerivatives& to,
+                    std::span<GaussianPoseGradient<NumberMath<double>>> d_poses);
   /// Runs what is recorded, and the forward pass again as long as there were too many pairs.
   void complete();
   /// Whether the forward pass has to run again.
@@ -46,8 +53,6 @@ class VulkanRaster final : public RasterPass {
   std::uint32_t model() const;
   bool has_ranges() const { return !options_.log_range.empty(); }
   bool has_centres() const { return !camera_.centres.u.empty(); }
-  /// Adds gradients and errors that the device has computed to the host's.
-  void keep(const GaussianDerivatives& to);
 
   GaussianDevice& shared_;
   VulkanLoss loss_;
@@ -64,6 +69,7 @@ class VulkanRaster final : public RasterPass {
       ranged_, last_, states_, segments_, d_rgb_, d_transmittance_, error_, d_range_, shown_,
       extents_;
   std::uint32_t control_words_[4] = {};
+  std::vector<float> pose_sums_, gradients_, errors_;  ///< results of the backward pass
   bool complete_ = false, on_host_ = false;
 };
 

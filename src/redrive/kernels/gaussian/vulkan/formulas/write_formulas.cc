@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // A program of the build: writes the formulas and constants of this project as GLSL.
-//   write_formulas FOLDER    makes constants.glsl, formulas.glsl and ssim.glsl
+//   write_formulas FOLDER    makes constants.glsl, formulas.glsl, ssim.glsl and flip.glsl
 #include <cmath>
 #include <filesystem>
 #include <fstream>
@@ -10,6 +10,7 @@
 #include "redrive/kernels/gaussian/gaussian_stages.h"
 #include "redrive/kernels/gaussian/vulkan/formulas/traced_gaussian.h"
 #include "redrive/math/angle_of.h"
+#include "redrive/optim/flip.h"
 #include "redrive/optim/ssim.h"
 #include "redrive/optim/ssim_gradient.h"
 
@@ -132,6 +133,51 @@ std::string ssim() {
   return out.str();
 }
 
+std::string numbers(const float* values, int n) {
+  std::string text = "float[](";
+  for (int i = 0; i < n; ++i) text += (i > 0 ? ", " : "") + number(static_cast<double>(values[i]));
+  return text + ")";
+}
+
+std::string flip() {
+  const FlipFilters filters = flip_filters();
+  std::ostringstream out;
+  out << REDRIVE_INT(kFlipColourRadius) << REDRIVE_INT(kFlipFeatureRadius)
+      << REDRIVE_INT(kFlipTerms);
+  int term = 0;
+  for (const FlipFilters::Term& of : filters.colour)
+    out << "const float kFlipColour" << term++ << "[] = " << numbers(of.taps, kFlipColourTaps)
+        << ";\n";
+  out << "const float kFlipSmooth[] = " << numbers(filters.smooth, kFlipFeatureTaps)
+      << ";\nconst float kFlipFirst[] = " << numbers(filters.first, kFlipFeatureTaps)
+      << ";\nconst float kFlipSecond[] = " << numbers(filters.second, kFlipFeatureTaps)
+      << ";\nconst float kFlipWeights[] = float[](";
+  for (int t = 0; t < kFlipTerms; ++t)
+    out << (t > 0 ? ", " : "") << number(static_cast<double>(filters.colour[t].weight));
+  out << ");\n";
+  const auto three = [](const std::string& name, const Sym(&values)[3]) {
+    return std::vector<Output>{
+        {name + "[0]", values[0]}, {name + "[1]", values[1]}, {name + "[2]", values[2]}};
+  };
+  Sym opponent[3], lab[3];
+  flip_opponent<TraceMath>(inputs<3>("srgb").data(), opponent);
+  flip_lab<TraceMath>(inputs<3>("opponent").data(), lab);
+  FlipPixel<TraceMath> pixels[2];
+  for (int i = 0; i < 2; ++i) {
+    const auto of_pixel = inputs<5>(i == 0 ? "a" : "b");
+    for (int k = 0; k < 3; ++k) pixels[i].lab[k] = of_pixel[k];
+    pixels[i].edges = of_pixel[3];
+    pixels[i].points = of_pixel[4];
+  }
+  out << function("void flip_opponent(float srgb[3], out float opponent[3])",
+                  three("opponent", opponent))
+      << function("void flip_lab(float opponent[3], out float lab[3])", three("lab", lab))
+      << "// a, b: L*a*b*, edges and points\n"
+      << function("void flip_difference(float a[5], float b[5], out float error)",
+                  {{"error", flip_difference<TraceMath>(filters.largest, pixels[0], pixels[1])}});
+  return out.str();
+}
+
 void write(const std::filesystem::path& file, const std::string& text) {
   const std::string guard = file.stem().string() + "_glsl";
   std::ofstream out(file);
@@ -150,4 +196,5 @@ int main(int, char** arguments) {
   write(folder / "constants.glsl", constants());
   write(folder / "formulas.glsl", formulas());
   write(folder / "ssim.glsl", ssim());
+  write(folder / "flip.glsl", flip());
 }

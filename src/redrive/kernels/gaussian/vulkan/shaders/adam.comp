@@ -24,7 +24,7 @@ void main() {
 #ifdef ALL
   if (id >= u.n) return;
 #else
-  if (id >= u.control.v[0] || u.control.v[2] != 0u) return;
+  if (id >= u.control.v[0] || u.control.v[2] != 0u || u.control.v[3] != 0u) return;
   id = u.drawn.v[id];
 #endif
   const uint slot = slot_of(id);

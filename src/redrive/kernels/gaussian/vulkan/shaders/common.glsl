@@ -36,7 +36,8 @@ layout(buffer_reference, std430, buffer_reference_align = 16) buffer Params {
   // Pairs of a Gaussian and a tile: [drawn] number, then first; by pair: Gaussian, blocks that it
   // meets; [tiles + 1] first pair of each tile.
   Words pair_first, pair_gaussian, pair_blocks, ranges;
-  Words control;  // [0] number drawn, [1] of pairs, [2] not 0: too many pairs
+  // [0] number drawn, [1] of pairs, [2] not 0: too many pairs, [3] not 0: the loss is not finite
+  Words control;
   Words wanted;   // [tiles] 0: not wanted
   // Centres of pixels: planes; boxes [tiles, 4, 8] and extents (centre_boxes.h).
   Floats centre_u, centre_v, boxes, extents;
@@ -58,6 +59,10 @@ layout(buffer_reference, std430, buffer_reference_align = 16) buffer Params {
   float mean_left, mean_right, mean_top, mean_bottom;  // of the means
   float background[3];
 };
+
+uint byte_of(Words w, uint i) {
+  return w.v[i >> 2] >> (8u * (i & 3u)) & 255u;
+}
 
 const uint kNotDrawn = 0xffffffffu;
 const uint kNumbers = uint(kGaussianRows), kSumsOfPair = 16u;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // L1 and D-SSIM of an image with gains and a mask against ground truth of 8 bits, its transmittance
 // and its range errors, in tiles of 16 x 16 pixels. PASS 0: sums, and slopes of SSIM by the moments
-// of windows; 1: derivatives by the pixels.
+// of windows, but for the number of pixels; 1: derivatives by the pixels, when loss_sums has them.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
@@ -14,12 +14,13 @@ layout(buffer_reference, std430, buffer_reference_align = 16) buffer Loss {
   Words target, alpha, used;  // bytes of rows of the whole width, from first_row on
   Floats slopes;              // 9 planes
   Floats d_rgb, d_transmittance, error, d_range;
-  Floats sums, patches;  // [tiles, 16] by SumOfTile; [patches, 9]: pixels, target, rendered
+  Floats tile_sums, sums;  // [tiles, 16] by LossSum, [16] of the image
+  Floats patches;          // [patches, 9]: pixels, target, rendered
   uint width, height, stride, rows, tiles_x, target_width, target_x, target_y, first_row;
   uint has_alpha, has_used, has_pixels, has_ranges;  // has_pixels: transmittance counts
   uint gain_columns, gain_rows;
   float cells_by_x, cells_by_y;
-  float l1_scale, ssim_scale, transmittance_each, range_each;
+  float l1_weight, ssim_weight, transmittance_weight, range_each;
   float background_change[3];
 };
 layout(push_constant) uniform Push {
@@ -38,7 +39,6 @@ shared float s_z[kSide * kSide];
 #endif
 shared float s_m[kMoments * kColumns];
 
-uint byte_of(Words w, uint i) { return w.v[i >> 2] >> (8u * (i & 3u)) & 255u; }
 uint target_pixel(uint x, uint y) {
   return (p.target_y - p.first_row + y) * p.target_width + p.target_x + x;
 }
@@ -99,10 +99,13 @@ void main() {
   const uint plane = p.stride * p.rows, at = y * p.stride + x;
   const bool inside = x < p.width && y < p.height;
   const float mask = inside ? mask_at(x, y) : 0.0;
-  float absolute = 0.0, total = 0.0;
 #if PASS == 0
+  float total = 0.0;
   // Places of pixels are by patch, then row by row.
   const uint place = ((ly >> 3) * 2u + (lx >> 3)) * 64u + (ly & 7u) * 8u + (lx & 7u);
+#else
+  float absolute = 0.0;
+  const float each = mask / max(p.sums.v[3], 1.0), of_channel = each / 3.0;
 #endif
   for (uint c = 0u; c < 3u; ++c) {
     for (uint i = t; i < kSide * kSide; i += 256u) {
@@ -148,7 +151,7 @@ void main() {
 #if PASS == 0
     float ssim, by_x, by_xx, by_xy;
     ssim_gradient(m, ssim, by_x, by_xx, by_xy);
-    const float scale = -0.5 * p.ssim_scale * mask;
+    const float scale = -0.5 * p.ssim_weight * mask;
     p.slopes.v[3u * c * plane + at] = by_x * scale;
     p.slopes.v[(3u * c + 1u) * plane + at] = by_xx * scale;
     p.slopes.v[(3u * c + 2u) * plane + at] = by_xy * scale;
@@ -169,7 +172,7 @@ void main() {
                          tile % p.tiles_x * 2u + t % 2u;
       p.patches.v[9u * patch_at + t / 4u * 3u + c] = s_patch[R(6u, 300u + t) - 300u];
     } else if (t < 14u) {
-      p.sums.v[16u * tile + 4u + (t - 12u) * 3u + c] = sum_of(t - 9u);
+      p.tile_sums.v[16u * tile + 4u + (t - 12u) * 3u + c] = sum_of(t - 9u);
     } else if (t < 17u) {
       total += sum_of(t - 9u);
     }
@@ -177,28 +180,28 @@ void main() {
     float d = 0.0;
     if (inside) {
       const float u = image_at(c, x, y), v = target_at(c, x, y), off = u - v;
-      d = (float(off > 0.0) - float(off < 0.0)) * p.l1_scale * mask +
-          (m[0] + 2.0 * u * m[1] + v * m[2]) * mask;
-      d *= gain_at(c, x, y);
+      d = (float(off > 0.0) - float(off < 0.0)) * p.l1_weight +
+          (m[0] + 2.0 * u * m[1] + v * m[2]);
+      d *= of_channel * gain_at(c, x, y);
       absolute += abs(off);
     }
     p.d_rgb.v[c * plane + at] = d;
 #endif
   }
 #if PASS == 0
-  if (t >= 14u && t < 17u) p.sums.v[16u * tile + t - 14u] = total;  // |off|, off^2, 1 - SSIM
+  if (t >= 14u && t < 17u) p.tile_sums.v[16u * tile + t - 14u] = total;  // |off|, off^2, 1 - SSIM
   for (uint k = 3u; k < kValues; ++k) s_value[W(5u, k * 256u + place)] = 0.0;
   s_value[W(5u, place)] = mask;
   s_value[W(5u, 256u + place)] = p.has_pixels != 0u && inside ? mask * p.transmittance.v[at] : 0.0;
   const bool ranged = p.has_ranges != 0u && inside && p.log_range.v[at] != kNoRange;
   s_value[W(5u, 512u + place)] = ranged ? p.range_error.v[at] : 0.0;
   sum_patches();
-  if (t == 0u) p.sums.v[16u * tile + 3u] = sum_of(0u);
-  if (t == 1u || t == 2u) p.sums.v[16u * tile + 9u + t] = sum_of(t);
+  if (t == 0u) p.tile_sums.v[16u * tile + 3u] = sum_of(0u);
+  if (t == 1u || t == 2u) p.tile_sums.v[16u * tile + 9u + t] = sum_of(t);
 #else
   p.error.v[at] = absolute / 3.0;
   if (p.has_pixels == 0u) return;
-  p.d_transmittance.v[at] = mask * p.transmittance_each;
+  p.d_transmittance.v[at] = each * p.transmittance_weight;
   if (p.has_ranges != 0u)
     p.d_range.v[at] = inside && p.log_range.v[at] != kNoRange ? p.range_each : 0.0;
 #endif

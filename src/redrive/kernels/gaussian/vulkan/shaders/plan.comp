@@ -7,7 +7,7 @@
 layout(local_size_x = 1) in;
 layout(push_constant) uniform Push {
   Words control;
-  uint n_at, set, most, groups_of_row;
+  uint n_at, set, most, groups_of_row, tiles;
 };
 void put(uint at, uint groups) {
   const uint across = min(groups, groups_of_row);
@@ -30,4 +30,5 @@ void main() {
   put(base + 16u, (n + 2047u) / 2048u);
   put(base + 20u, (n + 15u) / 16u);
   put(base + 24u, (n + 63u) / 64u);
+  put(base + 28u, tiles + n / kSegment);
 }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Vector operations of the Gaussian kernels: masks in the form that each instruction set blends by,
-// powers and logarithms of two, sums of many vectors at once, and the arithmetic (math/lanes.h) of
-// one vector. Only for files with ISA flags (simd/vector.h).
+// Vector operations of Gaussians and of scores: masks in the form that each instruction set blends
+// by, powers and logarithms of two, sums of many vectors at once, and the arithmetic (math/lanes.h)
+// of one vector. Only for files with ISA flags (simd/vector.h).
 #pragma once
 
 #include "redrive/kernels/cpu/simd/vector.h"
@@ -111,6 +111,7 @@ struct LaneMath {
   REDRIVE_INLINE Vf sqrt(Vf x) { return square_root(x); }
   REDRIVE_INLINE Vf atan2(Vf y, Vf x) { return angle_of<LaneMath>(y, x); }
   REDRIVE_INLINE Vf exp(Vf x) { return exponential(x).value; }
+  REDRIVE_INLINE Vf log(Vf x) { return logarithm_of_two(x) * splat(0.693147181f); }
   REDRIVE_INLINE Vf min(Vf a, Vf b) { return minimum(a, b); }
   REDRIVE_INLINE Vf max(Vf a, Vf b) { return maximum(a, b); }
   REDRIVE_INLINE Vf select(Vi holds, Vf a, Vf b) { return holds ? a : b; }
