@@ -31,8 +31,8 @@ VkResult VKAPI_CALL create_instance(const VkInstanceCreateInfo* info,
       info->pNext, VK_STRUCTURE_TYPE_LOADER_INSTANCE_CREATE_INFO);
   next_of_instance = link->u.pLayerInfo->pfnNextGetInstanceProcAddr;
   link->u.pLayerInfo = link->u.pLayerInfo->pNext;
-  const auto create = reinterpret_cast<PFN_vkCreateInstance>(
-      next_of_instance(VK_NULL_HANDLE, "vkCreateInstance"));
+  const auto create =
+      reinterpret_cast<PFN_vkCreateInstance>(next_of_instance(VK_NULL_HANDLE, "vkCreateInstance"));
   const VkResult result = create(info, callbacks, instance);
   the_instance = *instance;
   return result;
@@ -40,16 +40,15 @@ VkResult VKAPI_CALL create_instance(const VkInstanceCreateInfo* info,
 
 VkResult VKAPI_CALL create_device(VkPhysicalDevice physical, const VkDeviceCreateInfo* info,
                                   const VkAllocationCallbacks* callbacks, VkDevice* device) {
-  auto* const link = link_of<VkLayerDeviceCreateInfo>(
-      info->pNext, VK_STRUCTURE_TYPE_LOADER_DEVICE_CREATE_INFO);
+  auto* const link =
+      link_of<VkLayerDeviceCreateInfo>(info->pNext, VK_STRUCTURE_TYPE_LOADER_DEVICE_CREATE_INFO);
   next_of_device = link->u.pLayerInfo->pfnNextGetDeviceProcAddr;
   link->u.pLayerInfo = link->u.pLayerInfo->pNext;
-  const auto create = reinterpret_cast<PFN_vkCreateDevice>(
-      next_of_instance(the_instance, "vkCreateDevice"));
+  const auto create =
+      reinterpret_cast<PFN_vkCreateDevice>(next_of_instance(the_instance, "vkCreateDevice"));
   const VkResult result = create(physical, info, callbacks, device);
   if (result == VK_SUCCESS)
-    next_submit =
-        reinterpret_cast<PFN_vkQueueSubmit>(next_of_device(*device, "vkQueueSubmit"));
+    next_submit = reinterpret_cast<PFN_vkQueueSubmit>(next_of_device(*device, "vkQueueSubmit"));
   return result;
 }
 

@@ -94,8 +94,8 @@ REDRIVE_INLINE void add_ssim(const ScoreJob& job, int y, float* scratch, ScoreSu
   for (int k = 0; k < 5; ++k) columns[k] = scratch_row(job, scratch, 1 + k);
   Vf total{};
   for (int c = 0; c < 3; ++c) {
-    const float *const a = row_of(job, 0, c, y - kSsimRadius),
-                       *const b = row_of(job, 1, c, y - kSsimRadius);
+    const float *const a = row_of(job, 0, c, y - kSsimRadius), *const b = row_of(job, 1, c,
+                                                                                 y - kSsimRadius);
     for (std::size_t x = 0; x < job.stride; x += kLanes) {
       Vf m[5] = {};
       for (std::size_t i = 0; i < kSsimTaps; ++i) {
@@ -193,9 +193,8 @@ REDRIVE_INLINE void add_flip(const ScoreJob& job, int y, float* scratch, ScoreSu
   }
   Vf total{};
   for (std::size_t x = 0; x < job.stride; x += kLanes) {
-    const Vf error =
-        flip_difference<LaneMath>(filters.largest, perceived(filters, of[0], x),
-                                  perceived(filters, of[1], x));
+    const Vf error = flip_difference<LaneMath>(filters.largest, perceived(filters, of[0], x),
+                                               perceived(filters, of[1], x));
     total += load(mask + x) > Vf{} ? error : Vf{};
   }
   sums->flip += static_cast<double>(sum(total));

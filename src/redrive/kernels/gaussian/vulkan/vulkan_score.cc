@@ -46,14 +46,14 @@ ImageScore VulkanScore::score(const ImagePair& images) {
   send(&target_, images.ground_truth);
   send(&mask_, images.mask);
   Parameters p = {rgb_.address(),
-                        target_.address(),
-                        mask_.address(),
-                        planes_.address(),
-                        sums_.address(),
-                        static_cast<std::uint32_t>(images.width),
-                        static_cast<std::uint32_t>(images.height),
-                        static_cast<std::uint32_t>(size.stride / kTileSide),
-                        std::uint32_t{!images.mask.empty()},
+                  target_.address(),
+                  mask_.address(),
+                  planes_.address(),
+                  sums_.address(),
+                  static_cast<std::uint32_t>(images.width),
+                  static_cast<std::uint32_t>(images.height),
+                  static_cast<std::uint32_t>(size.stride / kTileSide),
+                  std::uint32_t{!images.mask.empty()},
                   {}};
   for (int i = 0; i < 256; ++i) p.levels[i] = static_cast<float>(i) / 255.0f;
   queue_.upload(parameters_, 0, &p, sizeof p);
