@@ -6,8 +6,8 @@
 
 namespace redrive::kernels {
 
-/// Sums over the pixels that count, and over the windows of SSIM around those of them that are at
-/// least kSsimRadius from the border, in each channel.
+/// Errors of the pixels that count in a part of an image, and SSIM of the windows around those that
+/// are at least kSsimRadius from the border, in each channel, added up.
 struct ScoreSums {
   double luma_squares = 0, squares[3] = {0, 0, 0}, ssim = 0, flip = 0;
   std::int64_t pixels = 0, windows = 0;

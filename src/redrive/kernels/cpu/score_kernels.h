@@ -20,7 +20,7 @@ struct ScoreJob {
   // ImagePair; mask may be null.
   const float* rgb = nullptr;
   const std::uint8_t *ground_truth = nullptr, *mask = nullptr;
-  float* planes = nullptr;  ///< [2, kScorePlanes, height, stride]: of rgb, of ground_truth
+  float* planes = nullptr;  ///< [2, kScorePlanes, height, stride]: image, ground truth
   const FlipFilters* flip = nullptr;
   float taps[kSsimTaps] = {};  ///< ssim_taps()
 };
