@@ -230,9 +230,11 @@ std::vector<std::optional<Eigen::Vector3f>> colours_of(
   return colours;
 }
 
-/// Appends Gaussians on a sphere around the scene: Fibonacci's lattice.
-void append_sky(const TrainingSet& data, const Eigen::Vector3f& centre, float radius, int n,
-                bool whole, ThreadPool& pool, GaussianList* list) {
+/// Returns the Gaussians that a view sees on a sphere around the scene. Fibonacci's lattice has n
+/// places there.
+GaussianList sky_of(const TrainingSet& data, const Eigen::Vector3f& centre, float radius, int n,
+                    bool whole, ThreadPool& pool) {
+  GaussianList list;
   const float lowest = whole ? -1 : -kSkyBelow;
   const float side = radius * std::sqrt(2 * float(M_PI) * (1 - lowest) / static_cast<float>(n));
   std::vector<Eigen::Vector3f> positions(n);
@@ -245,12 +247,33 @@ void append_sky(const TrainingSet& data, const Eigen::Vector3f& centre, float ra
   }
   const auto colours = colours_of(data, positions, 7, pool);
   for (int i = 0; i < n; ++i) {
-    if (!colours[i]) continue;  // no view sees it
+    if (!colours[i]) continue;
     const Point point{positions[i], *colours[i], centre};
-    list->rows.resize(list->rows.size() + kGaussianRows);
+    list.rows.resize(list.rows.size() + kGaussianRows);
     put_gaussian(point, Eigen::Vector3f::Constant(0.6f * side), Eigen::Quaternionf::Identity(),
-                 kPointOpacity, radius / 4, &*(list->rows.end() - kGaussianRows));
+                 kPointOpacity, radius / 4, &*(list.rows.end() - kGaussianRows));
   }
+  return list;
+}
+
+/// Returns the sky's Gaussians, `most` at most.
+GaussianList sky_of(const TrainingSet& data, const InitialGaussianOptions& options, float reach,
+                    std::size_t most, ThreadPool& pool) {
+  const Scene& scene = data.scene;
+  if (scene.background != Background::kNone || options.sky == 0) return {};
+  Eigen::Vector3d centre = Eigen::Vector3d::Zero();
+  for (const View& view : scene.views)
+    centre += scene.world_from_camera(view).translation() / double(scene.views.size());
+  const auto of = [&](int n) {
+    return sky_of(data, centre.cast<float>(), kFar * reach, n, !scene.metric, pool);
+  };
+  int n = options.sky;
+  GaussianList sky = of(n);
+  while (sky.size() > most) {  // those that are seen grow with n, but for single ones
+    n = static_cast<int>(0.95 * n * static_cast<double>(most) / static_cast<double>(sky.size()));
+    sky = of(n);
+  }
+  return sky;
 }
 
 /// Appends Gaussians at random places of a cube around the origin, inside the visual hull of images
@@ -349,16 +372,10 @@ GaussianList initial_gaussians(const TrainingSet& data, const InitialGaussianOpt
   if (list.size() < 1000 && scene.half_side)
     append_random(data, cameras, static_cast<float>(*scene.half_side), options.random,
                   random_key(seed, kStreamInit, 2), pool, &list);
-  const int sky =
-      scene.background == Background::kNone ? std::min(options.sky, options.max_gaussians / 2) : 0;
-  shuffle(static_cast<std::size_t>(options.max_gaussians - sky) + *unseen,
-          random_key(seed, kStreamInit, 3), &list);
-  if (sky > 0) {
-    Eigen::Vector3d centre = Eigen::Vector3d::Zero();
-    for (const View& view : scene.views)
-      centre += scene.world_from_camera(view).translation() / double(scene.views.size());
-    append_sky(data, centre.cast<float>(), kFar * reach, sky, !scene.metric, pool, &list);
-  }
+  const auto most = static_cast<std::size_t>(options.max_gaussians);
+  const GaussianList sky = sky_of(data, options, reach, most / 2, pool);
+  shuffle(most - sky.size() + *unseen, random_key(seed, kStreamInit, 3), &list);
+  list.rows.insert(list.rows.end(), sky.rows.begin(), sky.rows.end());
   return list;
 }
 

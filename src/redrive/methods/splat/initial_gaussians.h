@@ -13,7 +13,7 @@ struct InitialGaussianOptions {
   float voxel = 0.014f;        ///< side of a voxel that keeps one point, as a part of its distance
   int max_gaussians = 400000;  ///< most; of more points a random choice is kept
   int max_unseen = 400000;     ///< maximum number of first Gaussians that no image sees
-  int sky = 6000;              ///< number on a sphere around the scene
+  int sky = 24000;             ///< number on a sphere around the scene; only those seen are made
   int random = 100000;         ///< number in the cube of a bounded scene without points
   /// share of the LiDAR returns high above the road that get one more above
   float extruded = 0.08f;

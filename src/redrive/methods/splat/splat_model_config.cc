@@ -73,7 +73,8 @@ void SplatModel::visit_hyperparameters(HyperparameterVisitor& visit) {
                      "side of a voxel that keeps one first point, as a part of its distance", 0, 1}
           .exclusive(),
       initial.voxel);
-  visit({"initial.sky", "first Gaussians on a sphere around the scene", 0, 1'000'000}, initial.sky);
+  visit({"initial.sky", "first Gaussians on a sphere around the scene, seen or not", 0, 1'000'000},
+        initial.sky);
   visit({"initial.random", "first Gaussians of a bounded scene without points", 0, 10'000'000},
         initial.random);
   visit({"initial.extruded",
