@@ -26,6 +26,9 @@ class VulkanGaussianStages final : public GaussianStages {
     } catch (const Interrupted&) {
       queue_.finish();  // what is recorded uses the pass's memory
       throw;
+    } catch (const DeviceError&) {
+      queue_.wait_idle();  // likewise what still runs
+      throw;
     }
     return {std::move(raster), &arena_};
   }
