@@ -14,7 +14,7 @@ namespace redrive::argoverse2 {
 struct LasersOfLidar {
   std::size_t lidar = 0;              ///< index in Recording::lidars
   int first = 0, count = 0;           ///< laser numbers
-  std::optional<LidarSensor> sensor;  ///< beams; nothing: unknown, a ring is its number
+  std::optional<LidarSensor> sensor;  ///< nothing: beams unknown, rings are numbers
 
   /// Returns the laser number of each point.
   std::vector<std::uint8_t> numbers(const Recording& drive,

@@ -280,8 +280,8 @@ class Raster {
   /// One thread at a time may call it: a device copies its image to the host on the first call.
   const RasterImage& image() const { return pass_->image(); }
   RasterCounts counts() const { return pass_->counts(); }
-  /// Compares the image with `target`, whose size and rgb are not used, and runs the backward pass
-  /// of the loss. An update by a loss that is not finite changes nothing; d_poses are 0 then.
+  /// Compares the image with `target`, whose size and rgb are not used, and runs the loss' backward
+  /// pass. Where the loss is not finite, an update changes nothing and d_poses are 0.
   ImageLossOutput backward(const ImageLossInput& target, const PixelWeights& weights,
                            const GaussianDerivatives& to,
                            std::span<GaussianPoseGradient<NumberMath<double>>> d_poses) {

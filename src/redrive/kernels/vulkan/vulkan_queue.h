@@ -60,10 +60,12 @@ class Queue {
   void wait_first() { wait_for(submitted_ - 1); }
   /// submit(), then waits until all is done.
   void finish();
-  /// Waits for what runs, and drops what is recorded.
+  /// Waits for what runs, and drops what is recorded and what was to be downloaded.
   void wait_idle() noexcept {
     api_.DeviceWaitIdle(device_.handle());
     recording_ = false;
+    done_ = submitted_;
+    downloads_.clear();
   }
 
   /// Backend::take_stage_times.

@@ -232,8 +232,8 @@ std::vector<std::optional<Eigen::Vector3f>> colours_of(
 
 /// Returns the Gaussians that a view sees on a sphere around the scene. Fibonacci's lattice has n
 /// places there.
-GaussianList sky_of(const TrainingSet& data, const Eigen::Vector3f& centre, float radius, int n,
-                    bool whole, ThreadPool& pool) {
+GaussianList visible_sphere(const TrainingSet& data, const Eigen::Vector3f& centre, float radius,
+                            int n, bool whole, ThreadPool& pool) {
   GaussianList list;
   const float lowest = whole ? -1 : -kSkyBelow;
   const float side = radius * std::sqrt(2 * float(M_PI) * (1 - lowest) / static_cast<float>(n));
@@ -264,14 +264,14 @@ GaussianList sky_of(const TrainingSet& data, const InitialGaussianOptions& optio
   Eigen::Vector3d centre = Eigen::Vector3d::Zero();
   for (const View& view : scene.views)
     centre += scene.world_from_camera(view).translation() / double(scene.views.size());
-  const auto of = [&](int n) {
-    return sky_of(data, centre.cast<float>(), kFar * reach, n, !scene.metric, pool);
+  const auto with = [&](int n) {
+    return visible_sphere(data, centre.cast<float>(), kFar * reach, n, !scene.metric, pool);
   };
   int n = options.sky;
-  GaussianList sky = of(n);
-  while (sky.size() > most) {  // those that are seen grow with n, but for single ones
+  GaussianList sky = with(n);
+  while (sky.size() > most) {  // their number is nearly proportional to n
     n = static_cast<int>(0.95 * n * static_cast<double>(most) / static_cast<double>(sky.size()));
-    sky = of(n);
+    sky = with(n);
   }
   return sky;
 }

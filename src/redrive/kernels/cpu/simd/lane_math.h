@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Vector operations of Gaussians and of scores: masks in the form that each instruction set blends
-// by, powers and logarithms of two, sums of many vectors at once, and the arithmetic (math/lanes.h)
-// of one vector. Only for files with ISA flags (simd/vector.h).
+// Vector operations for Gaussians and scores: masks as each instruction set blends by them, powers
+// and logarithms of two, sums of many vectors at once, and the arithmetic (math/lanes.h).
+// Only for files with ISA flags (simd/vector.h).
 #pragma once
 
 #include "redrive/kernels/cpu/simd/vector.h"

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // L1 and D-SSIM of an image with gains and a mask against ground truth of 8 bits, its transmittance
-// and its range errors, in tiles of 16 x 16 pixels. PASS 0: sums, and slopes of SSIM by the moments
-// of windows, but for the number of pixels; 1: derivatives by the pixels, when loss_sums has them.
+// and its range errors, in tiles of 16 x 16 pixels. PASS 0: sums, and slopes of SSIM by windows'
+// moments, not yet divided by the number of pixels; 1: derivatives by the pixels, after loss_sums.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"

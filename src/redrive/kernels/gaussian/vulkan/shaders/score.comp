@@ -105,7 +105,8 @@ void main() {
   for (uint c = 0u; c < 3u; ++c) add(tile, 1u + c, squares[c]);
   add(tile, 4u, used ? 1.0 : 0.0);
 #elif PASS == 1
-  const bool window = used && x >= kHalo && y >= kHalo && x + kHalo < p.width && y + kHalo < p.height;
+  const bool window =
+      used && x >= kHalo && y >= kHalo && x + kHalo < p.width && y + kHalo < p.height;
   float total = 0.0;
   for (uint c = 0u; c < 3u; ++c) {
     for (uint image = 0u; image < 2u; ++image) load_plane(image, image, c, corner);
