@@ -8,8 +8,8 @@
 #include <chrono>
 #include <csignal>
 #include <ctime>
+#include <fstream>
 #include <thread>
-#include <vector>
 
 #include <gtest/gtest.h>
 
@@ -20,6 +20,13 @@ double thread_seconds() {
   timespec time{};
   clock_gettime(CLOCK_THREAD_CPUTIME_ID, &time);
   return static_cast<double>(time.tv_sec) + 1e-9 * static_cast<double>(time.tv_nsec);
+}
+
+/// Seconds in which this process, of one thread, waited for a core; below 0: unknown.
+double waited_seconds() {
+  std::ifstream file("/proc/self/schedstat");
+  double ran_ns = 0, waited_ns = 0;
+  return file >> ran_ns >> waited_ns ? 1e-9 * waited_ns : -1;
 }
 
 /// Takes so much processor time, however long that takes.
@@ -39,36 +46,33 @@ TEST(CoreTimer, CountsTheTimeOfWorkAndOfIdleCores) {
   EXPECT_GE(sleep.core_seconds(3), 0.9 * 3 * 0.02) << "cores that one thread leaves idle";
 }
 
-// Other processes on the same core take turns with this one: waiting for it is not work.
+// Other processes on the same core take turns with this one: waiting for it is not work. What Linux
+// has reported as waiting is subtracted from the wall time, whatever the machine makes of the rest.
 TEST(CoreTimer, DoesNotCountWaitingForACore) {
+  if (waited_seconds() < 0) GTEST_SKIP() << "Linux does not report waiting here";
   cpu_set_t all, one;
   sched_getaffinity(0, sizeof all, &all);
   CPU_ZERO(&one);
   for (int core = 0; core < CPU_SETSIZE && CPU_COUNT(&one) == 0; ++core)
     if (CPU_ISSET(core, &all)) CPU_SET(core, &one);
   ASSERT_EQ(sched_setaffinity(0, sizeof one, &one), 0);
-  std::vector<pid_t> others;
-  for (int i = 0; i < 2; ++i) {
-    others.push_back(fork());
-    if (others.back() == 0)
-      for (;;) work(1);
-  }
-  const CoreTimer timer;
+  const pid_t other = fork();
+  if (other == 0)
+    for (;;) work(1);
   const auto begin = std::chrono::steady_clock::now();
-  const double before = thread_seconds();
-  work(0.05);
-  const double own = thread_seconds() - before,
-               wall =
-                   std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count(),
-               counted = timer.core_seconds(1);
-  for (const pid_t other : others) {
-    kill(other, SIGKILL);
-    waitpid(other, nullptr, 0);
+  const CoreTimer timer;
+  const double waited_before = waited_seconds();
+  double waited = 0;
+  while (waited < 0.03) {
+    work(0.005);
+    waited = waited_seconds() - waited_before;
   }
+  const double counted = timer.core_seconds(1);
+  const std::chrono::duration<double> wall = std::chrono::steady_clock::now() - begin;
+  kill(other, SIGKILL);
+  waitpid(other, nullptr, 0);
   sched_setaffinity(0, sizeof all, &all);
-  EXPECT_GT(wall, 1.6 * own);
-  EXPECT_GE(counted, 0.99 * own);
-  EXPECT_LT(counted, 1.3 * own);
+  EXPECT_LT(counted, wall.count() - 0.9 * waited) << "of which " << waited << " s waiting";
 }
 
 }  // namespace
