@@ -1,12 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/base/parallel.h"
 
+#include <algorithm>
 #include <atomic>
+#include <cstdint>
 #include <stdexcept>
 #include <thread>
 #include <vector>
 
 #include <gtest/gtest.h>
+
+#include "redrive/base/parallel_sort.h"
 
 namespace redrive {
 namespace {
@@ -21,6 +25,18 @@ TEST(ThreadPool, RunsEveryChunkOnce) {
       pool.run(chunks, [&](int chunk) { ++count[chunk]; });
       EXPECT_EQ(count, std::vector<int>(chunks, 1));
     }
+  }
+}
+
+TEST(SortInParallel, SortsAnyNumber) {
+  ThreadPool pool(3);
+  for (const std::size_t n : {0, 1, 8192, 8193, 100'000}) {
+    std::vector<std::uint32_t> values(n);
+    for (std::size_t i = 0; i < n; ++i) values[i] = static_cast<std::uint32_t>(i) * 2654435761u;
+    std::vector<std::uint32_t> expected = values;
+    std::ranges::sort(expected);
+    sort_in_parallel(&values, pool);
+    EXPECT_EQ(values, expected) << n;
   }
 }
 

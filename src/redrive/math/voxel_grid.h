@@ -11,6 +11,8 @@
 
 #include <Eigen/Core>
 
+#include "redrive/base/parallel_sort.h"
+
 namespace redrive {
 
 using Voxel = Eigen::Matrix<std::int64_t, 3, 1>;
@@ -41,12 +43,16 @@ inline Voxel voxel_of_key(std::uint64_t key) {
 /// Points by voxel: voxels in the order of their keys, the points of each in their own order.
 class VoxelGroups {
  public:
-  /// keys[i] belongs to point i: any numbers that are equal for points of one voxel.
-  explicit VoxelGroups(std::span<const std::uint64_t> keys) {
+  /// keys[i] belongs to point i: any numbers that are equal for points of one voxel. Sorts on the
+  /// threads of `pool`, if there is one.
+  explicit VoxelGroups(std::span<const std::uint64_t> keys, ThreadPool* pool = nullptr) {
     std::vector<std::pair<std::uint64_t, std::uint32_t>> sorted(keys.size());
     for (std::size_t i = 0; i < keys.size(); ++i)
       sorted[i] = {keys[i], static_cast<std::uint32_t>(i)};
-    std::ranges::sort(sorted);
+    if (pool)
+      sort_in_parallel(&sorted, *pool);
+    else
+      std::ranges::sort(sorted);
     points_.reserve(keys.size());
     for (std::size_t i = 0; i < sorted.size(); ++i) {
       if (i == 0 || sorted[i].first != sorted[i - 1].first) first_.push_back(i);

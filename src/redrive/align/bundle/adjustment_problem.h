@@ -4,16 +4,19 @@
 
 #include <array>
 #include <cstdint>
-#include <optional>
+#include <functional>
+#include <initializer_list>
+#include <memory>
+#include <span>
 #include <vector>
 
-#include <ceres/ceres.h>
+#include <ceres/loss_function.h>
 
 #include "redrive/align/bundle/bundle_adjustment.h"
 #include "redrive/align/bundle/cost_functions.h"
+#include "redrive/align/bundle/inverse_depth_point.h"
+#include "redrive/align/bundle/least_squares.h"
 #include "redrive/align/bundle/lidar_ties.h"
-#include "redrive/align/bundle/parallel_evaluation.h"
-#include "redrive/align/bundle/reduced_covariance.h"
 
 namespace redrive {
 
@@ -38,31 +41,37 @@ struct HeldNumbers {
 
 class AdjustmentProblem {
  public:
-  /// `model`, `tracks`, `lidar`, `options` and `held` have to outlive the problem. `landmarks`: the
-  /// number of points and planes.
+  /// `model`, `tracks`, `lidar`, `options` and `held` have to outlive the problem.
   AdjustmentProblem(RigModel* model, const std::vector<Track>& tracks,
                     const std::vector<LidarSample>& lidar, const BundleOptions& options,
-                    const HeldNumbers& held, std::size_t landmarks, ThreadPool& pool);
+                    const HeldNumbers& held, ThreadPool& pool);
 
   /// Adds reprojection errors, and distances of the tied points from the LiDAR's surfaces.
   void add(std::vector<TriangulatedTrack>* triangulated, const std::vector<double>& sigma_px,
            const std::vector<LidarTie>& ties);
   void add(std::vector<PlanarPatch>* patches);
   void add(const std::vector<ContrastFit>& fits);
+  /// Comes last.
   void add_priors(const BundlePriors& priors);
 
   /// Stops where the cost decreases by less than this share.
-  ceres::Solver::Summary solve(int iterations, double tolerance);
+  LeastSquares::Summary solve(int iterations, double tolerance);
   /// Computes covariances of the rig's parameters.
   void compute_covariance(BundleResult* result);
 
  private:
-  /// Returns a copy of `target` that is solved instead. Ceres orders the blocks of a group by their
-  /// addresses: contiguous copies have the same order, and so the same sums, in every run.
-  double* landmark(std::array<double, 3>* target);
-  /// Adds a residual that is evaluated in parallel. `group`: its value in ResidualGroups.
-  void add_term(std::unique_ptr<ceres::CostFunction> cost, ceres::LossFunction* loss,
-                const std::vector<double*>& parameters, int group);
+  struct CameraBlocks {
+    int extrinsics, offset, readout, intrinsics;
+  };
+  using Terms = std::vector<LeastSquares::Term>;
+  /// Adds `n` landmarks that begin at the numbers at(i), each with the terms of(i).
+  void add_landmarks(std::size_t n, const std::function<std::array<double, 3>*(std::size_t)>& at,
+                     const std::function<Terms(std::size_t)>& of);
+  Terms terms_of(const TriangulatedTrack& entry, const std::vector<double>& sigma_px,
+                 const ExposureMotions& times, std::span<const LidarTie> ties) const;
+  Terms terms_of(const PlanarPatch& patch) const;
+  void add_prior(std::unique_ptr<ceres::CostFunction> cost, const ceres::LossFunction* loss,
+                 std::initializer_list<int> blocks);
 
   ThreadPool& pool_;
   RigModel& model_;
@@ -72,15 +81,13 @@ class AdjustmentProblem {
   const HeldNumbers& held_;
   ceres::CauchyLoss image_loss_{2}, lidar_loss_{2}, prior_loss_{1};
   ceres::CauchyLoss egomotion_loss_{10};  ///< quadratic except for poses that are wrong by far more
-  ParallelEvaluation evaluation_;
-  ceres::Problem problem_;
-  std::vector<double*> rig_, points_;
-  std::vector<std::array<double, 3>> landmarks_;
-  std::vector<std::array<double, 3>*> targets_;
-  std::vector<std::optional<int>> offset_index_, readout_index_;
-  std::optional<int> elevation_index_;
-  double other_elevation_rad_ = 0;  ///< constant, for LiDARs but the first
-  ResidualGroups groups_;           ///< residuals of an image, or of the LiDAR between two frames
+  LeastSquares problem_;
+  std::vector<int> corrections_;  ///< blocks, by frame
+  std::vector<CameraBlocks> cameras_;
+  int elevation_ = 0, other_elevation_ = 0;
+  bool uses_elevation_ = false;
+  std::vector<std::array<double, 3>*> targets_;  ///< where the landmarks' numbers belong
+  double other_elevation_rad_ = 0;               ///< held, for LiDARs but the first
 };
 
 }  // namespace redrive

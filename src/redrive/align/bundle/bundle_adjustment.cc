@@ -82,11 +82,17 @@ double patch_distance_m(const RigModel& model, const LidarSample& sample,
 }
 
 std::vector<double> patch_distances_m(const RigModel& model, const std::vector<LidarSample>& lidar,
-                                      const std::vector<PlanarPatch>& patches) {
-  std::vector<double> distances;
-  for (const PlanarPatch& patch : patches)
-    for (const int i : patch.samples)
-      distances.push_back(patch_distance_m(model, lidar[i], patch.plane));
+                                      const std::vector<PlanarPatch>& patches, ThreadPool& pool) {
+  constexpr std::size_t kPatchesPerRange = 16;
+  std::vector<std::size_t> first{0};
+  for (const PlanarPatch& patch : patches) first.push_back(first.back() + patch.samples.size());
+  std::vector<double> distances(first.back());
+  pool.run_ranges(patches.size(), kPatchesPerRange, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t p = begin; p < end; ++p)
+      for (std::size_t i = 0; i < patches[p].samples.size(); ++i)
+        distances[first[p] + i] =
+            patch_distance_m(model, lidar[patches[p].samples[i]], patches[p].plane);
+  });
   return distances;
 }
 
@@ -183,7 +189,7 @@ void fill_result(const RigModel& model, const std::vector<Track>& tracks,
   }
   result->tracks = static_cast<int>(triangulated.size());
   result->patches = static_cast<int>(patches.size());
-  const std::vector<double> distances = patch_distances_m(model, lidar, patches);
+  const std::vector<double> distances = patch_distances_m(model, lidar, patches, pool);
   result->lidar_points = static_cast<int>(distances.size());
   result->lidar_rms_m = rms(distances);
   result->initial_lidar_rms_m = initial_plane_rms_m(model, lidar, patches);
@@ -209,11 +215,12 @@ std::vector<LidarTie> tie_points(const RigModel& model, const std::vector<Track>
                                  const std::vector<TriangulatedTrack>& triangulated,
                                  const std::vector<LidarSample>& lidar,
                                  const std::vector<PlanarPatch>& patches, int round,
-                                 BundleResult* result) {
+                                 ThreadPool& pool, BundleResult* result) {
   std::vector<std::optional<Eigen::Vector3d>> points;
   for (const TriangulatedTrack& entry : triangulated)
     points.push_back(position_of(entry.point, kMaxTied_m));
-  std::vector<LidarTie> ties = find_lidar_ties(model, lidar, patches, points, max_tie_m(round));
+  std::vector<LidarTie> ties =
+      find_lidar_ties(model, lidar, patches, points, max_tie_m(round), pool);
   if (round > 2)
     std::erase_if(ties, [](const LidarTie& tie) {
       return std::abs(tie.distance_m) > kOutlierSigmas * tie.surface.sigma_m;
@@ -402,14 +409,13 @@ BundleResult adjust_bundle(RigModel* model, const std::vector<Track>& tracks,
       keep_observable(fits, &result.contrast);
     }
     const std::vector<LidarTie> ties =
-        tie_points(*model, tracks, triangulated, lidar, patches, round, &result);
-    AdjustmentProblem problem(model, tracks, lidar, options, held,
-                              triangulated.size() + patches.size(), pool);
+        tie_points(*model, tracks, triangulated, lidar, patches, round, pool, &result);
+    AdjustmentProblem problem(model, tracks, lidar, options, held, pool);
     problem.add(&triangulated, sigma_px, ties);
     problem.add(&patches);
     problem.add(result.contrast);
     problem.add_priors(priors_of_round(options.priors, *model, round));
-    const ceres::Solver::Summary summary =
+    const LeastSquares::Summary summary =
         problem.solve(round == 0 ? 20 : 12, round + 1 < kLeastRounds ? kCoarse : kFine);
     for (const UnobservableExtrinsic& number : held.extrinsics)
       reset_extrinsic(&model->cameras[number.camera], number.axis);
@@ -426,8 +432,8 @@ BundleResult adjust_bundle(RigModel* model, const std::vector<Track>& tracks,
     }
     if (options.verbose)
       print_round({*model, options, result, rounds, triangulated.size(), tracks.size(), sigma_px,
-                   patch_distances_m(*model, lidar, patches), patches.size(), ties.size(),
-                   summary.total_time_in_seconds});
+                   patch_distances_m(*model, lidar, patches, pool), patches.size(), ties.size(),
+                   summary.seconds});
     if (!tested_observability && (result.converged || 2 * (round + 1) >= rounds)) {
       tested_observability = true;
       find_covariance();

@@ -3,7 +3,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <span>
+#include <tuple>
 
+#include "redrive/base/parallel_sort.h"
 #include "redrive/math/voxel_grid.h"
 
 namespace redrive {
@@ -15,24 +18,33 @@ constexpr double kPointSigma_m = 0.01;  // deviation of a point from its surface
 // A point this near to a return of a patch that faces elsewhere lies in a corner
 constexpr double kCorner_m = 0.5;
 constexpr double kSameDirection = 0.9;  // cosine above which two patches face the same way
+constexpr std::size_t kPerRange = 256;
 
 /// A return of a patch.
 struct Return {
   std::uint64_t cell = 0;  ///< key of its voxel of kNear_m
   int patch = 0, sample = 0;
   Eigen::Vector3d in_world;
+
+  bool operator<(const Return& other) const {
+    return std::tie(cell, patch, sample) < std::tie(other.cell, other.patch, other.sample);
+  }
 };
 
 std::vector<Return> returns_by_cell(const RigModel& model, const std::vector<LidarSample>& lidar,
-                                    const std::vector<PlanarPatch>& patches) {
+                                    const std::vector<PlanarPatch>& patches, ThreadPool& pool) {
   std::vector<Return> returns;
   for (std::size_t p = 0; p < patches.size(); ++p)
-    for (const int i : patches[p].samples) {
-      const Eigen::Vector3d in_world = model.corrected_pose(model.motion_at(lidar[i].t_ns)) *
-                                       model.raised(lidar[i].in_body, lidar[i].lidar);
-      returns.push_back({voxel_key(voxel_of(in_world, kNear_m)), static_cast<int>(p), i, in_world});
+    for (const int i : patches[p].samples) returns.push_back({0, static_cast<int>(p), i, {}});
+  pool.run_ranges(returns.size(), kPerRange, [&](std::size_t begin, std::size_t end) {
+    for (Return& r : std::span(returns).subspan(begin, end - begin)) {
+      const LidarSample& sample = lidar[r.sample];
+      r.in_world = model.corrected_pose(model.motion_at(sample.t_ns)) *
+                   model.raised(sample.in_body, sample.lidar);
+      r.cell = voxel_key(voxel_of(r.in_world, kNear_m));
     }
-  std::ranges::stable_sort(returns, {}, &Return::cell);
+  });
+  sort_in_parallel(&returns, pool);
   return returns;
 }
 
@@ -83,30 +95,33 @@ std::optional<Eigen::Vector3d> position_of(const InverseDepthPoint& point, doubl
 std::vector<LidarTie> find_lidar_ties(const RigModel& model, const std::vector<LidarSample>& lidar,
                                       const std::vector<PlanarPatch>& patches,
                                       const std::vector<std::optional<Eigen::Vector3d>>& points,
-                                      double max_distance_m) {
-  const std::vector<Return> returns = returns_by_cell(model, lidar, patches);
+                                      double max_distance_m, ThreadPool& pool) {
+  const std::vector<Return> returns = returns_by_cell(model, lidar, patches, pool);
+  std::vector<std::optional<LidarTie>> found(points.size());
+  pool.run_ranges(points.size(), kPerRange, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      const Return* const near = points[i] ? nearest(returns, patches, *points[i]) : nullptr;
+      if (!near) continue;
+      const PlanarPatch& patch = patches[near->patch];
+      const PlaneParameters& plane = patch.plane;
+      const Eigen::Vector3d steep = plane.axes * Eigen::Vector3d(plane.value[0], plane.value[1], 1),
+                            normal = steep.normalized();
+      const double distance_m =
+          (steep.dot(*points[i] - plane.centre) - plane.value[2]) / steep.norm();
+      if (std::abs(distance_m) > max_distance_m) continue;
+      LidarTie& tie = found[i].emplace();
+      tie.point = i;
+      tie.t_ns = lidar[near->sample].t_ns;
+      tie.distance_m = distance_m;
+      const Rigid3d world_from_body = model.corrected_pose(model.motion_at(tie.t_ns));
+      tie.surface = {world_from_body.inverse(Eigen::Isometry) * (*points[i] - distance_m * normal),
+                     world_from_body.linear().transpose() * normal,
+                     std::hypot(patch.sigma_m, kPointSigma_m)};
+    }
+  });
   std::vector<LidarTie> ties;
-  for (std::size_t i = 0; i < points.size(); ++i) {
-    if (!points[i]) continue;
-    const Return* const found = nearest(returns, patches, *points[i]);
-    if (!found) continue;
-    const PlanarPatch& patch = patches[found->patch];
-    const PlaneParameters& plane = patch.plane;
-    const Eigen::Vector3d steep = plane.axes * Eigen::Vector3d(plane.value[0], plane.value[1], 1),
-                          normal = steep.normalized();
-    const double distance_m =
-        (steep.dot(*points[i] - plane.centre) - plane.value[2]) / steep.norm();
-    if (std::abs(distance_m) > max_distance_m) continue;
-    LidarTie tie;
-    tie.point = i;
-    tie.t_ns = lidar[found->sample].t_ns;
-    tie.distance_m = distance_m;
-    const Rigid3d world_from_body = model.corrected_pose(model.motion_at(tie.t_ns));
-    tie.surface = {world_from_body.inverse(Eigen::Isometry) * (*points[i] - distance_m * normal),
-                   world_from_body.linear().transpose() * normal,
-                   std::hypot(patch.sigma_m, kPointSigma_m)};
-    ties.push_back(tie);
-  }
+  for (const std::optional<LidarTie>& tie : found)
+    if (tie) ties.push_back(*tie);
   return ties;
 }
 

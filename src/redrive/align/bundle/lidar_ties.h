@@ -31,6 +31,6 @@ std::optional<Eigen::Vector3d> position_of(const InverseDepthPoint& point, doubl
 std::vector<LidarTie> find_lidar_ties(const RigModel& model, const std::vector<LidarSample>& lidar,
                                       const std::vector<PlanarPatch>& patches,
                                       const std::vector<std::optional<Eigen::Vector3d>>& points,
-                                      double max_distance_m);
+                                      double max_distance_m, ThreadPool& pool);
 
 }  // namespace redrive

@@ -28,7 +28,8 @@ struct PatchedDrive {
     patch.sigma_m = 0.02;
   }
   std::vector<LidarTie> ties(const Eigen::Vector3d& point) const {
-    return find_lidar_ties(model, lidar, {patch}, {std::nullopt, point}, 0.3);
+    ThreadPool pool(2);
+    return find_lidar_ties(model, lidar, {patch}, {std::nullopt, point}, 0.3, pool);
   }
 };
 
@@ -63,8 +64,10 @@ TEST(LidarTies, LeaveOutCorners) {
   wall.sigma_m = 0.02;
   drive.lidar.push_back(
       {world_from_body.inverse() * Eigen::Vector3d(8.6, 0.3, 1.9), drive.lidar[0].t_ns, 0});
+  ThreadPool pool(1);
   const auto ties = [&] {
-    return find_lidar_ties(drive.model, drive.lidar, {drive.patch, wall}, {point}, 0.3).size();
+    return find_lidar_ties(drive.model, drive.lidar, {drive.patch, wall}, {point}, 0.3, pool)
+        .size();
   };
   EXPECT_EQ(ties(), 0u);
   wall.plane.axes = drive.patch.plane.axes;  // faces as the slope does

@@ -5,10 +5,6 @@
 #include <cmath>
 #include <map>
 
-#include <ceres/cost_function.h>
-#include <ceres/crs_matrix.h>
-#include <ceres/loss_function.h>
-#include <ceres/problem.h>
 #include <Eigen/Dense>
 
 #include "redrive/base/error.h"
@@ -19,28 +15,32 @@ namespace {
 constexpr std::size_t kBlocksOfRange = 64, kColumnsOfRange = 6;
 constexpr double kMinFraction = 0.2;  // lower bound: less curvature comes from gross outliers
 
-/// A row of the Jacobian. An eliminated block that it depends on has the derivatives `own`.
+using Linear = LeastSquares::Linear;
+
+/// A row of the Jacobian. A landmark that it depends on has the derivatives `own`.
 struct Row {
-  int first = 0, n = 0;  ///< range in CRSMatrix::values: derivatives by the rig's parameters
+  int first = 0, n = 0;  ///< range in Eliminated::columns and values
   Eigen::Vector3d own = Eigen::Vector3d::Zero();
   double residual = 0;
   double curvature = 1;  ///< fraction of the normal matrix (curvature_fractions)
   int group = -1;
 };
 
-/// An eliminated block: its own part of the normal matrix, its part with the rig, and its
+/// An eliminated landmark: its own part of the normal matrix, its part with the rig, and its
 /// gradients.
 struct Eliminated {
   std::vector<Row> rows;
+  std::vector<int> columns;    ///< numbers of the rig, row after row
+  std::vector<double> values;  ///< derivatives by them, none 0
   double curvature = 1;
   std::vector<int> index;     ///< ascending: the parameters of the rig that its rows depend on
   Eigen::Matrix3Xd with_rig;  ///< [3, index]
   Eigen::Matrix3Xd weighted;  ///< times the inverse of its own part
-  Eigen::VectorXd gradient;   ///< [index] sum over all rows, with the block eliminated
+  Eigen::VectorXd gradient;   ///< [index] sum over all rows, with the landmark eliminated
   std::map<int, Eigen::VectorXd> of_groups;  ///< the same sum over the rows of each group
 };
 
-/// Sums of gradients of all blocks, one for each group.
+/// Sums of gradients of all landmarks, one for each group.
 class GroupGradients {
  public:
   explicit GroupGradients(int n) : n_(n) {}
@@ -63,46 +63,27 @@ class GroupGradients {
   std::map<int, Eigen::VectorXd> sums_;
 };
 
-/// One per row; -1: none.
-std::vector<int> groups_of_rows(const ceres::Problem& problem,
-                                const std::vector<ceres::ResidualBlockId>& blocks,
-                                const ResidualGroups& groups) {
-  std::vector<int> of_row;
-  for (const ceres::ResidualBlockId id : blocks) {
-    const auto found = groups.find(id);
-    of_row.insert(of_row.end(), problem.GetCostFunctionForResidualBlock(id)->num_residuals(),
-                  found == groups.end() ? -1 : found->second);
-  }
-  return of_row;
-}
-
-/// One per row: the curvature of the robust loss as a fraction of its weight, averaged over all
+/// One per term: the curvature of the robust loss as a fraction of its weight, averaged over all
 /// residuals with that loss, since the curvature of a single outlier is negative. 1 without a loss;
 /// 3/4 for normal errors and a Cauchy loss of 2 sigma.
-std::vector<double> curvature_fractions(const ceres::Problem& problem,
-                                        const std::vector<ceres::ResidualBlockId>& blocks,
-                                        const std::vector<double>& residuals) {
+std::vector<double> curvature_fractions(const LeastSquares& problem) {
   struct Sums {
     double weight = 0, curvature = 0;
   };
   std::map<const ceres::LossFunction*, Sums> of_loss;
-  std::vector<const ceres::LossFunction*> losses;  // one per row
-  for (const ceres::ResidualBlockId id : blocks) {
-    const ceres::LossFunction* const loss = problem.GetLossFunctionForResidualBlock(id);
-    const int rows = problem.GetCostFunctionForResidualBlock(id)->num_residuals();
-    double squares = 0, rho[3];
-    for (int k = 0; k < rows; ++k)
-      squares += std::pow(residuals[losses.size() + static_cast<std::size_t>(k)], 2);
-    losses.insert(losses.end(), rows, loss);
+  for (std::size_t t = 0; t < problem.terms(); ++t) {
+    const Linear linear = problem.linear(t);
+    const ceres::LossFunction* const loss = linear.term->loss;
     if (!loss) continue;
-    loss->Evaluate(squares, rho);
+    double rho[3];
+    loss->Evaluate(problem.square(t), rho);
     of_loss[loss].weight += rho[1];
-    of_loss[loss].curvature += rho[1] + 2 * rho[2] * squares / rows;
+    of_loss[loss].curvature += rho[1] + 2 * rho[2] * problem.square(t) / linear.rows;
   }
-  std::vector<double> fractions;
-  for (const ceres::LossFunction* loss : losses)
-    fractions.push_back(
-        loss ? std::max(kMinFraction, of_loss[loss].curvature / of_loss[loss].weight) : 1);
+  std::vector<double> fractions(problem.terms(), 1);
+  for (std::size_t t = 0; t < problem.terms(); ++t)
+    if (const ceres::LossFunction* const loss = problem.linear(t).term->loss)
+      fractions[t] = std::max(kMinFraction, of_loss[loss].curvature / of_loss[loss].weight);
   return fractions;
 }
 
@@ -121,8 +102,8 @@ Eigen::MatrixXd inverse_of(const Eigen::MatrixXd& normal) {
   return scale.asDiagonal() * solver.solve(Eigen::MatrixXd::Identity(n, n)) * scale.asDiagonal();
 }
 
-/// Returns the inverse of what an eliminated block knows about itself.
-Eigen::Matrix3d inverse_of_block(const Eigen::Matrix3d& own) {
+/// Returns the inverse of what a landmark's rows know about it.
+Eigen::Matrix3d inverse_of_landmark(const Eigen::Matrix3d& own) {
   // Directions without information, below 1e-12 of the largest eigenvalue, remove nothing.
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(own);
   Eigen::Matrix3d inverse = Eigen::Matrix3d::Zero();
@@ -140,38 +121,38 @@ struct RigSums {
   Eigen::MatrixXd spread;  ///< squares of gradients
 };
 
-/// Sorts the rows of the Jacobian by eliminated block; rows without a block come last. Its first
-/// `n` columns are the rig's.
-std::vector<Eliminated> rows_of_blocks(const ceres::CRSMatrix& jacobian, int n, std::size_t blocks,
-                                       const std::vector<double>& residuals,
-                                       const std::vector<double>& fractions,
-                                       const std::vector<int>& group_of_row) {
-  std::vector<Eliminated> all(blocks + 1);
-  for (int r = 0; r < jacobian.num_rows; ++r) {
-    const int begin = jacobian.rows[r], end = jacobian.rows[r + 1];
-    Row row{begin, 0, Eigen::Vector3d::Zero(), residuals[r], 1, -1};
-    while (begin + row.n < end && jacobian.cols[begin + row.n] < n) ++row.n;
-    int block = -1;
-    for (int i = begin + row.n; i < end; ++i) {
-      const int column = jacobian.cols[i] - n;
-      REDRIVE_CHECK(block < 0 || block == column / 3);
-      block = column / 3;
-      row.own[column % 3] = jacobian.values[i];
+/// Appends the rows of a term.
+void append_rows(const LeastSquares& problem, const Linear& linear, double curvature,
+                 Eliminated* e) {
+  const bool has_landmark = linear.term->landmark >= 0;
+  for (int r = 0; r < linear.rows; ++r) {
+    Row row{static_cast<int>(e->values.size()), 0, Eigen::Vector3d::Zero(), linear.values[r]};
+    if (has_landmark) {
+      row.curvature = curvature;
+      row.group = linear.term->group;
     }
-    if (block >= 0) {
-      row.curvature = fractions[r];
-      row.group = group_of_row[r];
+    const double* jacobian = linear.values + linear.rows;
+    for (std::size_t k = 0; k < linear.sizes().size(); ++k) {
+      const int size = linear.sizes()[k], block = linear.term->blocks[k];
+      const double* const of_row = jacobian + r * size;
+      if (block == LeastSquares::kOwnLandmark)
+        row.own = Eigen::Map<const Eigen::Vector3d>(of_row);
+      else if (const int column = problem.blocks()[block].column; column >= 0)
+        for (int i = 0; i < size; ++i) {
+          if (of_row[i] == 0) continue;
+          e->columns.push_back(column + i);
+          e->values.push_back(of_row[i]);
+        }
+      jacobian += linear.rows * size;
     }
-    all[block < 0 ? blocks : static_cast<std::size_t>(block)].rows.push_back(row);
+    row.n = static_cast<int>(e->values.size()) - row.first;
+    e->rows.push_back(row);
   }
-  return all;
 }
 
-/// Eliminates a block from its rows.
-void eliminate(const ceres::CRSMatrix& jacobian, Eliminated* e) {
-  for (const Row& row : e->rows)
-    for (int i = row.first; i < row.first + row.n; ++i)
-      if (jacobian.values[i] != 0) e->index.push_back(jacobian.cols[i]);
+/// Eliminates a landmark from its rows.
+void eliminate(Eliminated* e) {
+  e->index = e->columns;
   std::ranges::sort(e->index);
   e->index.erase(std::ranges::unique(e->index).begin(), e->index.end());
   const auto size = static_cast<Eigen::Index>(e->index.size());
@@ -190,37 +171,35 @@ void eliminate(const ceres::CRSMatrix& jacobian, Eliminated* e) {
     Eigen::VectorXd& gradient =
         e->of_groups.try_emplace(row.group, Eigen::VectorXd::Zero(size)).first->second;
     for (int i = row.first; i < row.first + row.n; ++i) {
-      if (jacobian.values[i] == 0) continue;
-      const Eigen::Index at = place(jacobian.cols[i]);
-      e->with_rig.col(at) += jacobian.values[i] * row.own;
-      gradient[at] += jacobian.values[i] * row.residual;
+      const Eigen::Index at = place(e->columns[i]);
+      e->with_rig.col(at) += e->values[i] * row.own;
+      gradient[at] += e->values[i] * row.residual;
     }
   }
-  e->weighted = inverse_of_block(own) * e->with_rig;
+  e->weighted = inverse_of_landmark(own) * e->with_rig;
   for (auto& [group, gradient] : e->of_groups) {
     gradient -= e->weighted.transpose() * own_of_groups.at(group);
     e->gradient += gradient;
   }
 }
 
-/// Adds what the rows of a block know about columns [begin, end) of the rig's parameters, less what
-/// the block takes of it.
-void add_columns(const ceres::CRSMatrix& jacobian, const Eliminated& e, bool is_free, int begin,
-                 int end, RigSums* sums) {
+/// Adds what the rows of a landmark know about columns [begin, end) of the rig's parameters, less
+/// what the landmark takes of it. The rows of no landmark: `eliminated` is false.
+void add_columns(const Eliminated& e, bool eliminated, int begin, int end, RigSums* sums) {
   const auto first = std::ranges::lower_bound(e.index, begin) - e.index.begin();
-  if (is_free && (first == std::ssize(e.index) || e.index[first] >= end)) return;
+  if (eliminated && (first == std::ssize(e.index) || e.index[first] >= end)) return;
   for (const Row& row : e.rows)
     for (int a = row.first; a < row.first + row.n; ++a) {
-      const int column = jacobian.cols[a];
-      if (column < begin || column >= end || jacobian.values[a] == 0) continue;
+      const int column = e.columns[a];
+      if (column < begin || column >= end) continue;
       for (int b = row.first; b < row.first + row.n; ++b) {
-        const double product = jacobian.values[a] * jacobian.values[b];
-        sums->normal(jacobian.cols[b], column) += product;
-        sums->curved(jacobian.cols[b], column) += row.curvature * product;
-        if (!is_free) sums->spread(jacobian.cols[b], column) += product;
+        const double product = e.values[a] * e.values[b];
+        sums->normal(e.columns[b], column) += product;
+        sums->curved(e.columns[b], column) += row.curvature * product;
+        if (!eliminated) sums->spread(e.columns[b], column) += product;
       }
     }
-  if (!is_free) return;
+  if (!eliminated) return;
   for (Eigen::Index a = first; a < std::ssize(e.index) && e.index[a] < end; ++a)
     for (Eigen::Index b = 0; b < std::ssize(e.index); ++b) {
       const double taken = e.weighted.col(a).dot(e.with_rig.col(b));
@@ -232,36 +211,30 @@ void add_columns(const ceres::CRSMatrix& jacobian, const Eliminated& e, bool is_
 
 }  // namespace
 
-ReducedCovariance reduced_covariance(ceres::Problem& problem, const std::vector<double*>& rig,
-                                     const std::vector<double*>& free, ThreadPool& pool,
-                                     const ResidualGroups& groups) {
-  ceres::Problem::EvaluateOptions options;
-  options.parameter_blocks = rig;
-  options.parameter_blocks.insert(options.parameter_blocks.end(), free.begin(), free.end());
-  int n = 0;
-  for (double* block : rig) n += problem.ParameterBlockSize(block);
-  ceres::CRSMatrix jacobian;
-  std::vector<double> residuals;
-  problem.GetResidualBlocks(&options.residual_blocks);
-  options.apply_loss_function = false;
-  REDRIVE_CHECK(problem.Evaluate(options, nullptr, &residuals, nullptr, nullptr));
-  const std::vector<double> fractions =
-      curvature_fractions(problem, options.residual_blocks, residuals);
-  options.apply_loss_function = true;
-  REDRIVE_CHECK(problem.Evaluate(options, nullptr, &residuals, nullptr, &jacobian));
-  const std::vector<int> group_of_row = groups_of_rows(problem, options.residual_blocks, groups);
-
+ReducedCovariance reduced_covariance(LeastSquares* problem, ThreadPool& pool) {
+  REDRIVE_CHECK(std::isfinite(problem->linearise()));
+  const std::vector<double> fractions = curvature_fractions(*problem);
+  const std::size_t landmarks = problem->landmarks();
+  std::vector<std::vector<std::size_t>> terms(landmarks + 1);  // the last ones have no landmark
+  for (std::size_t t = 0; t < problem->terms(); ++t) {
+    const int landmark = problem->linear(t).term->landmark;
+    terms[landmark < 0 ? landmarks : static_cast<std::size_t>(landmark)].push_back(t);
+  }
+  std::vector<Eliminated> blocks(landmarks + 1);
+  pool.run_ranges(blocks.size(), kBlocksOfRange, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      for (const std::size_t t : terms[i])
+        append_rows(*problem, problem->linear(t), fractions[t], &blocks[i]);
+      if (i < landmarks) eliminate(&blocks[i]);
+    }
+  });
+  const int n = problem->columns();
   const Eigen::MatrixXd zero = Eigen::MatrixXd::Zero(n, n);
   RigSums sums{zero, zero, zero};
-  std::vector<Eliminated> blocks =
-      rows_of_blocks(jacobian, n, free.size(), residuals, fractions, group_of_row);
-  pool.run_ranges(free.size(), kBlocksOfRange, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) eliminate(jacobian, &blocks[i]);
-  });
   pool.run_ranges(static_cast<std::size_t>(n), kColumnsOfRange,
                   [&](std::size_t begin, std::size_t end) {
                     for (std::size_t i = 0; i < blocks.size(); ++i)
-                      add_columns(jacobian, blocks[i], i < free.size(), static_cast<int>(begin),
+                      add_columns(blocks[i], i < landmarks, static_cast<int>(begin),
                                   static_cast<int>(end), &sums);
                   });
   GroupGradients of_groups(n);

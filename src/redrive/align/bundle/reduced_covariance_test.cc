@@ -1,9 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/align/bundle/reduced_covariance.h"
 
-#include <ceres/cost_function.h>
-#include <ceres/loss_function.h>
-#include <ceres/problem.h>
 #include <gtest/gtest.h>
 #include <Eigen/Dense>
 
@@ -37,36 +34,50 @@ class LinearTerm final : public ceres::CostFunction {
   double b_;
 };
 
+/// Adds a term of a number and a landmark, of which it measures the number alone.
+void add_measurement(int number, int landmark, double value, const ceres::LossFunction* loss,
+                     int group, LeastSquares* problem) {
+  problem->add(
+      {.cost = std::make_unique<LinearTerm>(
+           std::vector<Eigen::VectorXd>{Eigen::VectorXd::Ones(1), Eigen::VectorXd::Zero(3)}, value),
+       .loss = loss,
+       .blocks = {number, LeastSquares::kOwnLandmark},
+       .landmark = landmark,
+       .group = group});
+}
+
 Eigen::VectorXd random_vector(testing::SyntheticNoise* noise, int size) {
   Eigen::VectorXd v(size);
   for (double& x : v) x = noise->normal();
   return v;
 }
 
-// Two blocks of the rig and four free ones: compares with the block of the inverse of the normal
+// Two blocks of the rig and four landmarks: compares with the block of the inverse of the normal
 // matrix of all 17 parameters.
 TEST(ReducedCovariance, EqualsTheBlockOfTheFullInverse) {
   ThreadPool pool(2);
   testing::SyntheticNoise noise(21);
   std::array<double, 2> first{};
   std::array<double, 3> second{};
-  std::array<std::array<double, 3>, 4> points{};
-  ceres::Problem problem;
+  LeastSquares problem(pool);
+  const int of_first = problem.add_block(first.data(), 2),
+            of_second = problem.add_block(second.data(), 3);
   Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(17, 17);
-  for (int point = 0; point < 4; ++point)
+  for (int point = 0; point < 4; ++point) {
+    problem.add_landmark({});
     for (int row = 0; row < 8; ++row) {
       const std::vector<Eigen::VectorXd> a{random_vector(&noise, 2), random_vector(&noise, 3),
                                            random_vector(&noise, 3)};
-      problem.AddResidualBlock(new LinearTerm(a, noise.normal()), nullptr, first.data(),
-                               second.data(), points[point].data());
+      problem.add({.cost = std::make_unique<LinearTerm>(a, noise.normal()),
+                   .blocks = {of_first, of_second, LeastSquares::kOwnLandmark},
+                   .landmark = point});
       Eigen::VectorXd all = Eigen::VectorXd::Zero(17);
       all << a[0], a[1], Eigen::VectorXd::Zero(12);
       all.segment<3>(5 + 3 * point) = a[2];
       normal += all * all.transpose();
     }
-  const ReducedCovariance covariance = reduced_covariance(
-      problem, {first.data(), second.data()},
-      {points[0].data(), points[1].data(), points[2].data(), points[3].data()}, pool);
+  }
+  const ReducedCovariance covariance = reduced_covariance(&problem, pool);
   const Eigen::MatrixXd expected = normal.inverse().topLeftCorner(5, 5);
   EXPECT_LT((covariance.matrix - expected).norm(), 1e-10 * expected.norm());
   EXPECT_TRUE((covariance.variance.array() >= covariance.matrix.diagonal().array()).all());
@@ -83,20 +94,19 @@ TEST(ReducedCovariance, AccountsForCorrelatedResidualsOfAPoint) {
     double value = 0, squares = 0;
     Eigen::VectorXd errors = random_vector(&noise, kPoints);
     errors.array() -= errors.mean();  // the optimum is 0
-    std::array<std::array<double, 3>, kPoints> points{};
-    std::vector<double*> free;
-    ceres::Problem problem;
+    LeastSquares problem(pool);
+    const int number = problem.add_block(&value, 1);
     for (int p = 0; p < kPoints; ++p) {
-      free.push_back(points[p].data());
+      const int landmark = problem.add_landmark({});
       for (int k = 0; k < kEach; ++k)
-        problem.AddResidualBlock(
-            new LinearTerm({Eigen::VectorXd::Ones(1), Eigen::VectorXd::Zero(3)}, errors[p]),
-            nullptr, &value, points[p].data());
+        add_measurement(number, landmark, errors[p], nullptr, -1, &problem);
       squares += errors[p] * errors[p];
     }
     if (known_before)
-      problem.AddResidualBlock(new LinearTerm({Eigen::VectorXd::Ones(1)}, 0), nullptr, &value);
-    const ReducedCovariance covariance = reduced_covariance(problem, {&value}, free, pool);
+      problem.add({.cost = std::make_unique<LinearTerm>(
+                       std::vector<Eigen::VectorXd>{Eigen::VectorXd::Ones(1)}, 0),
+                   .blocks = {number}});
+    const ReducedCovariance covariance = reduced_covariance(&problem, pool);
     const double n = kPoints * kEach + known_before;
     EXPECT_NEAR(covariance.matrix(0, 0), 1 / n, 1e-12);
     EXPECT_NEAR(covariance.variance[0],
@@ -114,22 +124,18 @@ TEST(ReducedCovariance, AccountsForCorrelatedResidualsOfAGroup) {
   double value = 0;
   Eigen::VectorXd errors = random_vector(&noise, kGroups);
   errors.array() -= errors.mean();  // the optimum is 0, and errors of a point cancel
-  std::array<std::array<double, 3>, kPoints> points{};
-  std::vector<double*> free;
-  ceres::Problem problem;
-  ResidualGroups groups;
-  for (auto& point : points) {
-    free.push_back(point.data());
-    for (int group = 0; group < kGroups; ++group)
-      groups[problem.AddResidualBlock(
-          new LinearTerm({Eigen::VectorXd::Ones(1), Eigen::VectorXd::Zero(3)}, errors[group]),
-          nullptr, &value, point.data())] = group;
-  }
   const double n = kPoints * kGroups;
-  EXPECT_NEAR(reduced_covariance(problem, {&value}, free, pool, groups).variance[0],
-              kPoints * kPoints * errors.squaredNorm() / (n * n), 1e-12);
-  EXPECT_NEAR(reduced_covariance(problem, {&value}, free, pool).variance[0], 1 / n, 1e-12)
-      << "without groups";
+  for (const bool grouped : {true, false}) {
+    LeastSquares problem(pool);
+    const int number = problem.add_block(&value, 1);
+    for (int p = 0; p < kPoints; ++p) {
+      const int landmark = problem.add_landmark({});
+      for (int group = 0; group < kGroups; ++group)
+        add_measurement(number, landmark, errors[group], nullptr, grouped ? group : -1, &problem);
+    }
+    EXPECT_NEAR(reduced_covariance(&problem, pool).variance[0],
+                grouped ? kPoints * kPoints * errors.squaredNorm() / (n * n) : 1 / n, 1e-12);
+  }
 }
 
 // A number is measured at 60 points, four times each with the same error of one sigma, under a
@@ -153,19 +159,13 @@ TEST(ReducedCovariance, AgreesWithRepetitionsUnderRobustLosses) {
       }
       value = sum / weights;
     }
-    ceres::Problem::Options options;
-    options.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
-    ceres::Problem problem(options);
-    std::array<std::array<double, 3>, kPoints> points{};
-    std::vector<double*> free;
-    for (int p = 0; p < kPoints; ++p) {
-      free.push_back(points[p].data());
-      for (int k = 0; k < kEach; ++k)
-        problem.AddResidualBlock(
-            new LinearTerm({Eigen::VectorXd::Ones(1), Eigen::VectorXd::Zero(3)}, measured[p]),
-            &loss, &value, points[p].data());
+    LeastSquares problem(pool);
+    const int number = problem.add_block(&value, 1);
+    for (const double x : measured) {
+      const int landmark = problem.add_landmark({});
+      for (int k = 0; k < kEach; ++k) add_measurement(number, landmark, x, &loss, -1, &problem);
     }
-    stated += reduced_covariance(problem, {&value}, free, pool).variance[0] / kRepetitions;
+    stated += reduced_covariance(&problem, pool).variance[0] / kRepetitions;
     squares += value * value / kRepetitions;
   }
   EXPECT_NEAR(std::sqrt(stated / squares), 1, 0.12)
@@ -177,13 +177,15 @@ TEST(ReducedCovariance, AgreesWithRepetitionsUnderRobustLosses) {
 TEST(ReducedCovariance, IsNoLessThanThatOfIndependentResiduals) {
   ThreadPool pool(2);
   std::array<double, 2> value{};
-  std::array<double, 3> point{};
-  ceres::Problem problem;
+  LeastSquares problem(pool);
+  const int block = problem.add_block(value.data(), 2), landmark = problem.add_landmark({});
   for (int k = 0; k < 4; ++k)
-    problem.AddResidualBlock(new LinearTerm({Eigen::Vector2d(0.5, 0), Eigen::VectorXd::Zero(3)}, 0),
-                             nullptr, value.data(), point.data());
-  const ReducedCovariance covariance =
-      reduced_covariance(problem, {value.data()}, {point.data()}, pool);
+    problem.add(
+        {.cost = std::make_unique<LinearTerm>(
+             std::vector<Eigen::VectorXd>{Eigen::Vector2d(0.5, 0), Eigen::VectorXd::Zero(3)}, 0),
+         .blocks = {block, LeastSquares::kOwnLandmark},
+         .landmark = landmark});
+  const ReducedCovariance covariance = reduced_covariance(&problem, pool);
   EXPECT_NEAR(covariance.variance[0], 1, 1e-9);
   EXPECT_GT(covariance.variance[1], 1e11);
 }

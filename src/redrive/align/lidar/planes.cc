@@ -168,7 +168,7 @@ std::vector<PlanarPatch> find_planar_patches(const RigModel& model,
     points.in_world[i] = in_world;
     keys[i] = voxel_key(voxel_of(in_world, options.max_cell_m));
   });
-  const VoxelGroups cells(keys);
+  const VoxelGroups cells(keys, &pool);
   std::vector<std::vector<PlanarPatch>> found(cells.size());
   pool.run_ranges(found.size(), 64, [&](std::size_t begin, std::size_t end) {
     for (std::size_t c = begin; c < end; ++c) {

@@ -42,7 +42,7 @@ Points one_per_voxel(const Points& points, const NearestCamera& cameras, float v
         keys[i] = mix64(keys[i] ^ static_cast<std::uint64_t>(index));
     }
   });
-  const VoxelGroups voxels(keys);
+  const VoxelGroups voxels(keys, &pool);
   Points out;
   for (std::size_t v = 0; v < voxels.size(); ++v) {
     Point sum{Eigen::Vector3f::Zero(), Eigen::Vector3f::Zero(), points[voxels[v][0]].seen_from};

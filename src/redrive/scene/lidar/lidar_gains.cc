@@ -169,7 +169,7 @@ std::vector<LidarGains> estimate_gains(const Scene& scene, const LidarReturns& r
   std::vector<float> full = returns.full_intensities();
   for (std::size_t k = 0; k < full.size(); ++k) full[k] /= returns.sensors[k].gain;
   std::vector<std::vector<double>> ratios(full.size());
-  const VoxelGroups voxels(keys);
+  const VoxelGroups voxels(keys, &pool);
   for (std::size_t v = 0; v < voxels.size(); ++v) {
     std::vector<Mean> means(full.size());
     for (const std::uint32_t i : voxels[v]) {
