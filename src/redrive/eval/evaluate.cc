@@ -10,6 +10,7 @@
 #include "redrive/base/error.h"
 #include "redrive/base/evenly_spaced.h"
 #include "redrive/base/progress.h"
+#include "redrive/eval/for_each_loaded.h"
 #include "redrive/eval/moving_scores.h"
 #include "redrive/eval/novel_scans.h"
 #include "redrive/eval/score_mean.h"
@@ -167,9 +168,11 @@ class Scores {
       if (by_camera[c].empty()) continue;
       const RayTable table = make_ray_table(scene.rig[c].camera, backend_.pool());
       ScoreMean mean;
-      for (const std::size_t v : by_camera[c]) {
-        const View& view = scene.views[v];
-        Image8 ground_truth = load_view(scene, view);  // fails before rendering
+      const auto load = [&](std::size_t i) {
+        return load_view(scene, scene.views[by_camera[c][i]]);
+      };
+      const auto add = [&](std::size_t i, Image8 ground_truth) {
+        const View& view = scene.views[by_camera[c][i]];
         const RenderedImage rendered = render_image(
             backend_, *run_.field(), table, scene.shutter_poses(view), scene.exposure(view));
         moving.add(scene, view, left_out.masks[c], rendered, ground_truth);
@@ -180,7 +183,8 @@ class Scores {
         if (options_.scored) options_.scored(view, score);
         if (Part* const part = part_of(scene.frames[view.frame].id)) part->overall.add(score);
         progress_->count();
-      }
+      };
+      for_each_loaded(by_camera[c].size(), backend_.pool(), load, add);
       evaluation->cameras[run_.scene.rig[c].name] = mean.mean();
     }
     evaluation->overall = overall.mean();
@@ -190,16 +194,20 @@ class Scores {
   void add_novel(const NovelGroundTruth& ground_truth, std::span<const std::size_t> chosen,
                  Evaluation* evaluation) {
     ScoreMean mean;
-    for (const std::size_t i : chosen) {
-      const GroundTruthView view = ground_truth.load(i);
+    std::map<const RigCamera*, RayTable> tables;
+    const auto load = [&](std::size_t k) { return ground_truth.load(chosen[k]); };
+    const auto add = [&](std::size_t k, const GroundTruthView& view) {
+      RayTable& table = tables[&ground_truth.camera(chosen[k])];
+      if (table.width == 0) table = make_ray_table(view.camera, backend_.pool());
       const Score score = score_image(
-          backend_, render_image(backend_, *run_.field(), view.camera, view.poses, view.exposure),
+          backend_, render_image(backend_, *run_.field(), table, view.poses, view.exposure),
           view.image, view.depth_m);
       mean.add(score);
-      if (Part* const part = part_of(ground_truth.request(i).frame_id))
+      if (Part* const part = part_of(ground_truth.request(chosen[k]).frame_id))
         part->novel[ground_truth.name()].add(score);
       progress_->count();
-    }
+    };
+    for_each_loaded(chosen.size(), backend_.pool(), load, add);
     evaluation->novel[ground_truth.name()] = mean.mean();
   }
 

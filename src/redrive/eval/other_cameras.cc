@@ -10,6 +10,7 @@
 #include "redrive/base/evenly_spaced.h"
 #include "redrive/base/parallel.h"
 #include "redrive/base/progress.h"
+#include "redrive/eval/for_each_loaded.h"
 #include "redrive/eval/moving_scores.h"
 #include "redrive/eval/score_mean.h"
 #include "redrive/scene/load_views.h"
@@ -142,15 +143,17 @@ std::map<std::string, OtherCameraScore> score_other_cameras(const Run& run,
     }
     const RayTable table = make_ray_table(camera.camera, backend.pool());
     std::vector<Comparison> images;
-    for (const View& view : scene.views) {
-      const Image8 recorded = load_view(scene, view);
+    const auto load = [&](std::size_t v) { return load_view(scene, scene.views[v]); };
+    const auto add = [&](std::size_t v, const Image8& recorded) {
+      const View& view = scene.views[v];
       images.push_back({view,
                         render_image(backend, *run.field(), table, scene.shutter_poses(view),
                                      scene.exposure(view)),
                         recorded, recorded});
       apply_mask(view_mask(scene, view, of_camera, left_out.moving), &images.back().ground_truth);
       progress.count();
-    }
+    };
+    for_each_loaded(scene.views.size(), backend.pool(), load, add);
     result.gains = least_squares_gains(images);
     ScoreMean mean;
     MovingScores moving(run, backend);

@@ -90,7 +90,7 @@ ImageRow camera_image_row(const Run& run, kernels::Backend& backend, int camera,
   const View& view = figure_view(run, camera);
   const Frame& frame = run.scene.frames[view.frame];
   const Image8 original = scored_image(run, view);
-  const RayTable table = make_ray_table(rig.camera);
+  const RayTable table = make_ray_table(rig.camera, backend.pool());
   const auto render_shifted = [&](ShiftAxes axes, double x_m) {
     std::vector<Rigid3d> keys;  // poses of the image's own shutter
     for (const Rigid3d& world_from_body : run.scene.body_during(view))

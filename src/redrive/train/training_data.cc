@@ -73,7 +73,7 @@ void stream_images(const Run& run, std::uint64_t bytes, ThreadPool& pool, Traini
       options);
   std::vector<std::uint64_t> pixels(scene.views.size());
   std::vector<RayTable> tables;
-  for (const RigCamera& rig : scene.rig) tables.push_back(make_ray_table(rig.camera));
+  for (const RigCamera& rig : scene.rig) tables.push_back(make_ray_table(rig.camera, pool));
   Progress progress("reading images", std::ssize(pixels));
   pool.run(static_cast<int>(pixels.size()), [&](int v) {
     const View& view = scene.views[static_cast<std::size_t>(v)];

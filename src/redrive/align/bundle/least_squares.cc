@@ -88,7 +88,8 @@ double LeastSquares::evaluate_term(const State& at, std::size_t term, bool linea
   if (!of.loss) return square / 2;
   double rho[3];
   of.loss->Evaluate(square, rho);
-  // The second derivative of the losses in use is never positive: Triggs' correction is this weight.
+  // The second derivative of the losses in use is never positive: Triggs' correction is this
+  // weight.
   const double weight = std::sqrt(rho[1]);
   if (linearise) std::for_each(values, next, [&](double& value) { value *= weight; });
   return rho[0] / 2;
@@ -157,8 +158,7 @@ LeastSquares::Summary LeastSquares::solve(int most_iterations, double tolerance)
       }
     }
     if (ratio > kLeastRatio) {
-      radius =
-          std::min(kMostRadius, radius / std::max(1.0 / 3, 1 - std::pow(2 * ratio - 1, 3)));
+      radius = std::min(kMostRadius, radius / std::max(1.0 / 3, 1 - std::pow(2 * ratio - 1, 3)));
       shrink = 2;
     } else {
       radius /= shrink;
@@ -168,8 +168,7 @@ LeastSquares::Summary LeastSquares::solve(int most_iterations, double tolerance)
   }
   write_rig();
   summary.final_cost = cost;
-  summary.seconds =
-      std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  summary.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   return summary;
 }
 

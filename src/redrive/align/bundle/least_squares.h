@@ -34,7 +34,7 @@ class LeastSquares {
     /// For each parameter block of `cost`: what add_block() returned, or kOwnLandmark.
     std::array<int, kMostBlocks> blocks{};
     int landmark = -1;  ///< what add_landmark() returned; -1: the term has none
-    int group = -1;     ///< residuals whose errors may be correlated (reduced_covariance.h); -1: none
+    int group = -1;  ///< residuals whose errors may be correlated (reduced_covariance.h); -1: none
   };
 
   /// A term and its values: residuals [rows] and Jacobians [rows, size] of its blocks, one after

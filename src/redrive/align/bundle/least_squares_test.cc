@@ -87,12 +87,12 @@ LeastSquares::Summary solve(Line* line, int threads) {
   problem.add_block(line->shared.data(), 2);
   problem.hold(problem.add_block(&line->held, 1));
   for (const auto& landmark : line->landmarks) problem.add_landmark(landmark);
-  add_terms([&](std::unique_ptr<ceres::CostFunction> cost, std::array<int, 4> blocks,
-                int landmark) {
-    LeastSquares::Term term{.cost = std::move(cost), .loss = &loss, .landmark = landmark};
-    std::ranges::copy(blocks, term.blocks.begin());
-    problem.add(std::move(term));
-  });
+  add_terms(
+      [&](std::unique_ptr<ceres::CostFunction> cost, std::array<int, 4> blocks, int landmark) {
+        LeastSquares::Term term{.cost = std::move(cost), .loss = &loss, .landmark = landmark};
+        std::ranges::copy(blocks, term.blocks.begin());
+        problem.add(std::move(term));
+      });
   const LeastSquares::Summary summary = problem.solve(100, 1e-15);
   for (int l = 0; l < Line::kLandmarks; ++l) line->landmarks[l] = problem.landmark(l);
   return summary;
@@ -100,24 +100,23 @@ LeastSquares::Summary solve(Line* line, int threads) {
 
 ceres::Solver::Summary solve_by_ceres(Line* line) {
   ceres::Problem problem;
-  add_terms([&](std::unique_ptr<ceres::CostFunction> cost, std::array<int, 4> blocks,
-                int landmark) {
-    std::vector<double*> at;
-    for (std::size_t k = 0; k < cost->parameter_block_sizes().size(); ++k)
-      at.push_back(blocks[k] < 0                    ? line->landmarks[landmark].data()
-                   : blocks[k] < Line::kBlocks      ? line->rig[blocks[k]].data()
-                   : blocks[k] == Line::kBlocks     ? line->shared.data()
+  add_terms(
+      [&](std::unique_ptr<ceres::CostFunction> cost, std::array<int, 4> blocks, int landmark) {
+        std::vector<double*> at;
+        for (std::size_t k = 0; k < cost->parameter_block_sizes().size(); ++k)
+          at.push_back(blocks[k] < 0                ? line->landmarks[landmark].data()
+                       : blocks[k] < Line::kBlocks  ? line->rig[blocks[k]].data()
+                       : blocks[k] == Line::kBlocks ? line->shared.data()
                                                     : &line->held);
-    problem.AddResidualBlock(cost.release(), new ceres::CauchyLoss(2), at);
-  });
+        problem.AddResidualBlock(cost.release(), new ceres::CauchyLoss(2), at);
+      });
   problem.SetParameterBlockConstant(&line->held);
   ceres::Solver::Options options;
   options.linear_solver_type = ceres::DENSE_SCHUR;
   options.linear_solver_ordering = std::make_shared<ceres::ParameterBlockOrdering>();
   for (auto& landmark : line->landmarks)
     options.linear_solver_ordering->AddElementToGroup(landmark.data(), 0);
-  for (auto& block : line->rig)
-    options.linear_solver_ordering->AddElementToGroup(block.data(), 1);
+  for (auto& block : line->rig) options.linear_solver_ordering->AddElementToGroup(block.data(), 1);
   for (double* const block : {line->shared.data(), &line->held})
     options.linear_solver_ordering->AddElementToGroup(block, 1);
   options.max_num_iterations = 100;

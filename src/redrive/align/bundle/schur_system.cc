@@ -126,8 +126,8 @@ void SchurSystem::reduce_landmark(std::size_t i, double radius, bool first) {
     const double* jacobian = linear.values + linear.rows;
     for (std::size_t k = 0; k < linear.sizes().size(); ++k) {
       const int size = linear.sizes()[k];
-      const int to = blocks[k] == LeastSquares::kOwnLandmark ? -1
-                                                             : problem_.blocks()[blocks[k]].column;
+      const int to =
+          blocks[k] == LeastSquares::kOwnLandmark ? -1 : problem_.blocks()[blocks[k]].column;
       if (const int local = to < 0 ? -1 : local_of(landmark, to); local >= 0)
         for (int row = 0; row < linear.rows; ++row)
           for (int q = 0; q < kLandmarkSize; ++q)
@@ -229,8 +229,7 @@ bool SchurSystem::factorise() {
     });
     pool_.run_ranges(below.size(), 1, [&](std::size_t i, std::size_t) {
       for (std::size_t j = 0; j <= i; ++j)
-        block(below[i], below[j]).noalias() -=
-            block(below[i], k) * block(below[j], k).transpose();
+        block(below[i], below[j]).noalias() -= block(below[i], k) * block(below[j], k).transpose();
     });
   }
   return true;

@@ -19,10 +19,10 @@ class SchurSystem {
   SchurSystem(const LeastSquares& problem, ThreadPool& pool);
 
   struct Step {
-    Eigen::VectorXd rig;             ///< [columns]
-    Eigen::Matrix3Xd landmarks;      ///< [3, landmarks]
-    double decrease = 0;             ///< of the cost, were the terms linear
-    double square = 0;               ///< squared norm
+    Eigen::VectorXd rig;         ///< [columns]
+    Eigen::Matrix3Xd landmarks;  ///< [3, landmarks]
+    double decrease = 0;         ///< of the cost, were the terms linear
+    double square = 0;           ///< squared norm
   };
   /// Solves (H + D) step = -g with the problem's present linearisation, D = clamp(diag(H)) /
   /// radius in units of the first linearisation. Returns whether H + D is positive definite.
@@ -59,7 +59,7 @@ class SchurSystem {
   ThreadPool& pool_;
   std::vector<Landmark> landmarks_;
   std::vector<Run> runs_;
-  std::vector<std::vector<Use>> uses_;  ///< by block of the rig
+  std::vector<std::vector<Use>> uses_;           ///< by block of the rig
   std::vector<std::vector<TermUse>> term_uses_;  ///< likewise
   std::vector<double> with_rig_, weighted_;
   std::vector<Eigen::Matrix3d> inverse_;

@@ -57,23 +57,29 @@ std::size_t drawn_window(std::uint64_t seed, std::uint64_t n, std::uint64_t wind
   return permute_index(random_key(seed, kStreamPixels, n / windows), n % windows, windows);
 }
 
-void find_tiles(const Image8& image, const ImageWindow& window, std::vector<std::uint8_t>* tiles) {
+void find_tiles(const Image8& image, const ImageWindow& window, ThreadPool& pool,
+                std::vector<std::uint8_t>* tiles) {
   tiles->clear();
   if (image.used.empty()) return;
   const kernels::RasterSize size = kernels::raster_size(window.width, window.height);
-  const int across = size.stride / kernels::kTileSide;
-  tiles->assign(static_cast<std::size_t>(across) * (size.rows / kernels::kTileSide), 0);
-  for (int y = 0; y < window.height; ++y) {
-    const std::uint8_t* const row =
-        &image.used[static_cast<std::size_t>(window.y + y) * image.width + window.x];
-    for (int tile = 0; tile < across; ++tile) {
-      const int begin = tile * kernels::kTileSide,
-                end = std::min(begin + kernels::kTileSide, window.width);
-      std::uint8_t any = 0;
-      for (int x = begin; x < end; ++x) any |= row[x];
-      (*tiles)[y / kernels::kTileSide * across + tile] |= any;
+  const std::size_t across = size.stride / kernels::kTileSide,
+                    down = size.rows / kernels::kTileSide;
+  tiles->assign(across * down, 0);
+  pool.run_ranges(down, 4, [&](std::size_t first, std::size_t end_row) {
+    const int end_y = std::min(static_cast<int>(end_row) * kernels::kTileSide, window.height);
+    for (int y = static_cast<int>(first) * kernels::kTileSide; y < end_y; ++y) {
+      const std::uint8_t* const row =
+          &image.used[static_cast<std::size_t>(window.y + y) * image.width + window.x];
+      for (int tile = 0; tile < static_cast<int>(across); ++tile) {
+        const int begin = tile * kernels::kTileSide,
+                  end = std::min(begin + kernels::kTileSide, window.width);
+        std::uint8_t any = 0;
+        for (int x = begin; x < end; ++x) any |= row[x];
+        (*tiles)[static_cast<std::size_t>(y / kernels::kTileSide) * across +
+                 static_cast<std::size_t>(tile)] |= any;
+      }
     }
-  }
+  });
 }
 
 }  // namespace redrive

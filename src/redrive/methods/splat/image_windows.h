@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "redrive/base/parallel.h"
 #include "redrive/model/trainee.h"
 
 namespace redrive {
@@ -41,6 +42,7 @@ std::size_t drawn_window(std::uint64_t seed, std::uint64_t n, std::uint64_t wind
 
 /// Marks the tiles of a window that have unmasked pixels, [rows / kTileSide, stride / kTileSide] of
 /// its raster_size; empty: all.
-void find_tiles(const Image8& image, const ImageWindow& window, std::vector<std::uint8_t>* tiles);
+void find_tiles(const Image8& image, const ImageWindow& window, ThreadPool& pool,
+                std::vector<std::uint8_t>* tiles);
 
 }  // namespace redrive

@@ -354,7 +354,7 @@ void SplatModel::step_window(kernels::Backend& backend, const TrainingSet& data,
   const ShutterPoses poses = shutter_poses(data.scene, view);
   const DrawnGaussians actors = this->drawn(poses.actors());  // as trained
   const kernels::GaussianCamera camera = camera_of(step.whole, window, poses, actors.parts);
-  find_tiles(image, window, &own.tiles);
+  find_tiles(image, window, backend.pool(), &own.tiles);
   kernels::RasterOptions options;
   options.tiles = own.tiles;
   std::ranges::copy(step.colour, options.background);
