@@ -59,7 +59,7 @@ class SchurSystem {
   ThreadPool& pool_;
   std::vector<Landmark> landmarks_;
   std::vector<Run> runs_;
-  std::vector<std::vector<Use>> uses_;           ///< by block of the rig
+  std::vector<std::vector<Use>> uses_;           ///< one for each block of the rig
   std::vector<std::vector<TermUse>> term_uses_;  ///< likewise
   std::vector<double> with_rig_, weighted_;
   std::vector<Eigen::Matrix3d> inverse_;
