@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <functional>
 #include <type_traits>
 
 #include "redrive/base/error.h"
@@ -25,7 +26,10 @@ bool parse(std::string_view text, T* value) {
 }
 
 bool valid_list(const Hyperparameter& what, const std::vector<std::int64_t>& values) {
-  return std::ranges::adjacent_find(values, std::greater_equal<>()) == values.end() &&
+  const auto follows = [&](std::int64_t a, std::int64_t b) {
+    return what.repeats ? a <= b : a < b;
+  };
+  return std::ranges::adjacent_find(values, std::not_fn(follows)) == values.end() &&
          std::ranges::all_of(
              values, [&](std::int64_t value) { return what.contains(static_cast<double>(value)); });
 }
@@ -136,6 +140,12 @@ Hyperparameter Hyperparameter::exclusive() const {
 Hyperparameter Hyperparameter::multiple_of(int n) const {
   Hyperparameter out = *this;
   out.multiple = n;
+  return out;
+}
+
+Hyperparameter Hyperparameter::repeating() const {
+  Hyperparameter out = *this;
+  out.repeats = true;
   return out;
 }
 

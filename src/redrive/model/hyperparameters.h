@@ -22,11 +22,13 @@ struct Hyperparameter {
   std::string option =
       {};  ///< name of a command-line option of its own, without dashes; empty: --set only
   bool derived = false;  ///< follows from the recording or --near and --far; cannot be set
+  bool repeats = false;  ///< a list whose values may repeat
 
   Hyperparameter exclusive() const;                      ///< with above_low
   Hyperparameter multiple_of(int n) const;               ///< with multiple
   Hyperparameter as_option(const std::string& o) const;  ///< with an option of its own
   Hyperparameter from_recording() const;                 ///< derived
+  Hyperparameter repeating() const;                      ///< with repeats
 
   std::string flag() const { return option.empty() ? "--set " + name : "--" + option; }
   std::string rule() const;           ///< "a multiple of 16 in 16..128"
@@ -40,7 +42,7 @@ class HyperparameterVisitor {
   virtual void operator()(const Hyperparameter& what, int& value) = 0;
   virtual void operator()(const Hyperparameter& what, float& value) = 0;
   virtual void operator()(const Hyperparameter& what, double& value) = 0;
-  /// In range and strictly ascending; may be empty.
+  /// In range and ascending, strictly unless it repeats; may be empty.
   virtual void operator()(const Hyperparameter& what, std::vector<std::int64_t>& values) = 0;
 };
 

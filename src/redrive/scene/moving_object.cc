@@ -14,7 +14,7 @@ constexpr std::int64_t kMaxExtrapolation_ns = 100'000'000;  // covers a missing 
 
 }  // namespace
 
-std::optional<MovingObject::KeyTime> MovingObject::key_time(std::int64_t t_ns) const {
+std::optional<KeyTime> MovingObject::key_time(std::int64_t t_ns) const {
   const auto next =
       static_cast<std::size_t>(std::ranges::upper_bound(keys, t_ns, {}, &Key::t_ns) - keys.begin());
   if (next > 0 && next < keys.size()) {

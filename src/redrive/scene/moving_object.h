@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "redrive/math/rigid3.h"
+#include "redrive/scene/key_time.h"
 #include "redrive/scene/pose_corrections.h"
 
 namespace redrive {
@@ -18,11 +19,6 @@ namespace redrive {
 struct ActorBody;
 
 struct MovingObject {
-  /// The keys that bracket a timestamp.
-  struct KeyTime {
-    std::size_t before = 0, after = 0;  ///< indices of keys, equal where the pose is extrapolated
-    double part = 0;                    ///< part of the way from one to the other, 0..1
-  };
   struct Key {
     std::int64_t t_ns;
     Rigid3d world_from_box;

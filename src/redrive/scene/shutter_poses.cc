@@ -24,10 +24,12 @@ std::vector<ShutterPoses::Actor> seen_actors(const std::vector<MovingObject>& ac
   std::vector<ShutterPoses::Actor> seen;
   for (const MovingObject& actor : actors) {
     const int number = 1 + static_cast<int>(&actor - actors.data());
-    ShutterPoses::Actor here{actor.body.value_or(actor.id), actor.gain, {}, actor.imported, number};
+    ShutterPoses::Actor here{
+        actor.body.value_or(actor.id), actor.gain, {}, {}, actor.imported, number};
     for (std::size_t key = 0; key < t_ns.size(); ++key) {
       const auto world_from_actor = actor.world_from_box(t_ns[key]);
       if (!world_from_actor) break;
+      here.key_times.push_back(*actor.key_time(t_ns[key]));
       here.actor_from_camera.push_back(
           plain(world_from_actor->inverse(Eigen::Isometry) * rigid(world_from_sensor[key])));
     }

@@ -12,6 +12,7 @@
 
 #include "redrive/math/rigid3.h"
 #include "redrive/math/shutter_row.h"
+#include "redrive/scene/key_time.h"
 
 namespace redrive {
 
@@ -25,6 +26,7 @@ class ShutterPoses {
     std::int64_t body = 0;               ///< MovingObject::id of the Gaussians
     std::array<float, 3> gain{1, 1, 1};  ///< factors of r, g, b
     std::vector<PlainPose> actor_from_camera;
+    std::vector<KeyTime> key_times;  ///< time of each of these among the keys of its track
     std::shared_ptr<const ActorBody> imported = nullptr;  ///< MovingObject::imported
     int number = 0;  ///< 1 + index into the objects of seen_actors
   };

@@ -43,7 +43,7 @@ class SchurSystem {
     int local;  ///< the block's first column among those of the landmark
   };
   struct TermUse {
-    std::uint32_t term, block;  ///< the block's place among those of the term
+    std::uint32_t term, block;  ///< index of the block in the term's blocks
   };
   void find_terms();
   /// Blocks that a landmark's terms depend on, in order of their columns.

@@ -37,7 +37,13 @@ struct GaussianPart {
   /// part_from_camera at the times of GaussianCamera::world_from_camera, as many; empty: the part
   /// is not drawn.
   std::span<const PlainPose> part_from_camera;
+  bool continues = false;  ///< it belongs to the same object as the part before
 };
+
+/// Returns the number of objects that the parts make up.
+inline std::size_t objects_of(std::span<const GaussianPart> parts) {
+  return static_cast<std::size_t>(std::ranges::count(parts, false, &GaussianPart::continues));
+}
 
 /// Centres of pixels that are no grid, such as the beams of a LiDAR: planes (RasterSize), finite in
 /// the padding, too. Any order gives the same image; it is drawn fastest where the pixels of a tile
@@ -104,10 +110,11 @@ struct RasterImage {
   Buffer<float> depth;          ///< metres along the ray, median, 0: nothing hit; where requested
   /// sum of w min(|log(t / range)|, kMaxRangeError) + transmittance * kMaxRangeError
   Buffer<float> range_error;
-  /// Plane, where requested: the part whose blending weights have the largest sum in a pixel, 1 +
-  /// an index into GaussianCamera::parts; 0: the world, with the background that shines through.
+  /// Plane, where requested: the object whose blending weights have the largest sum in a pixel, 1 +
+  /// its index among the objects that GaussianCamera::parts make up; 0: the world, with the
+  /// background that shines through.
   Buffer<std::uint16_t> parts;
-  std::vector<PartExtent> extents;  ///< one per part of the camera, where requested
+  std::vector<PartExtent> extents;  ///< one per object, where requested
 };
 
 struct RasterOptions {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What an image shows of a part of the Gaussians (RasterOptions::parts).
+// What an image shows of an object, of one part of the Gaussians or several (RasterOptions::parts).
 #pragma once
 
 #include <climits>

@@ -11,6 +11,7 @@
 #include "redrive/camera/plain_camera.h"
 #include "redrive/kernels/gaussian/pixel_gains.h"
 #include "redrive/methods/splat/actors/actor_gaussians.h"
+#include "redrive/methods/splat/actors/articulated.h"
 #include "redrive/methods/splat/gaussian_points.h"
 #include "redrive/methods/splat/image_windows.h"
 #include "redrive/methods/splat/lidar/scan_step.h"
@@ -214,22 +215,32 @@ void SplatModel::set_background(const TrainingSet& data) {
 
 void SplatModel::set_gaussians(std::span<const GaussianList> lists,
                                std::span<const MovingObject> actors) {
-  const GaussianLayout layout = layout_of(lists);
-  gaussians = static_cast<int>(layout.world);
+  REDRIVE_CHECK_OP(lists.size(), ==, 1 + actors.size());
+  std::vector<GaussianList> parts{lists[0]};
+  std::vector<Eigen::Vector3d> sizes_m;
   actor_ids.clear();
   actor_keys.clear();
-  for (const MovingObject& actor : actors) {
-    actor_ids.push_back(actor.id);
-    actor_keys.push_back((actor_keys.empty() ? 0 : actor_keys.back()) + std::ssize(actor.keys));
+  for (std::size_t i = 0; i < actors.size(); ++i) {
+    const MovingObject& actor = actors[i];
+    std::vector<GaussianList> own =
+        is_articulated(actor) ? divided(lists[1 + i], actor.size_m) : std::vector{lists[1 + i]};
+    for (GaussianList& part : own) {
+      parts.push_back(std::move(part));
+      sizes_m.push_back(actor.size_m);
+      actor_ids.push_back(actor.id);
+      actor_keys.push_back((actor_keys.empty() ? 0 : actor_keys.back()) + std::ssize(actor.keys));
+    }
   }
+  const GaussianLayout layout = layout_of(parts);
+  gaussians = static_cast<int>(layout.world);
   actor_ends = layout.actor_ends;
   first_gaussians = 0;
   for (const GaussianList& list : lists) first_gaussians += static_cast<int>(list.size());
   parameters = Buffer<float>(size());
-  write_blocks(lists, layout, &parameters);
+  write_blocks(parts, layout, &parameters);
   float* bound = parameters.data() + (blocks_size() + gains.size());
-  for (const MovingObject& actor : actors)
-    for (int k = 0; k < 3; ++k) *bound++ = static_cast<float>(actor.size_m[k] / 2) + kBeyondBox_m;
+  for (const Eigen::Vector3d& size_m : sizes_m)
+    for (int k = 0; k < 3; ++k) *bound++ = static_cast<float>(size_m[k] / 2) + kBeyondBox_m;
   renew_version();
 }
 
@@ -409,7 +420,7 @@ void SplatModel::step_window(kernels::Backend& backend, const TrainingSet& data,
                       others.first(gains.size()));
   if (motion_rate > 0 && request.progress > double(kMotionsFrom))
     out->left_out_tracks +=
-        add_motion_gradients(data.scene, data.scene.exposed_ns(view), poses, d_poses, others);
+        add_motion_gradients(data.scene, data.scene.exposed_ns(view), actors, d_poses, others);
 
   sums->opacity += weight * (1 - loss.transmittance);
   sums->rgb_mse += weight * loss.mse;

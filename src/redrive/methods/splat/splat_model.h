@@ -62,9 +62,10 @@ struct SplatModel final : Trainee, FieldGaussians {
   int gaussians = 0;         ///< number of Gaussians of the world
   int first_gaussians = 0;   ///< number at the start, with the actors'
   int unseen_gaussians = 0;  ///< number at the start that no image sees
-  /// One per actor: MovingObject::id, and the end of its blocks (GaussianLayout).
+  /// One per actor, or part of an articulated one (actors/articulated.h), parts in a row:
+  /// MovingObject::id, and the end of its blocks (GaussianLayout).
   std::vector<std::int64_t> actor_ids, actor_ends;
-  /// one per actor: the end of its track's keys (actor_motion.h)
+  /// likewise: the end of its track's keys (actor_motion.h)
   std::vector<std::int64_t> actor_keys;
   int filled = 0;  ///< 1: finish_training() was called since the last step
   float background[3] = {0.5f, 0.5f, 0.5f};  ///< where no Gaussian is: the images' mean colour
@@ -132,7 +133,7 @@ struct SplatModel final : Trainee, FieldGaussians {
   std::uint64_t device_bytes(kernels::Backend& backend) const override;
   std::uint64_t lidar_bytes(const Scene& scene, std::uint64_t returns) const override;
 
-  /// Replaces the Gaussians by the world's and each actor's.
+  /// Replaces the Gaussians by the world's and each actor's; divides articulated ones.
   void set_gaussians(std::span<const GaussianList> lists, std::span<const MovingObject> actors);
   GaussianLayout layout() const { return {static_cast<std::size_t>(gaussians), actor_ends}; }
 
@@ -152,7 +153,7 @@ struct SplatModel final : Trainee, FieldGaussians {
                                : layout().blocks() * kGaussianBlock,
             parameters.span().first(blocks_size()), version_};
   }
-  /// Returns all Gaussians with one part for each of actor_ids where objects look as trained.
+  /// Returns all Gaussians, with a part for each of actor_ids where objects look as trained.
   DrawnGaussians drawn(std::vector<ShutterPoses::Actor> actors) const;
   /// How far ahead of an actor's box its Gaussians may be: farther in the dark.
   float ahead_m() const;
@@ -204,10 +205,24 @@ struct SplatModel final : Trainee, FieldGaussians {
     return bounds_size() +
            (actor_keys.empty() ? 0 : kMotionSize * static_cast<std::size_t>(actor_keys.back()));
   }
-  std::optional<std::size_t> actor_index(std::int64_t id) const;
+  /// Indices [first, end) in actor_ids of an object; nothing where it has none.
+  struct ActorParts {
+    std::size_t first = 0, end = 0;
+    std::size_t size() const { return end - first; }
+  };
+  std::optional<ActorParts> actor_parts(std::int64_t id) const;
+  /// Returns the point about which part `a` of actor_ids turns, in the axes of its box.
+  Eigen::Vector3d pivot(std::size_t a, const ActorParts& parts) const;
+  /// Returns the mean of the parts' corrections of their track, [keys, kMotionSize].
+  std::vector<float> mean_motions(const ActorParts& parts) const;
+  /// Returns poses of a camera in the axes of part `a`, from poses in the box's, which the mean of
+  /// the parts' corrections moved.
+  std::vector<PlainPose> part_from_camera(std::size_t a, const ActorParts& parts,
+                                          const ShutterPoses::Actor& seen) const;
   /// Returns the blocks that an object shows: `imported`, or the blocks of the actor with this id;
   /// empty where there are none.
   std::span<const float> blocks_of(std::int64_t id, const ActorBody* imported) const;
+  std::span<const float> blocks_of_part(std::size_t a) const;
   /// Offset, behind the blocks of Gaussians in `parameters`, and size of an actor's corrections.
   std::pair<std::size_t, std::size_t> motions_of(std::size_t actor) const;
   std::span<const float> motion_parameters(std::size_t actor) const {
@@ -218,7 +233,7 @@ struct SplatModel final : Trainee, FieldGaussians {
   /// already stay.
   ShutterPoses shutter_poses(const Scene& scene, const View& view) const;
   /// Returns the number of tracks whose gradient is not finite: it is left out.
-  int add_motion_gradients(const Scene& scene, std::int64_t t_ns, const ShutterPoses& poses,
+  int add_motion_gradients(const Scene& scene, std::int64_t t_ns, const DrawnGaussians& drawn,
                            std::span<const GaussianPoseGradient<NumberMath<double>>> d_poses,
                            std::span<float> gradients) const;
 };

@@ -186,7 +186,9 @@ void SplatModel::visit_hyperparameters(HyperparameterVisitor& visit) {
 
 void SplatModel::visit_state(HyperparameterVisitor& visit) {
   visit({"gaussians", "number of Gaussians of the world", 0, kMostGaussians}, gaussians);
-  visit({"actor_ids", "ids of the moving objects that are drawn"}, actor_ids);
+  visit(
+      Hyperparameter{"actor_ids", "ids of the moving objects that are drawn, by part"}.repeating(),
+      actor_ids);
   visit({"actor_ends", "ends of their blocks of Gaussians", 1, kMostGaussians}, actor_ends);
   visit({"actor_keys", "ends of their tracks' keys", 1, kMostGaussians}, actor_keys);
   visit({"first_gaussians", "number of Gaussians at the start", 0, kMostGaussians},

@@ -157,12 +157,13 @@ void CpuRaster::forward(const GaussianCamera& camera, const Gaussians& gaussians
 
 void CpuRaster::find_parts() {
   const RasterSize& size = image_.size;
-  const std::size_t n_parts = camera_.parts.size();
+  const std::size_t n_parts = objects_of(camera_.parts);
   grown(&image_.parts, size.plane());
   image_.extents.assign(n_parts, {});
   std::vector<std::uint32_t> first;
   for (const GaussianPart& part : camera_.parts)
-    first.push_back(static_cast<std::uint32_t>(part.first_block * kGaussianBlock));
+    if (!part.continues)
+      first.push_back(static_cast<std::uint32_t>(part.first_block * kGaussianBlock));
   std::mutex adding;  // counts and bounds are the same in any order
   for_tiles<TilePartsJob>([&](TilePartsJob* job) {
     constexpr std::size_t kVectorFloats = 16;  // the widest instruction set's

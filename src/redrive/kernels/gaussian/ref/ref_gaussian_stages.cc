@@ -175,17 +175,21 @@ struct RefRaster final : HostRaster {
   void find_parts() {
     const RasterSize& size = image_.size;
     image_.parts = Buffer<std::uint16_t>(size.plane());
-    image_.extents.assign(camera.parts.size(), {});
+    const std::size_t objects = objects_of(camera.parts);
+    image_.extents.assign(objects, {});
+    std::vector<std::size_t> object_of_splat;
+    for (const std::size_t part : part_of_splat)
+      object_of_splat.push_back(objects_of(camera.parts.first(part)));
     for_pixels(size, camera.centres, options_, [&](double u, double v, std::size_t i) {
-      const PartWeights weights = blend_parts(splats, part_of_splat, 1 + camera.parts.size(), u, v);
+      const PartWeights weights = blend_parts(splats, object_of_splat, 1 + objects, u, v);
       const auto largest = std::ranges::max_element(weights.visible) - weights.visible.begin();
       image_.parts[i] = static_cast<std::uint16_t>(largest);
       const int x = static_cast<int>(i % size.stride), y = static_cast<int>(i / size.stride);
       if (x >= size.width || y >= size.height) return;
-      for (std::size_t part = 0; part < camera.parts.size(); ++part) {
-        PartExtent& extent = image_.extents[part];
-        extent.visible += std::size_t(largest) == part + 1;
-        if (weights.alone[part + 1] <= 0.5) continue;
+      for (std::size_t object = 0; object < objects; ++object) {
+        PartExtent& extent = image_.extents[object];
+        extent.visible += std::size_t(largest) == object + 1;
+        if (weights.alone[object + 1] <= 0.5) continue;
         ++extent.whole;
         extent.left = std::min(extent.left, x);
         extent.right = std::max(extent.right, x);

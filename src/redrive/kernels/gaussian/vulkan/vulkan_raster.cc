@@ -184,12 +184,14 @@ void VulkanRaster::write_inputs() {
   const std::size_t n_keys = camera_.world_from_camera.size();
   std::vector<float> keys = shutter_keys(camera_.world_from_camera);
   std::vector<std::uint32_t> parts = {0, 1};
+  std::uint32_t object = 0;
   for (const GaussianPart& part : camera_.parts) {
     std::vector<float> of_part = shutter_keys(part.part_from_camera);
     of_part.resize(n_keys * kKeyFloats);
     keys.insert(keys.end(), of_part.begin(), of_part.end());
     parts.push_back(static_cast<std::uint32_t>(part.first_block));
-    parts.push_back(!part.part_from_camera.empty());
+    object += !part.continues;
+    parts.push_back(object << 1 | !part.part_from_camera.empty());
   }
   parts_ = parts.size() / 2;
   std::vector<std::uint32_t> wanted(tiles, 1);
@@ -314,7 +316,7 @@ void VulkanRaster::record_forward() {
 
 void VulkanRaster::record_parts() {
   Queue& queue = shared_.queue();
-  const std::vector<PartExtent> none(camera_.parts.size());
+  const std::vector<PartExtent> none(objects_of(camera_.parts));
   queue.upload(extents_, 0, none.data(), none.size() * sizeof(PartExtent));
   shared_.run("tile_parts", Push(inputs_, slots_, shown_, extents_),
               size_.plane() / (kTileSide * kTileSide), {has_centres()});
@@ -325,7 +327,7 @@ void VulkanRaster::fetch_parts() {
   Queue& queue = shared_.queue();
   const std::size_t plane = size_.plane();
   std::vector<std::uint32_t> shown(plane);
-  image_.extents.resize(camera_.parts.size());
+  image_.extents.resize(objects_of(camera_.parts));
   queue.download(shown_, 0, shown.data(), plane * kWord);
   queue.download(extents_, 0, image_.extents.data(), image_.extents.size() * sizeof(PartExtent));
   queue.finish();

@@ -11,7 +11,7 @@ constexpr float kSmoothing = 0.02f, kDecay = 0.002f;  // factors of an update
 constexpr double kAtKey = 0.25;  // part of the way between keys: nearer images move one key
 
 /// Returns the later key's share in the derivative with respect to a motion.
-float share_of_later(const MovingObject::KeyTime& at) {
+float share_of_later(const KeyTime& at) {
   if (at.part < kAtKey) return 0;
   return at.part > 1 - kAtKey ? 1 : static_cast<float>(at.part);
 }
@@ -20,7 +20,7 @@ float share_of_later(const MovingObject::KeyTime& at) {
 
 bool add_motion_gradient(const GaussianPoseGradient<NumberMath<double>>& d_pose,
                          const Eigen::Vector3d& camera, std::span<const float> motions,
-                         const MovingObject::KeyTime& at, std::span<float> d_motions) {
+                         const KeyTime& at, std::span<float> d_motions) {
   // The camera moves relative to the object: by -exp(-w) u and -w x camera, and turns by -w.
   const Eigen::Vector3d d_translation(d_pose.translation), d_rotation(d_pose.rotation);
   const auto motion = interpolate_vector6(&motions[kMotionSize * at.before],

@@ -27,7 +27,7 @@ constexpr float kMaxMotion_m = 0.5f, kMaxMotion_rad = 0.1f;
 /// there. Returns false, and adds nothing, where the derivative is not finite.
 bool add_motion_gradient(const GaussianPoseGradient<NumberMath<double>>& d_pose,
                          const Eigen::Vector3d& camera, std::span<const float> motions,
-                         const MovingObject::KeyTime& at, std::span<float> d_motions);
+                         const KeyTime& at, std::span<float> d_motions);
 
 /// A step of Adam on a track's corrections: keys that have a gradient move by it, and all are
 /// smoothed towards the neighbouring keys and towards 0, within the bounds. Keys that never had

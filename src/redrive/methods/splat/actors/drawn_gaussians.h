@@ -12,9 +12,10 @@ namespace redrive {
 /// Gaussians that a raster draws, in the world and on the moving objects that a sensor sees.
 struct DrawnGaussians {
   kernels::Gaussians gaussians;
-  std::vector<kernels::GaussianPart> parts;  ///< refer to `actors`
+  std::vector<kernels::GaussianPart> parts;  ///< refer to `actors` and `poses`
   std::vector<ShutterPoses::Actor> actors;
-  std::vector<int> numbers = {};  ///< ShutterPoses::Actor::number by part; 0: not drawn
+  std::vector<std::vector<PlainPose>> poses = {};  ///< poses of parts of articulated objects
+  std::vector<int> numbers = {};  ///< ShutterPoses::Actor::number by object; 0: not drawn
   Buffer<float> copied = {};      ///< the numbers, where a body is shown twice or recoloured
 };
 

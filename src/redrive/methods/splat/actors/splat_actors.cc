@@ -6,68 +6,141 @@
 
 #include "redrive/base/error.h"
 #include "redrive/field/gaussian_blocks.h"
+#include "redrive/methods/splat/actors/articulated.h"
 #include "redrive/methods/splat/actors/fill_hidden.h"
 #include "redrive/methods/splat/splat_model.h"
 #include "redrive/scene/moving_objects.h"
 
 namespace redrive {
-std::optional<std::size_t> SplatModel::actor_index(std::int64_t id) const {
+std::optional<SplatModel::ActorParts> SplatModel::actor_parts(std::int64_t id) const {
   const auto found = std::ranges::find(actor_ids, id);
   if (found == actor_ids.end()) return std::nullopt;
-  return static_cast<std::size_t>(found - actor_ids.begin());
+  const auto end = std::find_if(found, actor_ids.end(), [&](std::int64_t at) { return at != id; });
+  return ActorParts{static_cast<std::size_t>(found - actor_ids.begin()),
+                    static_cast<std::size_t>(end - actor_ids.begin())};
+}
+
+Eigen::Vector3d SplatModel::pivot(std::size_t a, const ActorParts& parts) const {
+  if (parts.size() == 1) return Eigen::Vector3d::Zero();
+  const float* const bound = &parameters[blocks_size() + gains.size() + 3 * a];
+  Eigen::Vector3d size_m;
+  for (int k = 0; k < 3; ++k) size_m[k] = 2 * double(bound[k] - kBeyondBox_m);
+  return pivot_of(a - parts.first, size_m);
+}
+
+std::vector<float> SplatModel::mean_motions(const ActorParts& parts) const {
+  const std::span<const float> first = motion_parameters(parts.first);
+  std::vector<float> mean(first.begin(), first.end());
+  for (std::size_t a = parts.first + 1; a < parts.end; ++a) {
+    const std::span<const float> own = motion_parameters(a);
+    for (std::size_t i = 0; i < mean.size(); ++i) mean[i] += own[i];
+  }
+  for (float& x : mean) x /= static_cast<float>(parts.size());
+  return mean;
+}
+
+std::vector<PlainPose> SplatModel::part_from_camera(std::size_t a, const ActorParts& parts,
+                                                    const ShutterPoses::Actor& seen) const {
+  std::vector<PlainPose> poses = seen.actor_from_camera;
+  if (seen.key_times.size() != poses.size()) return poses;  // as the parts are on average
+  const std::span<const float> own = motion_parameters(a);
+  const std::vector<float> mean = mean_motions(parts);
+  const Rigid3d to_pivot(Eigen::Translation3d(-pivot(a, parts)));
+  const std::size_t last = mean.size() / kMotionSize - 1;
+  const auto motion_at = [&](std::span<const float> motions, const KeyTime& at) {
+    // Along another track, which has other keys, it moves as in those of the same index.
+    const auto six = interpolate_vector6(&motions[kMotionSize * std::min(at.before, last)],
+                                         &motions[kMotionSize * std::min(at.after, last)], at.part);
+    return rigid_from_vector(six.data());
+  };
+  for (std::size_t k = 0; k < poses.size(); ++k) {
+    const KeyTime& at = seen.key_times[k];
+    const Rigid3d box_from_part = to_pivot.inverse(Eigen::Isometry) * motion_at(own, at) * to_pivot;
+    poses[k] =
+        plain(box_from_part.inverse(Eigen::Isometry) * motion_at(mean, at) * rigid(poses[k]));
+  }
+  return poses;
 }
 
 DrawnGaussians SplatModel::drawn(std::vector<ShutterPoses::Actor> actors) const {
   DrawnGaussians out{all(), {}, std::move(actors)};
   const GaussianLayout layout = this->layout();
+  // Poses of part `a`, which `out` keeps.
+  const auto poses_of = [&](std::size_t a, const ActorParts& parts,
+                            const ShutterPoses::Actor& seen) -> std::span<const PlainPose> {
+    if (parts.size() == 1) return seen.actor_from_camera;
+    return out.poses.emplace_back(part_from_camera(a, parts, seen));
+  };
   std::vector<bool> shown(actor_ids.size());
   bool as_trained = true;
   for (const ShutterPoses::Actor& actor : out.actors) {
     as_trained &= !actor.imported;
-    const auto body = actor_index(actor.body);
+    const auto body = actor_parts(actor.body);
     if (!body || actor.imported) continue;
-    as_trained &= !shown[*body] && actor.gain == std::array<float, 3>{1, 1, 1};
-    shown[*body] = true;
+    as_trained &= !shown[body->first] && actor.gain == std::array<float, 3>{1, 1, 1};
+    shown[body->first] = true;
   }
   if (as_trained) {
-    for (std::size_t a = 0; a < actor_ids.size(); ++a) {
-      const auto seen = std::ranges::find(out.actors, actor_ids[a], &ShutterPoses::Actor::body);
-      out.parts.push_back({layout.first_block(a), {}});
+    for (std::size_t first = 0; first < actor_ids.size();) {
+      const ActorParts parts = *actor_parts(actor_ids[first]);
+      const auto seen = std::ranges::find(out.actors, actor_ids[first], &ShutterPoses::Actor::body);
       const bool is_seen = seen != out.actors.end();
+      for (std::size_t a = first; a < parts.end; ++a)
+        out.parts.push_back({layout.first_block(a),
+                             is_seen ? poses_of(a, parts, *seen) : std::span<const PlainPose>(),
+                             a > first});
       out.numbers.push_back(is_seen ? seen->number : 0);
-      if (is_seen) out.parts.back().part_from_camera = seen->actor_from_camera;
+      first = parts.end;
     }
     return out;
   }
-  std::vector<std::pair<const ShutterPoses::Actor*, std::span<const float>>> shows;
-  std::size_t at = layout.world_blocks() * kBlockSize, size = at;
-  for (const ShutterPoses::Actor& actor : out.actors)
-    if (const std::span<const float> blocks = blocks_of(actor.body, actor.imported.get());
-        !blocks.empty()) {
-      shows.emplace_back(&actor, blocks);
-      size += blocks.size();
+  struct Shown {
+    const ShutterPoses::Actor* actor;
+    std::span<const float> blocks;
+    std::span<const PlainPose> poses;
+    bool continues;
+  };
+  std::vector<Shown> shows;
+  for (const ShutterPoses::Actor& actor : out.actors) {
+    const auto parts = actor_parts(actor.body);
+    if (actor.imported) {
+      if (const auto blocks = blocks_of(actor.body, actor.imported.get()); !blocks.empty())
+        shows.push_back({&actor, blocks, actor.actor_from_camera, false});
+      continue;
     }
+    for (std::size_t a = parts ? parts->first : 0; parts && a < parts->end; ++a)
+      shows.push_back({&actor, blocks_of_part(a), poses_of(a, *parts, actor), a > parts->first});
+  }
+  std::size_t at = layout.world_blocks() * kBlockSize, size = at;
+  for (const Shown& show : shows) size += show.blocks.size();
   out.copied = Buffer<float>(size);
   std::ranges::copy(parameters.span().first(at), out.copied.data());
-  for (const auto& [actor, blocks] : shows) {
-    out.parts.push_back({at / kBlockSize, actor->actor_from_camera});
-    out.numbers.push_back(actor->number);
-    for (std::size_t i = 0; i < blocks.size(); ++i) {
+  for (const Shown& show : shows) {
+    out.parts.push_back({at / kBlockSize, show.poses, show.continues});
+    if (!show.continues) out.numbers.push_back(show.actor->number);
+    for (std::size_t i = 0; i < show.blocks.size(); ++i) {
       const auto row = static_cast<int>(i % kBlockSize) / kGaussianBlock;
       const bool is_colour = row >= kColourRow && row < kLidarRow;
-      out.copied[at + i] = blocks[i] * (is_colour ? actor->gain[(row - kColourRow) % 3] : 1.0f);
+      out.copied[at + i] =
+          show.blocks[i] * (is_colour ? show.actor->gain[(row - kColourRow) % 3] : 1.0f);
     }
-    at += blocks.size();
+    at += show.blocks.size();
   }
   out.gaussians = {size / kBlockSize * kGaussianBlock, out.copied.span()};
   return out;
 }
 
+std::span<const float> SplatModel::blocks_of_part(std::size_t a) const {
+  const std::size_t first = layout().first_block(a), end = layout().first_block(a + 1);
+  return parameters.span().subspan(first * kBlockSize, (end - first) * kBlockSize);
+}
+
 std::span<const float> SplatModel::blocks_of(std::int64_t id, const ActorBody* imported) const {
   if (imported) return imported->numbers;
-  const auto a = actor_index(id);
-  if (!a) return {};
-  const std::size_t first = layout().first_block(*a), end = layout().first_block(*a + 1);
+  const auto parts = actor_parts(id);
+  if (!parts) return {};
+  const std::size_t first = layout().first_block(parts->first),
+                    end = layout().first_block(parts->end);
   return parameters.span().subspan(first * kBlockSize, (end - first) * kBlockSize);
 }
 
@@ -106,20 +179,24 @@ ShutterPoses SplatModel::shutter_poses(const Scene& scene, const View& view) con
 }
 
 int SplatModel::add_motion_gradients(
-    const Scene& scene, std::int64_t t_ns, const ShutterPoses& poses,
+    const Scene& scene, std::int64_t t_ns, const DrawnGaussians& drawn,
     std::span<const GaussianPoseGradient<NumberMath<double>>> d_poses,
     std::span<float> gradients) const {
   int left_out = 0;
-  for (const ShutterPoses::Actor& seen : poses.actors()) {
-    const auto a = actor_index(seen.body);
+  for (const ShutterPoses::Actor& seen : drawn.actors) {
+    const auto parts = actor_parts(seen.body);
     const auto object = std::ranges::find(scene.actors, seen.body, &MovingObject::id);
-    if (!a || object == scene.actors.end()) continue;
-    const auto [first, n] = motions_of(*a);
+    if (!parts || object == scene.actors.end()) continue;
     const auto at = object->key_time(t_ns);
     if (!at) continue;
-    const PlainPose& middle = seen.actor_from_camera[seen.actor_from_camera.size() / 2];
-    left_out += !add_motion_gradient(d_poses[1 + *a], rigid(middle).translation(),
-                                     motion_parameters(*a), *at, gradients.subspan(first, n));
+    for (std::size_t a = parts->first; a < parts->end; ++a) {
+      const auto [first, n] = motions_of(a);
+      const std::span<const PlainPose> poses = drawn.parts[a].part_from_camera;
+      const Eigen::Vector3d camera =
+          rigid(poses[poses.size() / 2]).translation() - pivot(a, *parts);
+      left_out += !add_motion_gradient(d_poses[1 + a], camera, motion_parameters(a), *at,
+                                       gradients.subspan(first, n));
+    }
   }
   return left_out;
 }
@@ -170,7 +247,7 @@ void SplatModel::check_actors(const std::filesystem::path& recording,
                               const std::vector<MovingObject>& objects) const {
   const auto file_of = [&](std::int64_t id) { return id < 0 ? found : recording; };
   for (const MovingObject& object : objects)
-    if (!actor_index(object.id))
+    if (!actor_parts(object.id))
       throw InputError(file_of(object.id), "boxes of object " + std::to_string(object.id), "",
                        "the object was not there when the run was trained");
   for (std::size_t a = 0; a < actor_ids.size(); ++a) {
@@ -186,10 +263,7 @@ void SplatModel::check_actors(const std::filesystem::path& recording,
 
 void SplatModel::correct_actors(std::vector<MovingObject>* objects) const {
   for (MovingObject& object : *objects)
-    if (const auto a = actor_index(object.id)) {
-      const std::span<const float> motions = motion_parameters(*a);
-      object.corrections.assign(motions.begin(), motions.end());
-    }
+    if (const auto parts = actor_parts(object.id)) object.corrections = mean_motions(*parts);
 }
 
 }  // namespace redrive

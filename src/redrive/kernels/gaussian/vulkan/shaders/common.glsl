@@ -26,7 +26,7 @@ layout(buffer_reference, std430, buffer_reference_align = 16) buffer Vec4s { vec
 // ShaderParameters of vulkan_raster.cc has the same layout.
 layout(buffer_reference, std430, buffer_reference_align = 16) buffer Params {
   // [n] in blocks of 16; of parts: quaternion w x y z of camera_from_world and centre by key; first
-  // block of each part and whether it is drawn.
+  // block of each part, and its object << 1 | whether it is drawn; object 0 is the world.
   Floats numbers, pose_keys;
   Words parts;
   // Drawn Gaussians: [n, 4] records, [n] key (bits of the distance; kNotDrawn), ids ascending and

@@ -33,7 +33,7 @@ Pose pose_at(Params p, uint part, float line) {
 // row: three projections. rows: its position.
 bool pose_of(Params p, PlainCamera c, uint gaussian, float rows[kGaussianRows], out Pose pose) {
   const uint part = part_of(p, gaussian);
-  if (p.parts.v[2u * part + 1u] == 0u) return false;
+  if ((p.parts.v[2u * part + 1u] & 1u) == 0u) return false;
   float mean[2], line = p.first_line;
   bool visible = true, seen = true;
   const uint iterations = p.n_keys > 1u ? 3u : 1u;

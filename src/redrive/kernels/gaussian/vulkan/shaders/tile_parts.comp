@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Finds what a tile's pixels show of the parts (RasterOptions::parts), a thread for a pixel and a
-// round for each part that meets the tile.
+// Finds what a tile's pixels show of the objects (RasterOptions::parts), a thread for a pixel and a
+// round for each object that meets the tile.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
@@ -10,7 +10,7 @@ layout(push_constant) uniform Push {
   Params p;
   Words slots;    // pairs by tile
   Words shown;    // plane
-  Ints extents;   // [parts - 1, 6] PartExtent
+  Ints extents;   // [objects, 6] PartExtent
   SHADOW
 };
 #include "races.glsl"
@@ -41,7 +41,8 @@ void main() {
     for (uint first = begin; first < end; first += kBatch) {
       sync();
       if (first + t < end) {
-        const uint slot = slots.v[first + t], id = p.pair_gaussian.v[slot], of = part_of(p, id);
+        const uint slot = slots.v[first + t], id = p.pair_gaussian.v[slot];
+        const uint of = p.parts.v[2u * part_of(p, id) + 1u] >> 1;  // the object
         s_blocks[W(1u, t)] = p.pair_blocks.v[slot];
         s_part[W(2u, t)] = of;
         s_a[W(3u, t)] = p.records.v[4u * id];
