@@ -13,12 +13,12 @@
 
 namespace redrive {
 
-/// Calls use(i, load(i)) for i in [0, n), in order. Loads as many at a time as `pool` has threads;
-/// `use` may run on the pool, `load` may not.
+/// Calls use(i, load(i)) for i in [0, n), in order. Loads up to 8 at a time, so that they fit into
+/// memory; `use` may run on the pool, `load` may not.
 template <class Load, class Use>
 void for_each_loaded(std::size_t n, ThreadPool& pool, const Load& load, const Use& use) {
   using Loaded = std::invoke_result_t<const Load&, std::size_t>;
-  const auto at_a_time = static_cast<std::size_t>(pool.threads());
+  const auto at_a_time = static_cast<std::size_t>(std::min(pool.threads(), 8));
   for (std::size_t begin = 0; begin < n; begin += at_a_time) {
     std::vector<std::optional<Loaded>> loaded(std::min(at_a_time, n - begin));
     pool.run(static_cast<int>(loaded.size()), [&](int k) {

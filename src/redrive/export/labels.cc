@@ -221,7 +221,9 @@ std::vector<float> optical_flow(const RenderedImage& image, const RayTable& rays
   add(0, now.keys(), later.keys());
   for (const ShutterPoses::Actor& actor : now.actors()) {
     const auto then = std::ranges::find(later.actors(), actor.number, &ShutterPoses::Actor::number);
-    if (then != later.actors().end())
+    const auto seen = std::ranges::find(image.seen, actor.number, &SeenActor::number);
+    const bool articulated = seen != image.seen.end() && seen->articulated;
+    if (then != later.actors().end() && !articulated)
       add(actor.number, actor.actor_from_camera, then->actor_from_camera);
   }
   moving[0]->rays.reserve(rays.pixel.size());

@@ -16,6 +16,7 @@ struct SeenActor {
   /// columns and rows of these, inclusive.
   std::uint32_t visible = 0, whole = 0;
   int left = 0, top = 0, right = 0, bottom = 0;
+  bool articulated = false;  ///< its parts move on their own, not with its box
 };
 
 /// An image that a model renders. Pixels outside the valid region of the camera model are black

@@ -56,7 +56,7 @@ std::shared_ptr<const LoadedBlock> make_block(int b, bool walls, bool with_objec
     if (walls) add({float(x), 0, b == 0 ? 8.0f : 10.0f}, 0.3f, 2, &list);
   known_splats::set_gaussians(list, model.get());
   if (with_object && b == 0) {
-    GaussianList lists[2];
+    std::vector<GaussianList> lists(2);
     add({0, 0, 0}, static_cast<float>(0.6 * std::exp(kFieldLog[0])), 1, &lists[1]);
     const MovingObject object{.id = kObject, .size_m = {2, 2, 2}, .keys = {{}}};
     model->set_gaussians(lists, {&object, 1});

@@ -4,6 +4,7 @@
 #include <array>
 #include <limits>
 
+#include "redrive/methods/splat/actors/articulated.h"
 #include "redrive/methods/splat/splat_model.h"
 
 namespace redrive {
@@ -71,6 +72,24 @@ TEST(SplatCheckpoint, KeepsTheGainsOfSeveralLidars) {
   }
 }
 
+TEST(SplatCheckpoint, KeepsThePartsOfArticulatedActors) {
+  TrainState state = example_splat_state();
+  auto& model = dynamic_cast<SplatModel&>(*state.model);
+  std::vector<std::int64_t> keys;
+  for (std::size_t part = 0; part < kArticulatedParts; ++part) {
+    model.actor_ids.push_back(9);
+    model.actor_ends.push_back(3 + static_cast<std::int64_t>(part));
+    model.actor_keys.push_back(2 + 2 * static_cast<std::int64_t>(part));
+  }
+  model.parameters = Buffer<float>(model.size());
+  state.adam = model.zero_moments();
+  const std::string good = checkpoint_bytes(state);
+  const TrainState back = parse_checkpoint(good, "c");
+  EXPECT_EQ(dynamic_cast<const SplatModel&>(*back.model).actor_ids, model.actor_ids);
+  model.actor_keys[3] += 1;  // one part has three keys, the next one
+  EXPECT_THAT(checkpoint_error(checkpoint_bytes(state)), HasSubstr("__metadata__.actor_keys"));
+}
+
 TEST(SplatCheckpoint, RejectsDamageToActorsByName) {
   const std::string good = checkpoint_bytes(example_splat_state(/*with_actors=*/true));
   ASSERT_EQ(checkpoint_error(good), "");
@@ -85,6 +104,7 @@ TEST(SplatCheckpoint, RejectsDamageToActorsByName) {
            {"actor_keys", "2", "__metadata__.actor_keys"},
            {"actor_keys", "2,7", "adam.first_moment.shape"},
            {"actor_ids", "9,-4", "__metadata__.actor_ids"},
+           {"actor_ids", "9,9", "__metadata__.actor_ids"},  // one part, or all of them
            {"gaussians", "49", "__metadata__.actor_ends"}}) {
     CheckpointParts parts(good);
     parts.header["__metadata__"][key] = value;

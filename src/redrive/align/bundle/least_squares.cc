@@ -71,14 +71,15 @@ double LeastSquares::evaluate_term(const State& at, std::size_t term, bool linea
   double* const values = linearise ? values_.data() + stored.begin : own.data();
   std::array<const double*, kMostBlocks> parameters;
   std::array<double*, kMostBlocks> jacobians;
-  double* next = values + stored.rows;
+  std::size_t next = static_cast<std::size_t>(stored.rows);
   for (std::size_t k = 0; k < sizes.size(); ++k) {
     const int block = of.blocks[k];
     parameters[k] = block == kOwnLandmark
                         ? at.landmarks[static_cast<std::size_t>(of.landmark)].data()
                         : at.rig.data() + blocks_[block].offset;
-    jacobians[k] = block != kOwnLandmark && blocks_[block].column < 0 ? nullptr : next;
-    next += stored.rows * sizes[k];
+    if (!linearise) continue;
+    jacobians[k] = block != kOwnLandmark && blocks_[block].column < 0 ? nullptr : values + next;
+    next += static_cast<std::size_t>(stored.rows * sizes[k]);
   }
   if (!of.cost->Evaluate(parameters.data(), values, linearise ? jacobians.data() : nullptr))
     return kInfinite;
@@ -91,7 +92,7 @@ double LeastSquares::evaluate_term(const State& at, std::size_t term, bool linea
   // The second derivative of the losses in use is never positive: Triggs' correction is this
   // weight.
   const double weight = std::sqrt(rho[1]);
-  if (linearise) std::for_each(values, next, [&](double& value) { value *= weight; });
+  for (std::size_t i = 0; linearise && i < next; ++i) values[i] *= weight;
   return rho[0] / 2;
 }
 

@@ -78,10 +78,9 @@ class LeastSquares {
   /// where it is held.
   std::optional<int> column(int block) const;
   int columns() const;  ///< numbers of the rig that are not held
-  /// First and last block of add_block(), with the present columns; -1: held.
   struct Block {
     double* values;
-    int size, column;
+    int size, column;    ///< index of its first number as column() has it; -1: held
     std::size_t offset;  ///< in the values of all blocks
   };
   const std::vector<Block>& blocks() const { return blocks_; }

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numeric>
 
 #include <Eigen/Cholesky>
@@ -141,7 +142,11 @@ void SchurSystem::reduce_landmark(std::size_t i, double radius, bool first) {
     damping_of_(q, column) = redrive::damping_of(own(q, q), scale_of_(q, column), radius);
     own(q, q) += damping_of_(q, column);
   }
-  inverse_[i] = own.llt().solve(Eigen::Matrix3d::Identity());
+  const Eigen::LLT<Eigen::Matrix3d> factor(own);
+  if (factor.info() == Eigen::Success)
+    inverse_[i] = factor.solve(Eigen::Matrix3d::Identity());
+  else
+    inverse_[i].setConstant(std::numeric_limits<double>::quiet_NaN());  // solve() fails
   gradient_of_.col(column) = gradient;
   Eigen::Map<Wide>(weighted_.data() + landmark.begin, kLandmarkSize, landmark.columns) =
       inverse_[i] * with_rig;

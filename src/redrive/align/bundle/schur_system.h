@@ -21,7 +21,7 @@ class SchurSystem {
   struct Step {
     Eigen::VectorXd rig;         ///< [columns]
     Eigen::Matrix3Xd landmarks;  ///< [3, landmarks]
-    double decrease = 0;         ///< of the cost, were the terms linear
+    double decrease = 0;         ///< decrease of the cost, were the terms linear
     double square = 0;           ///< squared norm
   };
   /// Solves (H + D) step = -g with the problem's present linearisation, D = clamp(diag(H)) /
@@ -40,7 +40,7 @@ class SchurSystem {
   };
   struct Use {
     std::uint32_t landmark;
-    int local;  ///< the block's first column among those of the landmark
+    int local;  ///< index of the block's first column in the landmark's
   };
   struct TermUse {
     std::uint32_t term, block;  ///< index of the block in the term's blocks

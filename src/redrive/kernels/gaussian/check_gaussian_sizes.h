@@ -24,7 +24,7 @@ inline void check_rasterise(const GaussianCamera& camera, const Gaussians& gauss
                   part.first_block <= gaussian_blocks(gaussians.n));
     last_block = part.first_block;
   }
-  REDRIVE_CHECK(!options.parts || camera.parts.size() <= 65535);
+  REDRIVE_CHECK_OP(camera.parts.size(), <=, std::size_t{65535});
   REDRIVE_CHECK(options.tiles.empty() ||
                 options.tiles.size() == size.plane() / (kTileSide * kTileSide));
   REDRIVE_CHECK(options.log_range.empty() || options.log_range.size() == size.plane());

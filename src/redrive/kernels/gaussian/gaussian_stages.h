@@ -120,7 +120,7 @@ struct RasterImage {
 struct RasterOptions {
   float background[3] = {0, 0, 0};
   bool depth = false;
-  bool parts = false;  ///< at most 65535 of them
+  bool parts = false;  ///< RasterImage::parts and extents
   /// Tiles of 16 x 16 pixels, row by row, that are wanted; empty: all. The others have the pixels
   /// of earlier images.
   std::span<const std::uint8_t> tiles;

@@ -27,8 +27,8 @@ struct DensifyOptions {
   std::size_t spare = 0;
   /// least size of the largest axis, as a part of the distance: smaller Gaussians are not split
   float min_scale = 6e-4f;
-  /// One per actor: half sides of the box around its origin in which its Gaussians stay, but for
-  /// its shadow, metres; Gaussians outside are removed. Empty: no bounds.
+  /// One per actor or part of one: half sides of the box around its origin in which its Gaussians
+  /// stay, but for its shadow, metres; Gaussians outside are removed. Empty: no bounds.
   std::span<const Eigen::Vector3f> actor_bounds;
   /// distance ahead of the box in which Gaussians on the road stay, too
   float ahead_m = kShadow_m;

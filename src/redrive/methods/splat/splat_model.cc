@@ -192,7 +192,7 @@ void SplatModel::initialize_from(const TrainingSet& data, std::uint64_t seed, Th
   std::size_t unseen = 0;
   lists[0] = initial_gaussians(data, options, seed, pool, &unseen);
   unseen_gaussians = static_cast<int>(unseen);
-  set_gaussians(lists, data.scene.actors);
+  set_gaussians(std::move(lists), data.scene.actors);
 }
 
 void SplatModel::set_background(const TrainingSet& data) {
@@ -213,10 +213,13 @@ void SplatModel::set_background(const TrainingSet& data) {
   for (int c = 0; c < 3; ++c) background[c] = static_cast<float>(sum[c] / std::max(n, 1.0));
 }
 
-void SplatModel::set_gaussians(std::span<const GaussianList> lists,
+void SplatModel::set_gaussians(std::vector<GaussianList> lists,
                                std::span<const MovingObject> actors) {
   REDRIVE_CHECK_OP(lists.size(), ==, 1 + actors.size());
-  std::vector<GaussianList> parts{lists[0]};
+  first_gaussians = 0;
+  for (const GaussianList& list : lists) first_gaussians += static_cast<int>(list.size());
+  std::vector<GaussianList> parts;
+  parts.push_back(std::move(lists[0]));
   std::vector<Eigen::Vector3d> sizes_m;
   actor_ids.clear();
   actor_keys.clear();
@@ -234,8 +237,6 @@ void SplatModel::set_gaussians(std::span<const GaussianList> lists,
   const GaussianLayout layout = layout_of(parts);
   gaussians = static_cast<int>(layout.world);
   actor_ends = layout.actor_ends;
-  first_gaussians = 0;
-  for (const GaussianList& list : lists) first_gaussians += static_cast<int>(list.size());
   parameters = Buffer<float>(size());
   write_blocks(parts, layout, &parameters);
   float* bound = parameters.data() + (blocks_size() + gains.size());
@@ -442,11 +443,16 @@ namespace {
 
 std::vector<SeenActor> seen_actors_of(const kernels::RasterImage& image,
                                       const DrawnGaussians& shown) {
+  std::vector<std::size_t> parts;  // by object
+  for (const kernels::GaussianPart& part : shown.parts) {
+    if (!part.continues) parts.push_back(0);
+    ++parts.back();
+  }
   std::vector<SeenActor> seen;
-  for (std::size_t part = 0; part < shown.numbers.size(); ++part)
-    if (const kernels::PartExtent& extent = image.extents[part]; extent.whole > 0)
-      seen.push_back({shown.numbers[part], extent.visible, extent.whole, extent.left, extent.top,
-                      extent.right, extent.bottom});
+  for (std::size_t object = 0; object < shown.numbers.size(); ++object)
+    if (const kernels::PartExtent& extent = image.extents[object]; extent.whole > 0)
+      seen.push_back({shown.numbers[object], extent.visible, extent.whole, extent.left, extent.top,
+                      extent.right, extent.bottom, parts[object] > 1});
   std::ranges::sort(seen, {}, &SeenActor::number);
   return seen;
 }
@@ -477,9 +483,9 @@ void SplatModel::render_to(kernels::Backend& backend, const RayTable& rays,
                              std::span(row_gains).subspan(c * std::size_t(rays.width), rays.width));
       write_image_row(from, row_gains, rays, y, image);
       for (int x = 0; image->labelled && x < rays.width; ++x) {
-        const std::uint16_t part = from.parts[y * from.size.stride + x];
+        const std::uint16_t object = from.parts[y * from.size.stride + x];
         image->ids[y * rays.width + x] =
-            part == 0 ? 0 : static_cast<std::uint16_t>(shown.numbers[part - 1]);
+            object == 0 ? 0 : static_cast<std::uint16_t>(shown.numbers[object - 1]);
       }
     }
   });

@@ -134,7 +134,7 @@ struct SplatModel final : Trainee, FieldGaussians {
   std::uint64_t lidar_bytes(const Scene& scene, std::uint64_t returns) const override;
 
   /// Replaces the Gaussians by the world's and each actor's; divides articulated ones.
-  void set_gaussians(std::span<const GaussianList> lists, std::span<const MovingObject> actors);
+  void set_gaussians(std::vector<GaussianList> lists, std::span<const MovingObject> actors);
   GaussianLayout layout() const { return {static_cast<std::size_t>(gaussians), actor_ends}; }
 
  private:
@@ -213,10 +213,10 @@ struct SplatModel final : Trainee, FieldGaussians {
   std::optional<ActorParts> actor_parts(std::int64_t id) const;
   /// Returns the point about which part `a` of actor_ids turns, in the axes of its box.
   Eigen::Vector3d pivot(std::size_t a, const ActorParts& parts) const;
-  /// Returns the mean of the parts' corrections of their track, [keys, kMotionSize].
-  std::vector<float> mean_motions(const ActorParts& parts) const;
-  /// Returns poses of a camera in the axes of part `a`, from poses in the box's, which the mean of
-  /// the parts' corrections moved.
+  /// Returns the part whose corrections are those of the object as a whole: its middle.
+  std::size_t track_part(const ActorParts& parts) const;
+  /// Returns poses of a camera in the axes of part `a`, from those in the axes of the corrected
+  /// box.
   std::vector<PlainPose> part_from_camera(std::size_t a, const ActorParts& parts,
                                           const ShutterPoses::Actor& seen) const;
   /// Returns the blocks that an object shows: `imported`, or the blocks of the actor with this id;

@@ -6,6 +6,7 @@
 #include <cstdio>
 #include <vector>
 
+#include "redrive/methods/splat/actors/articulated.h"
 #include "redrive/methods/splat/range_pixels.h"
 #include "redrive/methods/splat/splat_model.h"
 #include "redrive/methods/splat/surface_planes.h"
@@ -208,6 +209,16 @@ void SplatModel::check(const HyperparameterFailure& fail) const {
     fail({"actor_keys", ""}, text_from_steps(actor_keys), "must be one for each of actor_ids");
   if (actor_ids.size() != actor_ends.size())
     fail({"actor_ends", ""}, text_from_steps(actor_ends), "must be one for each of actor_ids");
+  for (std::size_t first = 0, end = 0; first < actor_ids.size(); first = end) {
+    while (end < actor_ids.size() && actor_ids[end] == actor_ids[first]) ++end;
+    if (end - first != 1 && end - first != kArticulatedParts)
+      fail({"actor_ids", ""}, text_from_steps(actor_ids),
+           "must have each number once or " + std::to_string(kArticulatedParts) + " times");
+    for (std::size_t a = first; a < end && a < actor_keys.size(); ++a)
+      if (motions_of(a).second != motions_of(first).second)
+        fail({"actor_keys", ""}, text_from_steps(actor_keys),
+             "must be as many for all parts of an object");
+  }
   if (!actor_ends.empty() &&
       actor_ends.front() <= static_cast<std::int64_t>(gaussian_blocks(gaussians)))
     fail({"actor_ends", ""}, text_from_steps(actor_ends),

@@ -63,7 +63,7 @@ TEST(SurfacePlanes, FlattenGaussiansWhereTheMethodPreparedThem) {
   const auto backend = known_splats::fast_backend();
   const auto height_after = [&](std::int64_t step, bool prepared) {
     SplatModel model;
-    model.set_gaussians({&list, 1}, {});
+    model.set_gaussians({list}, {});
     StepBuffers buffers;
     if (prepared) model.prepare(road.scene.data(), backend->pool(), &buffers);
     AdamState adam = model.zero_moments();

@@ -10,8 +10,9 @@
 namespace redrive {
 namespace {
 
-constexpr int kAlong = 3, kUp = 3;  // cells of the box along its length and height
+constexpr int kAlong = 3, kUp = 5;  // cells of the box along its length and height
 static_assert(kArticulatedParts == 1 + kAlong * kUp);
+static_assert(kMiddlePart == 1 + kUp / 2 * kAlong + kAlong / 2 && kUp % 2 == 1 && kAlong % 2 == 1);
 constexpr double kOnRoad_m = 0.06;  // up to here above the box's lower side
 // largest box that nobody annotated of somebody who walks or rides
 constexpr double kMostLength_m = 2.4, kMostWidth_m = 1.2;

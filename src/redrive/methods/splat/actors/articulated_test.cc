@@ -28,8 +28,8 @@ TEST(Articulated, PartsAreCellsAndWhatIsOnTheRoad) {
     list.rows.insert(list.rows.end(), row.begin(), row.end());
   };
   for (std::size_t part = 1; part < kArticulatedParts; ++part) add(pivot_of(part, size_m));
-  add({2, 1, -0.85});     // a shadow beside the box
-  add({1.1, 0.5, 1.2});   // beyond the last cell
+  add({2, 1, -0.85});    // a shadow beside the box
+  add({1.1, 0.5, 1.2});  // beyond the last cell
   const std::vector<GaussianList> parts = divided(list, size_m);
   ASSERT_EQ(parts.size(), kArticulatedParts);
   for (std::size_t part = 0; part < parts.size(); ++part)
@@ -38,7 +38,7 @@ TEST(Articulated, PartsAreCellsAndWhatIsOnTheRoad) {
   for (std::size_t part = 1; part < kArticulatedParts; ++part)
     EXPECT_FLOAT_EQ(parts[part].rows[kPositionRow + 2],
                     static_cast<float>(pivot_of(part, size_m).z()));
-  EXPECT_EQ(pivot_of(5, size_m), Eigen::Vector3d::Zero()) << "the middle cell";
+  EXPECT_EQ(pivot_of(kMiddlePart, size_m), Eigen::Vector3d::Zero());
 }
 
 }  // namespace

@@ -75,7 +75,7 @@ struct HiddenWall : SplatScene {
                        front = sheet(0.7f, 0.7f, 0, 0.05f, [](float, float) {
                          return std::array<float, 3>{0.1f, 0.1f, 0.1f};
                        });
-    const GaussianList lists[] = {wall, front}, wrong_lists[] = {wrong, front};
+    const std::vector<GaussianList> lists{wall, front}, wrong_lists{wrong, front};
     truth.set_gaussians(lists, scene.actors);
     model.set_gaussians(wrong_lists, scene.actors);
   }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Moving objects: where an image or a ray sees them, and what training corrects in their tracks.
 #include <algorithm>
+#include <array>
 #include <utility>
 #include <vector>
 
@@ -12,12 +13,43 @@
 #include "redrive/scene/moving_objects.h"
 
 namespace redrive {
+namespace {
+
+/// The pose of a part that moves by `motion` with `pivot` as the origin of its axes.
+Rigid3d box_from_part(const Rigid3d& motion, const Eigen::Vector3d& pivot) {
+  return Eigen::Translation3d(pivot) * motion * Eigen::Translation3d(-pivot);
+}
+
+/// Returns the mean of a track's corrections.
+Rigid3d mean_motion(std::span<const float> motions) {
+  std::array<float, kMotionSize> mean{};
+  const auto keys = static_cast<float>(motions.size() / kMotionSize);
+  for (std::size_t i = 0; i < motions.size(); ++i) mean[i % kMotionSize] += motions[i] / keys;
+  return rigid_from_vector(mean.data());
+}
+
+/// Moves Gaussian i of `blocks` [*, kGaussianRows, 16].
+void move_gaussian(const Rigid3d& by, std::size_t i, Buffer<float>* blocks) {
+  const auto at = [&](int row) -> float& { return (*blocks)[gaussian_slot(i, row)]; };
+  Eigen::Vector3d position;
+  for (int k = 0; k < 3; ++k) position[k] = double(at(kPositionRow + k));
+  position = by * position;
+  for (int k = 0; k < 3; ++k) at(kPositionRow + k) = static_cast<float>(position[k]);
+  const Eigen::Quaterniond turned =
+      Eigen::Quaterniond(by.linear()) *
+      Eigen::Quaterniond(double(at(kQuaternionRow)), double(at(kQuaternionRow + 1)),
+                         double(at(kQuaternionRow + 2)), double(at(kQuaternionRow + 3)));
+  const double wxyz[4] = {turned.w(), turned.x(), turned.y(), turned.z()};
+  for (int k = 0; k < 4; ++k) at(kQuaternionRow + k) = static_cast<float>(wxyz[k]);
+}
+
+}  // namespace
+
 std::optional<SplatModel::ActorParts> SplatModel::actor_parts(std::int64_t id) const {
-  const auto found = std::ranges::find(actor_ids, id);
-  if (found == actor_ids.end()) return std::nullopt;
-  const auto end = std::find_if(found, actor_ids.end(), [&](std::int64_t at) { return at != id; });
-  return ActorParts{static_cast<std::size_t>(found - actor_ids.begin()),
-                    static_cast<std::size_t>(end - actor_ids.begin())};
+  const auto found = std::ranges::equal_range(actor_ids, id);
+  if (found.empty()) return std::nullopt;
+  const auto first = static_cast<std::size_t>(found.begin() - actor_ids.begin());
+  return ActorParts{first, first + found.size()};
 }
 
 Eigen::Vector3d SplatModel::pivot(std::size_t a, const ActorParts& parts) const {
@@ -28,36 +60,28 @@ Eigen::Vector3d SplatModel::pivot(std::size_t a, const ActorParts& parts) const 
   return pivot_of(a - parts.first, size_m);
 }
 
-std::vector<float> SplatModel::mean_motions(const ActorParts& parts) const {
-  const std::span<const float> first = motion_parameters(parts.first);
-  std::vector<float> mean(first.begin(), first.end());
-  for (std::size_t a = parts.first + 1; a < parts.end; ++a) {
-    const std::span<const float> own = motion_parameters(a);
-    for (std::size_t i = 0; i < mean.size(); ++i) mean[i] += own[i];
-  }
-  for (float& x : mean) x /= static_cast<float>(parts.size());
-  return mean;
+std::size_t SplatModel::track_part(const ActorParts& parts) const {
+  return parts.first + (parts.size() == 1 ? 0 : kMiddlePart);
 }
 
 std::vector<PlainPose> SplatModel::part_from_camera(std::size_t a, const ActorParts& parts,
                                                     const ShutterPoses::Actor& seen) const {
   std::vector<PlainPose> poses = seen.actor_from_camera;
-  if (seen.key_times.size() != poses.size()) return poses;  // as the parts are on average
-  const std::span<const float> own = motion_parameters(a);
-  const std::vector<float> mean = mean_motions(parts);
-  const Rigid3d to_pivot(Eigen::Translation3d(-pivot(a, parts)));
-  const std::size_t last = mean.size() / kMotionSize - 1;
-  const auto motion_at = [&](std::span<const float> motions, const KeyTime& at) {
-    // Along another track, which has other keys, it moves as in those of the same index.
-    const auto six = interpolate_vector6(&motions[kMotionSize * std::min(at.before, last)],
-                                         &motions[kMotionSize * std::min(at.after, last)], at.part);
-    return rigid_from_vector(six.data());
-  };
+  const std::size_t of_track = track_part(parts);
+  if (a == of_track || seen.key_times.size() != poses.size()) return poses;
+  const std::span<const float> own = motion_parameters(a), track = motion_parameters(of_track);
+  const std::size_t last = own.size() / kMotionSize - 1;
   for (std::size_t k = 0; k < poses.size(); ++k) {
-    const KeyTime& at = seen.key_times[k];
-    const Rigid3d box_from_part = to_pivot.inverse(Eigen::Isometry) * motion_at(own, at) * to_pivot;
-    poses[k] =
-        plain(box_from_part.inverse(Eigen::Isometry) * motion_at(mean, at) * rigid(poses[k]));
+    // Another track, as of an edit, may have more keys.
+    const std::size_t before = std::min(seen.key_times[k].before, last),
+                      after = std::min(seen.key_times[k].after, last);
+    const auto motion_of = [&](std::span<const float> motions) {
+      const auto six = interpolate_vector6(&motions[kMotionSize * before],
+                                           &motions[kMotionSize * after], seen.key_times[k].part);
+      return rigid_from_vector(six.data());
+    };
+    poses[k] = plain(box_from_part(motion_of(own), pivot(a, parts)).inverse(Eigen::Isometry) *
+                     motion_of(track) * rigid(poses[k]));
   }
   return poses;
 }
@@ -150,18 +174,29 @@ float SplatModel::ahead_m() const {
 }
 
 ActorBody SplatModel::body(const MovingObject& actor) const {
-  const std::span<const float> blocks = blocks_of(actor.id, nullptr);
-  std::vector<std::size_t> used;
-  for (std::size_t i = 0; i < blocks.size() / kGaussianRows; ++i)
-    if (blocks[gaussian_slot(i, kOpacityRow)] > kUnusedOpacity) used.push_back(i);
   ActorBody out;
   out.type = actor.type;
   out.size_m = actor.size_m;
+  const auto parts = actor_parts(actor.id);
+  if (!parts) return out;
+  std::vector<std::pair<std::size_t, std::size_t>> used;  // part, index among its Gaussians
+  for (std::size_t a = parts->first; a < parts->end; ++a) {
+    const std::span<const float> blocks = blocks_of_part(a);
+    for (std::size_t i = 0; i < blocks.size() / kGaussianRows; ++i)
+      if (blocks[gaussian_slot(i, kOpacityRow)] > kUnusedOpacity) used.emplace_back(a, i);
+  }
   out.n = used.size();
   out.numbers = Buffer<float>(gaussian_blocks(out.n) * kBlockSize);
-  for (std::size_t i = 0; i < out.n; ++i)
+  const std::size_t of_track = track_part(*parts);
+  for (std::size_t i = 0; i < out.n; ++i) {
+    const auto [a, at] = used[i];
     for (int row = 0; row < kGaussianRows; ++row)
-      out.numbers[gaussian_slot(i, row)] = blocks[gaussian_slot(used[i], row)];
+      out.numbers[gaussian_slot(i, row)] = blocks_of_part(a)[gaussian_slot(at, row)];
+    if (a != of_track)  // where the part is on average
+      move_gaussian(mean_motion(motion_parameters(of_track)).inverse(Eigen::Isometry) *
+                        box_from_part(mean_motion(motion_parameters(a)), pivot(a, *parts)),
+                    i, &out.numbers);
+  }
   clear_unused(out.n, gaussian_blocks(out.n) * kGaussianBlock, out.numbers.data());
   return out;
 }
@@ -189,14 +224,16 @@ int SplatModel::add_motion_gradients(
     if (!parts || object == scene.actors.end()) continue;
     const auto at = object->key_time(t_ns);
     if (!at) continue;
+    bool finite = true;
     for (std::size_t a = parts->first; a < parts->end; ++a) {
       const auto [first, n] = motions_of(a);
       const std::span<const PlainPose> poses = drawn.parts[a].part_from_camera;
       const Eigen::Vector3d camera =
           rigid(poses[poses.size() / 2]).translation() - pivot(a, *parts);
-      left_out += !add_motion_gradient(d_poses[1 + a], camera, motion_parameters(a), *at,
-                                       gradients.subspan(first, n));
+      finite &= add_motion_gradient(d_poses[1 + a], camera, motion_parameters(a), *at,
+                                    gradients.subspan(first, n));
     }
+    left_out += !finite;
   }
   return left_out;
 }
@@ -263,7 +300,10 @@ void SplatModel::check_actors(const std::filesystem::path& recording,
 
 void SplatModel::correct_actors(std::vector<MovingObject>* objects) const {
   for (MovingObject& object : *objects)
-    if (const auto parts = actor_parts(object.id)) object.corrections = mean_motions(*parts);
+    if (const auto parts = actor_parts(object.id)) {
+      const std::span<const float> motions = motion_parameters(track_part(*parts));
+      object.corrections.assign(motions.begin(), motions.end());
+    }
 }
 
 }  // namespace redrive

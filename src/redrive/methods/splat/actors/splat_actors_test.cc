@@ -58,7 +58,7 @@ void articulate(SplatModel* model) {
 struct TrafficScene : KnownScene {
   explicit TrafficScene(const char* type = "CAR") {
     scene.actors = {crossing(type)};
-    const GaussianList lists[] = {known_gaussians(80), of_object(40)};
+    const std::vector<GaussianList> lists{known_gaussians(80), of_object(40)};
     truth.set_gaussians(lists, scene.actors);
     if (truth.actor_ids.size() > 1) articulate(&truth);
     truth.correct_actors(&scene.actors);
@@ -75,7 +75,8 @@ struct TrafficScene : KnownScene {
 };
 
 void begin(Training* training, const TrafficScene& traffic, float off) {
-  const GaussianList lists[] = {disturbed(known_gaussians(80), off), disturbed(of_object(40), off)};
+  const std::vector<GaussianList> lists{disturbed(known_gaussians(80), off),
+                                        disturbed(of_object(40), off)};
   training->begin(lists[0]);
   training->model.set_gaussians(lists, traffic.scene.actors);
   training->model.max_gaussians = 120;
@@ -263,6 +264,34 @@ TEST(SplatActors, AnExportedBodyIsTheObject) {
       << "the model has no Gaussians of this id";
 }
 
+// Its parts stand as they do on average: here where they are, since each key moves as any other.
+TEST(SplatActors, TheBodyOfAPersonHasItsPartsWhereTheyAre) {
+  const auto backend = fast_backend();
+  TrafficScene traffic("pedestrian");
+  SplatModel& model = traffic.truth;
+  float* motion = model.parameters.data() +
+                  (model.size() - kMotionSize * crossing().keys.size() * kArticulatedParts);
+  for (std::size_t part = 0; part < kArticulatedParts; ++part)
+    for (std::size_t key = 0; key < crossing().keys.size(); ++key, motion += kMotionSize)
+      for (std::size_t k = 0; k < kMotionSize; ++k)
+        motion[k] = 0.05f * std::sin(static_cast<float>(part + 3 * k));
+  model.freeze();
+  model.correct_actors(&traffic.scene.actors);
+  MovingObject& person = traffic.scene.actors[0];
+  const Image8 expected = traffic.drawn(*backend, model, 5);
+  person.imported = std::make_shared<ActorBody>(model.body(person));
+  const Image8 imported = traffic.drawn(*backend, model, 5);
+  int differences = 0;
+  for (std::size_t i = 0; i < expected.rgb.size(); ++i)
+    differences += std::abs(imported.rgb[i] - expected.rgb[i]) > 2;
+  EXPECT_LT(differences, static_cast<int>(expected.rgb.size()) / 100);
+  person.imported = nullptr;
+  person.gain = {0.999f, 1, 1};  // then the Gaussians are copied
+  const Image8 copied = traffic.drawn(*backend, model, 5);
+  for (std::size_t i = 0; i < expected.rgb.size(); ++i)
+    ASSERT_NEAR(copied.rgb[i], expected.rgb[i], 1) << i;
+}
+
 /// A plate of flat, opaque Gaussians across x, 2 m wide and high.
 GaussianList plate() {
   GaussianList list;
@@ -296,7 +325,7 @@ struct PlateScene {
     GaussianList world = plate();
     for (std::size_t i = 0; i < world.size(); ++i)
       world.rows[i * kGaussianRows + kPositionRow] = 20;
-    const GaussianList lists[] = {world, plate()};
+    const std::vector<GaussianList> lists{world, plate()};
     model.set_gaussians(lists, {&object, 1});
     // Rays straight ahead at eleven times, then one past everything.
     const int n = 12;
