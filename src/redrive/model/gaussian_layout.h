@@ -19,11 +19,10 @@ struct GaussianList {
   std::size_t size() const { return rows.size() / kGaussianRows; }
 };
 
-/// Layout: the world's blocks first, then each actor's, or those of each part of an articulated
-/// one.
+/// Layout: the world's blocks first, then each actor's. An articulated actor counts as its parts.
 struct GaussianLayout {
   std::size_t world = 0;  ///< number of Gaussians of the world, from the first block
-  /// one per actor or part of one: the end of its blocks, which follow the world's
+  /// one per actor: the end of its blocks, which follow the world's
   std::vector<std::int64_t> actor_ends;
 
   std::size_t world_blocks() const { return gaussian_blocks(world); }

@@ -443,7 +443,7 @@ namespace {
 
 std::vector<SeenActor> seen_actors_of(const kernels::RasterImage& image,
                                       const DrawnGaussians& shown) {
-  std::vector<std::size_t> parts;  // by object
+  std::vector<std::size_t> parts;  // number of each object's
   for (const kernels::GaussianPart& part : shown.parts) {
     if (!part.continues) parts.push_back(0);
     ++parts.back();

@@ -213,7 +213,7 @@ struct SplatModel final : Trainee, FieldGaussians {
   std::optional<ActorParts> actor_parts(std::int64_t id) const;
   /// Returns the point about which part `a` of actor_ids turns, in the axes of its box.
   Eigen::Vector3d pivot(std::size_t a, const ActorParts& parts) const;
-  /// Returns the part whose corrections are those of the object as a whole: its middle.
+  /// Returns the index of the middle part, with which the object moves.
   std::size_t track_part(const ActorParts& parts) const;
   /// Returns poses of a camera in the axes of part `a`, from those in the axes of the corrected
   /// box.
