@@ -57,8 +57,8 @@ struct Line {
 using AddTerm = std::function<void(std::unique_ptr<ceres::CostFunction>, std::array<int, 4> blocks,
                                    int landmark)>;
 
-/// Calls `add` with terms; one in ten is far off. Blocks: the line's, then shared, then held; -1: the
-/// landmark, or none.
+/// Calls `add` with terms; one in ten is far off. Blocks: the line's, then shared, then held; -1:
+/// the landmark, or none.
 void add_terms(const AddTerm& add) {
   testing::SyntheticNoise noise(31);
   const auto term = [&](const std::vector<int>& sizes) {
