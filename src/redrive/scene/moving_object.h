@@ -29,7 +29,8 @@ struct MovingObject {
   Eigen::Vector3d size_m = Eigen::Vector3d::Zero();  ///< along each axis, the largest of its boxes
   std::vector<Key> keys;                             ///< ascending by time, at least one
   /// [keys, 6] as PoseCorrections::values, in the box's axes: what training corrected of each key,
-  /// of the middle part of an articulated object, linear in time between them. Empty: nothing.
+  /// linear in time between them. An articulated object has its middle part's.
+  /// Empty: nothing.
   std::vector<float> corrections;
   // Changes (edit/edit_actors.h):
   std::optional<std::int64_t> body;  ///< id of the object whose Gaussians it shows; none: its own

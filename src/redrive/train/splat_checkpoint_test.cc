@@ -75,7 +75,6 @@ TEST(SplatCheckpoint, KeepsTheGainsOfSeveralLidars) {
 TEST(SplatCheckpoint, KeepsThePartsOfArticulatedActors) {
   TrainState state = example_splat_state();
   auto& model = dynamic_cast<SplatModel&>(*state.model);
-  std::vector<std::int64_t> keys;
   for (std::size_t part = 0; part < kArticulatedParts; ++part) {
     model.actor_ids.push_back(9);
     model.actor_ends.push_back(3 + static_cast<std::int64_t>(part));

@@ -3,7 +3,7 @@
 // each: Levenberg-Marquardt steps with landmarks eliminated (schur_system.h), on all threads. Terms
 // and losses are Ceres'; so are damping, trust region and their constants (ceres-solver.org,
 // "Solving Non-linear Least Squares"). All sums keep their order, and so every bit, for any number
-// of threads; ceres::Solve has that with one thread only.
+// of threads. ceres::Solve guarantees that with one thread only.
 #pragma once
 
 #include <array>
@@ -33,7 +33,7 @@ class LeastSquares {
     const ceres::LossFunction* loss = nullptr;  ///< null: none; has to outlive the problem
     /// For each parameter block of `cost`: what add_block() returned, or kOwnLandmark.
     std::array<int, kMostBlocks> blocks{};
-    int landmark = -1;  ///< what add_landmark() returned; -1: the term has none
+    int landmark = -1;  ///< index that add_landmark() returned; -1: none
     int group = -1;  ///< residuals whose errors may be correlated (reduced_covariance.h); -1: none
   };
 

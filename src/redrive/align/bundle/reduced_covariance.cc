@@ -184,7 +184,7 @@ void eliminate(Eliminated* e) {
 }
 
 /// Adds what the rows of a landmark know about columns [begin, end) of the rig's parameters, less
-/// what the landmark takes of it. The rows of no landmark: `eliminated` is false.
+/// what the landmark takes of it. `eliminated`: false for the rows without a landmark.
 void add_columns(const Eliminated& e, bool eliminated, int begin, int end, RigSums* sums) {
   const auto first = std::ranges::lower_bound(e.index, begin) - e.index.begin();
   if (eliminated && (first == std::ssize(e.index) || e.index[first] >= end)) return;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What an image shows of an object, of one part of the Gaussians or several (RasterOptions::parts).
+// Pixels that an object has in an image (RasterOptions::parts). It is one part or several.
 #pragma once
 
 #include <climits>
