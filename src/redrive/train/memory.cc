@@ -130,7 +130,8 @@ MemoryEstimate estimate_memory(const Run& run, int threads, bool data_parallel) 
   const std::uint64_t others = model.size() - model.updated_in_step(),
                       in_step = model.max_size() - others, per_error = model.numbers_per_error(),
                       errors = per_error > 0 ? in_step / per_error : 0,
-                      state = sizeof(float) * (2 * in_step + errors + 3 * others);
+                      mean = model.average_every(1) > 0 ? in_step + others : 0,
+                      state = sizeof(float) * (2 * in_step + errors + 3 * others + mean);
   MemoryEstimate need;
   need.program = kProgram + std::uint64_t(threads) * kThread;
   need.state = need.saving = state;

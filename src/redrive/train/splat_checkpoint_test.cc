@@ -29,6 +29,8 @@ TrainState example_splat_state(bool with_actors = false) {
   for (std::size_t i = 0; i < model->size(); ++i) model->parameters[i] = random_unit(3, i) - 0.5f;
   TrainState state;
   state.adam = model->zero_moments();
+  state.mean = {Buffer<float>(model->size()), 3};
+  for (std::size_t i = 0; i < model->size(); ++i) state.mean.values[i] = random_unit(6, i);
   state.model = std::move(model);
   return midway(std::move(state));
 }
@@ -42,6 +44,8 @@ TEST(SplatCheckpoint, RoundTripIsBitExact) {
   expect_equal(back.adam.second_moment, state.adam.second_moment);
   EXPECT_TRUE(std::ranges::equal(back.adam.packed.span(), state.adam.packed.span()));
   expect_equal(back.adam.errors, state.adam.errors);
+  expect_equal(back.mean.values, state.mean.values);
+  EXPECT_EQ(back.mean.steps, 3);
   const auto& model = dynamic_cast<const SplatModel&>(*back.model);
   EXPECT_EQ(model.gaussians, 17);
   EXPECT_EQ(model.first_gaussians, 5);
@@ -124,7 +128,7 @@ TEST(SplatCheckpoint, RejectsDamageByName) {
   const CheckpointDamage table[] = {
       {"fewer Gaussians", with_metadata("gaussians", "16"), "adam.packed.shape"},
       {"more Gaussians", with_metadata("gaussians", "33"), "adam.packed.shape"},
-      {"no Gaussians", with_metadata("gaussians", "0"), "7 tensors"},
+      {"no Gaussians", with_metadata("gaussians", "0"), "8 tensors"},
       {"a negative number", with_metadata("gaussians", "-1"), "__metadata__.gaussians"},
       {"a negative first number", with_metadata("first_gaussians", "-17"),
        "__metadata__.first_gaussians"},
@@ -147,6 +151,10 @@ TEST(SplatCheckpoint, RejectsDamageByName) {
       {"an infinite moment", number("adam.packed", 600, 0x7f800000u), "adam.packed[600]"},
       {"an infinite square", number("adam.packed", 601, 0xff00u), "adam.packed[601]"},
       {"an infinite error", number("adam.errors", 5, 0xff800000u), "adam.errors[5]"},
+      {"a mean of no steps", with_metadata("mean.steps", "0"), "8 tensors"},
+      {"a mean of fewer", with_metadata("mean.steps", "-1"), "__metadata__.mean.steps"},
+      {"no mean", [](CheckpointParts& p) { p.header.erase("parameter_mean"); }, "parameter_mean"},
+      {"an infinite mean", number("parameter_mean", 3, 0x7f800000u), "parameter_mean[3]"},
       {"moments that are not words",
        [](CheckpointParts& p) { p.header["adam.packed"]["dtype"] = "F32"; }, "adam.packed.dtype"},
       {"scales", with_metadata("max_scale", "0.0001"), "__metadata__.max_scale"},

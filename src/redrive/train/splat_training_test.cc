@@ -102,11 +102,60 @@ TEST_F(SplatTrainingTest, KilledInterruptedAndResumedEndsBitEqual) {
   EXPECT_THROW(train(&parts, backend, never_), Killed);
   parts = reopened(parts);
   EXPECT_EQ(parts.state.step, 30);
+  Interference late{.stop_after = 26};  // step 57; 55 counts in the mean
+  InterferingRasteriser backend_of_late(*backend_, &late);
+  EXPECT_EQ(train(&parts, backend_of_late, late.stop), TrainEnd::kInterrupted);
+  parts = reopened(parts);
+  EXPECT_EQ(parts.state.mean.steps, 1);
   train(&parts, *backend_, never_);
   EXPECT_GT(splat(whole).gaussians, splat(whole).first_gaussians);
   EXPECT_TRUE(same_weights(parts.state, whole.state));
   EXPECT_EQ(parts.state.poses.corrections.values, whole.state.poses.corrections.values);
   EXPECT_EQ(curve(parts), curve(whole));
+}
+
+TEST_F(SplatTrainingTest, EndsWithTheMeanOfLateSteps) {
+  struct Observer final : StepObserver {
+    std::vector<std::vector<float>> late;
+    void between_steps(redrive::Run& run) override {
+      const std::span<const float> now = run.state.model->parameters;
+      if (run.state.step == 35 || run.state.step == 40) late.emplace_back(now.begin(), now.end());
+    }
+  } observer;
+  redrive::Run run = splat_run("run", 40);  // steps count from progress 0.85 on
+  train(&run, *backend_, never_, &observer);
+  ASSERT_EQ(observer.late.size(), 2u);
+  ASSERT_EQ(observer.late[0].size(), run.state.model->parameters.size());
+  double moved = 0;
+  for (std::size_t i = 0; i < observer.late[0].size(); ++i) {
+    const float a = observer.late[0][i], b = observer.late[1][i];
+    EXPECT_FLOAT_EQ(run.state.model->parameters[i], a + (b - a) / 2) << i;
+    moved += std::fabs(b - a);
+  }
+  EXPECT_GT(moved, 0);
+  const TrainState saved = load_checkpoint(run.paths.checkpoint());
+  EXPECT_TRUE(same_weights(saved, run.state));
+  EXPECT_EQ(saved.mean.steps, 0);
+
+  redrive::Run last = splat_run("last", 40);
+  dynamic_cast<SplatModel&>(*last.state.model).averaged_every = 0;
+  train(&last, *backend_, never_);
+  EXPECT_TRUE(std::ranges::equal(last.state.model->parameters.span(), observer.late[1]));
+}
+
+TEST_F(SplatTrainingTest, ARunWithALaterEndForgetsTheMean) {
+  redrive::Run run = splat_run("run", 60);
+  Interference late{.stop_after = 56};
+  InterferingRasteriser backend(*backend_, &late);
+  EXPECT_EQ(train(&run, backend, late.stop), TrainEnd::kInterrupted);
+  run = reopened(run);
+  EXPECT_EQ(run.state.mean.steps, 1);
+  run.options.max_steps = 120;
+  Interference soon{.stop_after = 5};
+  InterferingRasteriser backend_of_soon(*backend_, &soon);
+  EXPECT_EQ(train(&run, backend_of_soon, soon.stop), TrainEnd::kInterrupted);
+  EXPECT_EQ(run.state.mean.steps, 0);
+  EXPECT_EQ(run.state.mean.values.size(), 0u);
 }
 
 TEST_F(SplatTrainingTest, ThreadsChangeNoBit) {

@@ -3,11 +3,38 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
+#include "redrive/base/error.h"
 #include "redrive/base/numbers.h"
 #include "redrive/rays/error_map.h"
 
 namespace redrive {
+namespace {
+
+/// Counts the parameters after a step in their mean. A run that goes on with a later end leaves the
+/// stage whose steps count, and begins a new mean.
+void add_to_mean(kernels::Backend& backend, double progress, TrainState* state) {
+  const int every = state->model->average_every(progress);
+  ParameterMean& mean = state->mean;
+  if (every == 0) mean = {};
+  if (every == 0 || state->step % every != 0) return;
+  state->model->fetch(backend);
+  const std::span<const float> added = state->model->parameters;
+  if (mean.values.size() != added.size()) {
+    REDRIVE_CHECK_OP(mean.steps, ==, 0);
+    mean.values = Buffer<float>(added.size());
+  }
+  const float share = 1 / static_cast<float>(++mean.steps);
+  constexpr std::size_t kNumbersPerRange = 1 << 16;
+  backend.pool().run_ranges(added.size(), kNumbersPerRange,
+                            [&](std::size_t begin, std::size_t end) {
+                              for (std::size_t i = begin; i < end; ++i)
+                                mean.values[i] += share * (added[i] - mean.values[i]);
+                            });
+}
+
+}  // namespace
 
 StepRequest next_step(const TrainState& state) {
   StepRequest request;
@@ -68,6 +95,14 @@ void apply_step(kernels::Backend& backend, const StepRequest& request, const Ste
   if (!result.cells.empty())
     update_error_map(result.cells, result.squared_errors, state->cell_errors);
   model.finish_step(backend, request, result, state->step, *buffers, &state->adam);
+  add_to_mean(backend, request.progress, state);
+}
+
+void take_mean(kernels::Backend& backend, TrainState* state) {
+  if (state->mean.steps == 0) return;
+  state->model->fetch(backend);
+  state->model->replace_parameters(std::move(state->mean.values));
+  state->mean = {};
 }
 
 StepResult train_step(kernels::Backend& backend, const TrainingSet& data,

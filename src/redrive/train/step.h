@@ -30,10 +30,13 @@ StepResult step_gradients(kernels::Backend& backend, const TrainingSet& data,
                           const StepRequest& request, const TrainState& state,
                           StepBuffers* buffers);
 
-/// Applies a step to the state: counts it, updates the parameters and the error map. Sets the
-/// gradients to 0. A step that is not finite changes neither parameters nor error map.
+/// Applies a step to the state: counts it, updates the parameters, their mean and the error map.
+/// Sets the gradients to 0. A step that is not finite changes nothing else.
 void apply_step(kernels::Backend& backend, const StepRequest& request, const StepResult& result,
                 double learning_rate, TrainState* state, StepBuffers* buffers);
+
+/// Ends training with the mean of the parameters, if any step counts in it, and forgets the mean.
+void take_mean(kernels::Backend& backend, TrainState* state);
 
 /// Computes and applies a step on one backend.
 StepResult train_step(kernels::Backend& backend, const TrainingSet& data,

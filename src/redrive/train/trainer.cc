@@ -151,6 +151,7 @@ class Trainer {
       state_.model->fetch(backend_);
       state_.model->parameters = {};  // frees memory for the loaded state
       state_.adam = {};
+      state_.mean = {};
       state_ = load_checkpoint(run_.paths.checkpoint());
     }
     state_.seconds += of_processes(seconds_since(begin)).front();
@@ -160,6 +161,7 @@ class Trainer {
   void finish_training() {
     const Progress progress("filling what moving objects hide");
     const auto begin = std::chrono::steady_clock::now();
+    take_mean(backend_, &state_);
     state_.model->fetch(backend_);
     state_.model->finish_training(backend_, data_, &state_.adam);
     state_.seconds += of_processes(seconds_since(begin)).front();
@@ -187,8 +189,9 @@ class Trainer {
     for (const std::uint64_t number : {state_.seed, static_cast<std::uint64_t>(state_.step),
                                        static_cast<std::uint64_t>(sampler_.pixels())})
       hash = mix64(hash ^ number);
-    for (const Buffer<float>* numbers : {&state_.model->parameters, &state_.adam.first_moment,
-                                         &state_.adam.second_moment, &state_.adam.errors})
+    for (const Buffer<float>* numbers :
+         {&state_.model->parameters, &state_.mean.values, &state_.adam.first_moment,
+          &state_.adam.second_moment, &state_.adam.errors})
       for (const float number : numbers->span())
         hash = mix64(hash ^ std::bit_cast<std::uint32_t>(number));
     for (const std::uint32_t packed : state_.adam.packed.span()) hash = mix64(hash ^ packed);
@@ -340,6 +343,7 @@ class Trainer {
     state_.model->fetch(backend_);
     state_.model->parameters = {};  // frees memory for the loaded state
     state_.adam = {};
+    state_.mean = {};
     TrainState good = load_checkpoint(run_.paths.checkpoint());
     good.seconds = state_.seconds;
     good.skipped_steps = state_.skipped_steps;

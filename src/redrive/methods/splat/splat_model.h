@@ -35,7 +35,7 @@ struct SplatModel final : Trainee, FieldGaussians {
   int pixel_limit = 20'000'000;  ///< upper limit from the number of pixels to train on
   int window_pixels = 260000;    ///< pixels of a step; larger images are cut into windows
   float coarse_progress = 0.6f;  ///< part of the run at half size, for images that are cut
-  double initial_rate = 0.1, last_rate = 0.03;
+  double initial_rate = 0.1, last_rate = 0.2;
   /// Learning rates as multiples of the opacity's.
   float position_rate = 0.008f, scale_rate = 0.4f, rotation_rate = 0.16f, colour_rate = 0.3f,
         harmonics_rate = 0.01f, intensity_rate = 0.2f, return_rate = 0.5f;
@@ -55,6 +55,9 @@ struct SplatModel final : Trainee, FieldGaussians {
   float min_opacity = 0.01f;                       ///< least opacity of Gaussians that are kept
   int densify_every = 100;                         ///< steps
   float grown_by = 0.6f, densified_until = 0.85f;  ///< progress
+  /// Steps between two states in the mean with which training ends, from densified_until on; 0: it
+  /// ends with the last state.
+  int averaged_every = 5;
   int warm_up_steps = 50;
   float beta2 = 0.99f, epsilon = 1e-15f;  ///< Adam's
   ImageGains gains;
@@ -115,6 +118,10 @@ struct SplatModel final : Trainee, FieldGaussians {
   void finish_step(kernels::Backend& backend, const StepRequest& request, const StepOutput& output,
                    std::int64_t step, const StepBuffers& buffers, AdamState* adam) override;
   void fetch(kernels::Backend& backend) const override;
+  int average_every(double progress) const override {
+    return progress < double(densified_until) ? 0 : averaged_every;
+  }
+  void replace_parameters(Buffer<float> by) override;
   /// Fills places that objects hide in all images (fill_hidden.h).
   void finish_training(kernels::Backend& backend, const TrainingSet& data,
                        AdamState* adam) override;

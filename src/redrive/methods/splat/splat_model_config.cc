@@ -154,6 +154,11 @@ void SplatModel::visit_hyperparameters(HyperparameterVisitor& visit) {
         grown_by);
   visit({"densified_until", "progress after which the number of Gaussians stays", 0, 1},
         densified_until);
+  visit({"averaged_every",
+         "steps between two states in the mean that is the result, from densified_until on; 0: the "
+         "last state is",
+         0, 1e6},
+        averaged_every);
   visit({"warm_up_steps", "steps in which the learning rates rise linearly", 0, 1e9},
         warm_up_steps);
   visit({"adam.beta2", "decay of Adam's second moment", 0, 0.999999}, beta2);

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
+#include <utility>
 
 #include "redrive/base/error.h"
 #include "redrive/base/rng.h"
@@ -40,8 +41,10 @@ kernels::GaussianUpdate SplatModel::gaussian_update(const StepUpdate& at, SeenBy
   set(kOpacityRow, kColourRow, 1);
   set(kColourRow, kHarmonicsRow, colour_rate);
   set(kHarmonicsRow, kLidarRow, harmonics_rate);
-  set(kLidarRow, kReturnRow, intensity_rate);
-  set(kReturnRow, kDistanceRow, return_rate);
+  // Few rays tell them, so their rates fall as the square of the others'.
+  const auto settled = static_cast<float>(at.learning_rate / initial_rate);
+  set(kLidarRow, kReturnRow, intensity_rate * settled);
+  set(kReturnRow, kDistanceRow, return_rate * settled);
   update.min_log_scale = std::log(min_scale);
   update.max_log_scale = std::log(max_scale);
   update.version = version_;
@@ -78,6 +81,11 @@ void SplatModel::update(kernels::Backend& backend, double learning_rate, std::in
 std::uint64_t SplatModel::new_version() {
   static std::atomic<std::uint64_t> versions = 0;
   return ++versions;
+}
+
+void SplatModel::replace_parameters(Buffer<float> by) {
+  Trainee::replace_parameters(std::move(by));
+  renew_version();
 }
 
 void SplatModel::freeze() { renew_version(); }

@@ -20,9 +20,9 @@ namespace {
 constexpr const char* kCellErrors = "cell_errors";
 constexpr const char* kMoments[] = {"adam.first_moment", "adam.second_moment"};
 constexpr const char* kPoses[] = {"poses", "poses.first_moment", "poses.second_moment"};
-constexpr const char *kPacked = "adam.packed", *kErrors = "adam.errors";
+constexpr const char *kPacked = "adam.packed", *kErrors = "adam.errors", *kMean = "parameter_mean";
 constexpr const char *kDevice = "device", *kLidarGains = "lidar_gains";
-constexpr const char* kFormat = "redrive-20";
+constexpr const char* kFormat = "redrive-21";
 
 /// Visits the scalars of a state, without its model's, once each by name; writing and reading share
 /// this list.
@@ -38,6 +38,7 @@ void visit_numbers(State& state, const Visit& visit) {
   visit("rate_factor", state.rate_factor);
   visit("bad_steps", state.bad_steps);
   visit("skipped_steps", state.skipped_steps);
+  visit("mean.steps", state.mean.steps);
   visit("watch.dead_steps", state.watch.dead_steps);
   visit("watch.first_mse", state.watch.first_mse);
   visit("watch.late_mse", state.watch.late_mse);
@@ -93,6 +94,7 @@ void check_state(const TrainState& state, const std::filesystem::path& file) {
   require(state.seconds >= 0, "seconds", state.seconds, "must not be negative");
   require(state.restarts >= 0, "restarts", state.restarts, "must not be negative");
   require(state.rollbacks >= 0, "rollbacks", state.rollbacks, "must not be negative");
+  require(state.mean.steps >= 0, "mean.steps", state.mean.steps, "must not be negative");
   require(state.rate_factor > 0 && state.rate_factor <= 1, "rate_factor", state.rate_factor,
           "must be above 0, at most 1");
   require(state.poses.corrections.frames >= 0 && state.poses.corrections.frames <= 10'000'000,
@@ -177,6 +179,8 @@ SafetensorsFile checkpoint_file(const TrainState& state) {
     entries.push_back({kPacked, {static_cast<std::int64_t>(packed.size())}, {}, packed});
   if (const std::span<const float> errors = state.adam.errors; !errors.empty())
     entries.push_back({kErrors, {static_cast<std::int64_t>(errors.size())}, errors, {}});
+  if (const std::span<const float> mean = state.mean.values; !mean.empty())
+    entries.push_back({kMean, {static_cast<std::int64_t>(mean.size())}, mean, {}});
   if (const std::span<const float> errors = state.cell_errors; !errors.empty())
     entries.push_back({kCellErrors, {static_cast<std::int64_t>(errors.size())}, errors, {}});
   if (state.poses.refines()) {
@@ -293,10 +297,12 @@ TrainState parse_checkpoint(std::string_view bytes, const std::filesystem::path&
   model.parameters = Buffer<float>(model.size());
   for (const ModelTensor& tensor : tensors)
     take(parsed, tensor.name, tensor.shape, file).copy_to(model.parameters.data() + tensor.offset);
+  if (state.mean.steps > 0) state.mean.values = read(parsed, kMean, model.size(), file);
   state.cell_errors = read_cell_errors(parsed, file);
   read_poses(parsed, file, &state.poses);
   const std::size_t expected = tensors.size() + 2 + (model.updated_in_step() > 0) +
-                               (model.errors() > 0) + parsed.tensors.contains(kCellErrors) +
+                               (model.errors() > 0) + (state.mean.steps > 0) +
+                               parsed.tensors.contains(kCellErrors) +
                                3 * (state.poses.corrections.size() > 0);
   if (parsed.tensors.size() != expected)
     throw InputError(file, "", std::to_string(parsed.tensors.size()) + " tensors",

@@ -68,9 +68,16 @@ struct PoseState {
   bool refines() const { return !corrections.values.empty(); }
 };
 
+/// Mean of the parameters over late steps (Trainee::average_every).
+struct ParameterMean {
+  Buffer<float> values;    ///< empty: no step counts yet
+  std::int64_t steps = 0;  ///< number of steps that count
+};
+
 struct TrainState {
   std::unique_ptr<Trainee> model;
   AdamState adam;  ///< moments of model->parameters
+  ParameterMean mean;
   PoseState poses;
   std::int64_t step = 0;  ///< steps done
   /// pixels drawn in the order of the epochs, without the rays of the error map
@@ -92,9 +99,9 @@ struct TrainState {
 };
 
 /// Writes safetensors, which Python reads: the model's tensors by name, "adam.first_moment",
-/// "adam.second_moment" and, if any, "adam.packed", "adam.errors", "cell_errors" and "poses" with
-/// "poses.first_moment" and "poses.second_moment"; method, step, seconds, seed and the model's
-/// numbers in __metadata__ (strings). Written atomically (base/files/files.h).
+/// "adam.second_moment" and, if any, "adam.packed", "adam.errors", "parameter_mean", "cell_errors"
+/// and "poses" with "poses.first_moment" and "poses.second_moment"; method, step, seconds, seed and
+/// the model's numbers in __metadata__ (strings). Written atomically (base/files/files.h).
 void save_checkpoint(const std::filesystem::path& file, const TrainState& state);
 /// Throws InputError naming file and field: truncated, wrong header, shape that disagrees with the
 /// hyperparameters, non-finite values.
