@@ -235,9 +235,8 @@ class Trainee : public Configurable, public Field {
   /// Brings what steps have changed on a device to `parameters` and AdamState: to be called before
   /// anything but steps reads, writes or frees them.
   virtual void fetch(kernels::Backend&) const {}
-  /// Returns the number of steps between two states that count in the mean of the parameters with
-  /// which training ends; 0: at this progress none does. While it is above 0, steps keep the shapes
-  /// of tensors.
+  /// Returns the number of steps between two states that count in the mean with which training
+  /// ends; 0: at this progress none does. While it is above 0, steps keep every tensor's shape.
   virtual int average_every(double /*progress*/) const { return 0; }
   /// Replaces the parameters, other than by a step. `by` has their size.
   virtual void replace_parameters(Buffer<float> by) { parameters = std::move(by); }

@@ -147,13 +147,7 @@ class Trainer {
     const auto begin = std::chrono::steady_clock::now();
     const bool done = state_.model->train_first(backend_, data_, state_.seed, &state_.adam,
                                                 [&] { return !asked_to(stop); });
-    if (!done) {
-      state_.model->fetch(backend_);
-      state_.model->parameters = {};  // frees memory for the loaded state
-      state_.adam = {};
-      state_.mean = {};
-      state_ = load_checkpoint(run_.paths.checkpoint());
-    }
+    if (!done) state_ = last_saved();
     state_.seconds += of_processes(seconds_since(begin)).front();
     return done;
   }
@@ -280,6 +274,15 @@ class Trainer {
     save_checkpoint(run_.paths.checkpoint(), state_);
   }
 
+  /// Returns the state of the last checkpoint. Frees the memory of the current one for it.
+  TrainState last_saved() {
+    state_.model->fetch(backend_);
+    state_.model->parameters = {};
+    state_.adam = {};
+    state_.mean = {};
+    return load_checkpoint(run_.paths.checkpoint());
+  }
+
   bool loss_rose() const { return last_was_high_ || is_high(watched(), state_.loss_watch); }
 
   /// Returns the window with the independent windows of its rays.
@@ -340,11 +343,7 @@ class Trainer {
                            " times before at higher rates than " +
                            std::to_string(state_.rate_factor) + " of it; the last good state is " +
                            run_.paths.checkpoint().string() + "; try a lower rate");
-    state_.model->fetch(backend_);
-    state_.model->parameters = {};  // frees memory for the loaded state
-    state_.adam = {};
-    state_.mean = {};
-    TrainState good = load_checkpoint(run_.paths.checkpoint());
+    TrainState good = last_saved();
     good.seconds = state_.seconds;
     good.skipped_steps = state_.skipped_steps;
     good.rollbacks = state_.rollbacks + 1;
@@ -446,8 +445,7 @@ class Trainer {
     if (loss_rose()) {
       std::fprintf(stderr, "redrive: step %lld: %s; the checkpoint before that stands\n",
                    static_cast<long long>(state_.step), high_loss().c_str());
-      state_.model->fetch(backend_);
-      state_ = load_checkpoint(run_.paths.checkpoint());
+      state_ = last_saved();
     } else {
       save();
     }

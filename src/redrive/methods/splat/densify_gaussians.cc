@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <iterator>
 #include <limits>
 #include <tuple>
 #include <utility>
@@ -70,6 +71,21 @@ struct SplitCandidate {
   float time = std::numeric_limits<float>::infinity();
 };
 
+/// Returns the error below which a Gaussian of the world is replaced. Gaussians without an error,
+/// which no image saw lately, stay.
+float least_error(const DensifyOptions& options, const GaussianLayout& layout,
+                  std::span<const float> errors) {
+  if (options.replaced == 0) return 0;
+  std::vector<float> seen;
+  std::ranges::copy_if(errors.first(layout.world), std::back_inserter(seen),
+                       [](float error) { return error > 0; });
+  if (seen.empty()) return 0;
+  const auto replaced =
+      seen.begin() + static_cast<std::ptrdiff_t>(double(options.replaced) * double(seen.size()));
+  std::nth_element(seen.begin(), replaced, seen.end());
+  return *replaced;
+}
+
 /// Sorts by an order in which no two are equal.
 template <class Less>
 void sort_sources(const Less& less, ThreadPool& pool, std::vector<Source>* sources) {
@@ -90,6 +106,7 @@ std::vector<Source> choose_sources(const DensifyOptions& options, std::uint64_t 
   const std::size_t parts = 1 + layout.actor_ends.size();
   const float least =
       std::max(std::log(options.min_opacity / (1 - options.min_opacity)), kUnusedOpacity + 1);
+  const float least_of_world = least_error(options, layout, errors);
   std::vector<Source> sources;                              // whole ones at first
   std::vector<std::pair<float, std::uint32_t>> candidates;  // drawn in ascending order
   std::vector<SplitCandidate> of_part;
@@ -101,13 +118,14 @@ std::vector<Source> choose_sources(const DensifyOptions& options, std::uint64_t 
         // Unused lanes are transparent.
         if (!(p[gaussian_slot(i, kOpacityRow)] >= least)) continue;
         if (!within_bounds(options, part, p, i)) continue;
+        const float error = errors[i];
+        if (part == 0 && error > 0 && error < least_of_world) continue;
         SplitCandidate& candidate = of_part[i - first];
         float position[3];
         for (int k = 0; k < 3; ++k) position[k] = p[gaussian_slot(i, kPositionRow + k)];
         candidate.stays = true;
         candidate.source = {part, morton_key(position), static_cast<std::uint32_t>(i), 0};
-        const float error = errors[i],
-                    scale = std::exp(p[gaussian_slot(i, kLogScaleRow + longest_axis(p, i))]);
+        const float scale = std::exp(p[gaussian_slot(i, kLogScaleRow + longest_axis(p, i))]);
         if (error > 0 && scale > options.min_scale * p[gaussian_slot(i, kDistanceRow)])
           candidate.time = -std::log(std::max(random_unit(key, i), 1e-9f)) / error;
       }

@@ -23,6 +23,8 @@ constexpr float kHeadlights_m = 8;
 struct DensifyOptions {
   std::size_t target = 0;     ///< number of Gaussians afterwards, at most
   float min_opacity = 0.01f;  ///< Gaussians below it are removed; 0: only unused ones
+  /// part of the world's Gaussians with errors that is removed: those with the least
+  float replaced = 0;
   /// unused places at the end of the world's blocks, which count as Gaussians
   std::size_t spare = 0;
   /// least size of the largest axis, as a part of the distance: smaller Gaussians are not split
@@ -35,11 +37,11 @@ struct DensifyOptions {
 };
 
 /// Splits Gaussians along their longest axis into two, drawn without replacement with probabilities
-/// proportional to their summed errors, and removes transparent ones. Sets the errors to 0. Parents
-/// keep their second moments, children start without first moments. numbers: the Gaussians' and
-/// after them others, which stay; moments, errors: the Gaussians' (kernels::GaussianUpdate).
-/// Deterministic in key, whatever the number of threads. Gaussians stay in the world or with their
-/// actor.
+/// proportional to their summed errors, and removes transparent ones and those with the least
+/// errors, which images show hardly or render well. Sets the errors to 0. Parents keep their second
+/// moments, children start without first moments. numbers: the Gaussians' and after them others,
+/// which stay; moments, errors: the Gaussians' (kernels::GaussianUpdate). Deterministic in key,
+/// whatever the number of threads. Gaussians stay in the world or with their actor.
 void densify(const DensifyOptions& options, std::uint64_t key, GaussianLayout* layout,
              Buffer<float>* numbers, Buffer<std::uint32_t>* moments, Buffer<float>* errors,
              ThreadPool& pool);

@@ -58,10 +58,11 @@ struct State {
   float row(std::size_t i, int row) const { return numbers[gaussian_slot(i, row)]; }
   float id(std::size_t i) const { return row(i, kColourRow); }
   void set_error(std::size_t i, float error) { errors[i] = error; }
-  void densify(std::size_t target, std::uint64_t key = 7, int threads = 1) {
+  void densify(std::size_t target, std::uint64_t key = 7, int threads = 1, float replaced = 0) {
     ThreadPool pool(threads);
     GaussianLayout layout{.world = n, .actor_ends = {}};
-    redrive::densify({.target = target}, key, &layout, &numbers, &moments, &errors, pool);
+    redrive::densify({.target = target, .replaced = replaced}, key, &layout, &numbers, &moments,
+                     &errors, pool);
     n = layout.world;
   }
   /// Gaussians by their number.
@@ -223,6 +224,48 @@ TEST(Densify, SplitsWhereTheErrorIs) {
     }
   EXPECT_EQ(now.at(first).size(), 2u);
   EXPECT_EQ(now.at(second).size(), 2u);
+}
+
+TEST(Densify, ReplacesSeenGaussiansWithTheLeastErrors) {
+  State state(random_list(400));
+  std::set<float> removed;  // the 30 least of 300 errors from 1 to 399
+  for (std::size_t i = 0; i < 400; ++i) {
+    const bool seen = std::fmod(state.id(i), 4.0f) != 0;
+    state.set_error(i, seen ? state.id(i) : 0);
+    if (seen && state.id(i) < 40) removed.insert(state.id(i));
+  }
+  ASSERT_EQ(removed.size(), 30u);
+  state.densify(400, 7, 1, 0.1f);
+  EXPECT_EQ(state.n, 400u);
+  state.expect_whole();
+  const auto now = state.by_id();
+  EXPECT_EQ(now.size(), 370u);
+  for (const auto& [id, places] : now) {
+    EXPECT_FALSE(removed.contains(id)) << id;
+    if (std::fmod(id, 4.0f) == 0) {
+      EXPECT_EQ(places.size(), 1u) << id;
+    }
+  }
+}
+
+TEST(Densify, ReplacesNoGaussianOfAnActor) {
+  const std::array<GaussianList, 2> lists = {random_list(160), random_list(32)};
+  GaussianLayout layout = layout_of(std::span<const GaussianList>(lists));
+  const std::size_t size = layout.blocks() * kBlockSize;
+  Buffer<float> numbers(size), errors(size / kGaussianRows);
+  Buffer<std::uint32_t> moments(size);
+  write_blocks(lists, layout, &numbers);
+  for (std::size_t i = 0; i < 160; ++i) errors[i] = static_cast<float>(2 + i);
+  for (std::size_t i = 160; i < 192; ++i) errors[i] = 1;
+  ThreadPool pool(1);
+  densify({.replaced = 0.5f}, 7, &layout, &numbers, &moments, &errors, pool);
+  EXPECT_EQ(layout.world, 80u);
+  std::set<float> kept;
+  for (std::size_t i = layout.first_block(0) * kGaussianBlock;
+       i < layout.first_block(1) * kGaussianBlock; ++i)
+    if (numbers[gaussian_slot(i, kOpacityRow)] > kLeastLogit)
+      kept.insert(numbers[gaussian_slot(i, kColourRow)]);
+  EXPECT_EQ(kept.size(), 32u);
 }
 
 TEST(Densify, GrowsToTheTargetAtMost) {

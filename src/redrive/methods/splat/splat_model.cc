@@ -439,26 +439,6 @@ void SplatModel::step_window(kernels::Backend& backend, const TrainingSet& data,
   }
 }
 
-namespace {
-
-std::vector<SeenActor> seen_actors_of(const kernels::RasterImage& image,
-                                      const DrawnGaussians& shown) {
-  std::vector<std::size_t> parts;  // number of each object's
-  for (const kernels::GaussianPart& part : shown.parts) {
-    if (!part.continues) parts.push_back(0);
-    ++parts.back();
-  }
-  std::vector<SeenActor> seen;
-  for (std::size_t object = 0; object < shown.numbers.size(); ++object)
-    if (const kernels::PartExtent& extent = image.extents[object]; extent.whole > 0)
-      seen.push_back({shown.numbers[object], extent.visible, extent.whole, extent.left, extent.top,
-                      extent.right, extent.bottom, parts[object] > 1});
-  std::ranges::sort(seen, {}, &SeenActor::number);
-  return seen;
-}
-
-}  // namespace
-
 void SplatModel::render_to(kernels::Backend& backend, const RayTable& rays,
                            const ShutterPoses& world_from_camera, const Exposure& exposure,
                            RenderedImage* image) const {

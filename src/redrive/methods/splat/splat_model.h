@@ -54,6 +54,7 @@ struct SplatModel final : Trainee, FieldGaussians {
   float min_scale = 2e-4f, max_scale = 1;
   float min_opacity = 0.01f;                       ///< least opacity of Gaussians that are kept
   int densify_every = 100;                         ///< steps
+  float replaced = 0.04f;                          ///< DensifyOptions
   float grown_by = 0.6f, densified_until = 0.85f;  ///< progress
   /// Steps between two states in the mean with which training ends, from densified_until on; 0: it
   /// ends with the last state.

@@ -150,6 +150,11 @@ void SplatModel::visit_hyperparameters(HyperparameterVisitor& visit) {
       min_opacity);
   visit({"densify_every", "steps after which Gaussians are split and removed", 1, 1e9},
         densify_every);
+  visit({"replaced",
+         "part of the seen Gaussians that is removed then, those with the least errors, before "
+         "grown_by",
+         0, 0.5},
+        replaced);
   visit(Hyperparameter{"grown_by", "progress at which max_gaussians is reached", 0, 1}.exclusive(),
         grown_by);
   visit({"densified_until", "progress after which the number of Gaussians stays", 0, 1},

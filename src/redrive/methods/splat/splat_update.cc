@@ -118,6 +118,7 @@ void SplatModel::finish_step(kernels::Backend& backend, const StepRequest& reque
   options.target =
       static_cast<std::size_t>(first_gaussians + grown * std::max(0, most - first_gaussians));
   options.min_opacity = min_opacity;
+  options.replaced = grown < 1 ? replaced : 0;  // the last ones have time to settle
   std::vector<Eigen::Vector3f> bounds;
   for (std::size_t a = 0, i = blocks_size() + gains.size(); a < actor_ids.size(); ++a, i += 3)
     bounds.emplace_back(parameters[i], parameters[i + 1], parameters[i + 2]);

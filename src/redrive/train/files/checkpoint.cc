@@ -22,7 +22,7 @@ constexpr const char* kMoments[] = {"adam.first_moment", "adam.second_moment"};
 constexpr const char* kPoses[] = {"poses", "poses.first_moment", "poses.second_moment"};
 constexpr const char *kPacked = "adam.packed", *kErrors = "adam.errors", *kMean = "parameter_mean";
 constexpr const char *kDevice = "device", *kLidarGains = "lidar_gains";
-constexpr const char* kFormat = "redrive-21";
+constexpr const char* kFormat = "redrive-22";
 
 /// Visits the scalars of a state, without its model's, once each by name; writing and reading share
 /// this list.

@@ -5,6 +5,7 @@
 
 #include "redrive/base/buffer.h"
 #include "redrive/kernels/gaussian/gaussian_stages.h"
+#include "redrive/model/rendered_image.h"
 #include "redrive/scene/shutter_poses.h"
 
 namespace redrive {
@@ -18,5 +19,9 @@ struct DrawnGaussians {
   std::vector<int> numbers = {};  ///< ShutterPoses::Actor::number by object; 0: not drawn
   Buffer<float> copied = {};      ///< the numbers, where a body is shown twice or recoloured
 };
+
+/// Returns the objects of a labelled image, by ShutterPoses::Actor::number.
+std::vector<SeenActor> seen_actors_of(const kernels::RasterImage& image,
+                                      const DrawnGaussians& shown);
 
 }  // namespace redrive

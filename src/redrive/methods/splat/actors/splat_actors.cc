@@ -86,6 +86,22 @@ std::vector<PlainPose> SplatModel::part_from_camera(std::size_t a, const ActorPa
   return poses;
 }
 
+std::vector<SeenActor> seen_actors_of(const kernels::RasterImage& image,
+                                      const DrawnGaussians& shown) {
+  std::vector<std::size_t> parts;  // number of each object's
+  for (const kernels::GaussianPart& part : shown.parts) {
+    if (!part.continues) parts.push_back(0);
+    ++parts.back();
+  }
+  std::vector<SeenActor> seen;
+  for (std::size_t object = 0; object < shown.numbers.size(); ++object)
+    if (const kernels::PartExtent& extent = image.extents[object]; extent.whole > 0)
+      seen.push_back({shown.numbers[object], extent.visible, extent.whole, extent.left, extent.top,
+                      extent.right, extent.bottom, parts[object] > 1});
+  std::ranges::sort(seen, {}, &SeenActor::number);
+  return seen;
+}
+
 DrawnGaussians SplatModel::drawn(std::vector<ShutterPoses::Actor> actors) const {
   DrawnGaussians out{all(), {}, std::move(actors)};
   const GaussianLayout layout = this->layout();
