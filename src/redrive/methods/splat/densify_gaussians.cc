@@ -19,6 +19,7 @@ namespace {
 
 constexpr float kChildOffset = 0.75f;  // in standard deviations of the parent, to either side
 constexpr std::size_t kGaussiansPerRange = 4096;
+constexpr std::size_t kCandidatesPerSplit = 3;                 // a third is split at once, at most
 constexpr float kChildScale = 0.6f, kChildOtherScale = 0.92f;  // along the axis, along the others
 
 /// The source of a Gaussian: itself, or one of the halves of a split one.
@@ -71,19 +72,37 @@ struct SplitCandidate {
   float time = std::numeric_limits<float>::infinity();
 };
 
+/// Whether Gaussian i has an error and is large enough to be split.
+bool splits(const DensifyOptions& options, const float* numbers, std::span<const float> errors,
+            std::size_t i) {
+  const float scale = std::exp(numbers[gaussian_slot(i, kLogScaleRow + longest_axis(numbers, i))]);
+  return errors[i] > 0 && scale > options.min_scale * numbers[gaussian_slot(i, kDistanceRow)];
+}
+
 /// Returns the error below which a Gaussian of the world is replaced. Gaussians without an error,
-/// which no image saw lately, stay.
-float least_error(const DensifyOptions& options, const GaussianLayout& layout,
-                  std::span<const float> errors) {
+/// which no image saw lately, stay. Where few can be split, fewer are replaced. least_opacity: its
+/// logit; Gaussians below it are removed anyhow.
+float least_error(const DensifyOptions& options, const GaussianLayout& layout, float least_opacity,
+                  const float* numbers, std::span<const float> errors) {
   if (options.replaced == 0) return 0;
   std::vector<float> seen;
-  std::ranges::copy_if(errors.first(layout.world), std::back_inserter(seen),
-                       [](float error) { return error > 0; });
-  if (seen.empty()) return 0;
-  const auto replaced =
-      seen.begin() + static_cast<std::ptrdiff_t>(double(options.replaced) * double(seen.size()));
-  std::nth_element(seen.begin(), replaced, seen.end());
-  return *replaced;
+  std::size_t alive = 0, can_split = 0;
+  for (std::size_t i = 0; i < errors.size(); ++i) {
+    if (!(numbers[gaussian_slot(i, kOpacityRow)] >= least_opacity)) continue;
+    ++alive;
+    can_split += splits(options, numbers, errors, i);
+    if (i < layout.world && errors[i] > 0) seen.push_back(errors[i]);
+  }
+  // Each that is replaced takes a split, as growth does, and may have been a candidate itself.
+  const std::size_t grows = options.target - std::min(options.target, alive),
+                    others = can_split - std::min(can_split, kCandidatesPerSplit * grows),
+                    replaced = std::min(
+                        static_cast<std::size_t>(double(options.replaced) * double(seen.size())),
+                        others / (kCandidatesPerSplit + 1));
+  if (replaced == 0) return 0;
+  const auto least = seen.begin() + static_cast<std::ptrdiff_t>(replaced);
+  std::nth_element(seen.begin(), least, seen.end());
+  return *least;
 }
 
 /// Sorts by an order in which no two are equal.
@@ -106,7 +125,7 @@ std::vector<Source> choose_sources(const DensifyOptions& options, std::uint64_t 
   const std::size_t parts = 1 + layout.actor_ends.size();
   const float least =
       std::max(std::log(options.min_opacity / (1 - options.min_opacity)), kUnusedOpacity + 1);
-  const float least_of_world = least_error(options, layout, errors);
+  const float least_of_world = least_error(options, layout, least, p, errors);
   std::vector<Source> sources;                              // whole ones at first
   std::vector<std::pair<float, std::uint32_t>> candidates;  // drawn in ascending order
   std::vector<SplitCandidate> of_part;
@@ -125,8 +144,7 @@ std::vector<Source> choose_sources(const DensifyOptions& options, std::uint64_t 
         for (int k = 0; k < 3; ++k) position[k] = p[gaussian_slot(i, kPositionRow + k)];
         candidate.stays = true;
         candidate.source = {part, morton_key(position), static_cast<std::uint32_t>(i), 0};
-        const float scale = std::exp(p[gaussian_slot(i, kLogScaleRow + longest_axis(p, i))]);
-        if (error > 0 && scale > options.min_scale * p[gaussian_slot(i, kDistanceRow)])
+        if (splits(options, p, errors, i))
           candidate.time = -std::log(std::max(random_unit(key, i), 1e-9f)) / error;
       }
     });
@@ -139,10 +157,10 @@ std::vector<Source> choose_sources(const DensifyOptions& options, std::uint64_t 
   }
   const std::size_t alive = sources.size(),
                     wanted = options.target > alive ? options.target - alive : 0,
-                    splits = std::min(wanted, candidates.size() / 3);
-  std::nth_element(candidates.begin(), candidates.begin() + static_cast<std::ptrdiff_t>(splits),
+                    split = std::min(wanted, candidates.size() / kCandidatesPerSplit);
+  std::nth_element(candidates.begin(), candidates.begin() + static_cast<std::ptrdiff_t>(split),
                    candidates.end());
-  candidates.resize(splits);
+  candidates.resize(split);
   for (const auto& [time, which] : candidates) {
     sources[which].half = 1;
     sources.push_back(sources[which]);

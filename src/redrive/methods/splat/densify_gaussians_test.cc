@@ -258,9 +258,11 @@ TEST(Densify, ReplacesNoGaussianOfAnActor) {
   for (std::size_t i = 0; i < 160; ++i) errors[i] = static_cast<float>(2 + i);
   for (std::size_t i = 160; i < 192; ++i) errors[i] = 1;
   ThreadPool pool(1);
-  densify({.replaced = 0.5f}, 7, &layout, &numbers, &moments, &errors, pool);
-  EXPECT_EQ(layout.world, 80u);
+  densify({.target = 192, .replaced = 0.1f}, 7, &layout, &numbers, &moments, &errors, pool);
   std::set<float> kept;
+  for (std::size_t i = 0; i < layout.world; ++i) kept.insert(numbers[gaussian_slot(i, kColourRow)]);
+  EXPECT_EQ(kept.size(), 144u);
+  kept.clear();
   for (std::size_t i = layout.first_block(0) * kGaussianBlock;
        i < layout.first_block(1) * kGaussianBlock; ++i)
     if (numbers[gaussian_slot(i, kOpacityRow)] > kLeastLogit)
@@ -285,6 +287,9 @@ TEST(Densify, GrowsToTheTargetAtMost) {
   State state(small);
   state.densify(120);
   EXPECT_EQ(state.n, 96u);
+  for (std::size_t i = 0; i < 96; ++i) state.set_error(i, static_cast<float>(1 + i));
+  state.densify(96, 7, 1, 0.5f);
+  EXPECT_EQ(state.n, 96u) << "nothing is replaced where nothing can be split";
 }
 
 /// Expects which Gaussians of an actor with half sides of (2, 1, 0.8) m are kept, by position.

@@ -80,6 +80,7 @@ void begin(Training* training, const TrafficScene& traffic, float off) {
   training->begin(lists[0]);
   training->model.set_gaussians(lists, traffic.scene.actors);
   training->model.max_gaussians = 120;
+  training->model.replaced = 0;  // the known Gaussians stay
   training->adam = training->model.zero_moments();
   training->model.opacity_weight = 0;
 }
