@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <iterator>
 #include <limits>
 #include <tuple>
 #include <utility>
@@ -73,8 +72,8 @@ struct SplitCandidate {
 };
 
 /// Whether Gaussian i has an error and is large enough to be split.
-bool splits(const DensifyOptions& options, const float* numbers, std::span<const float> errors,
-            std::size_t i) {
+bool can_split(const DensifyOptions& options, const float* numbers, std::span<const float> errors,
+               std::size_t i) {
   const float scale = std::exp(numbers[gaussian_slot(i, kLogScaleRow + longest_axis(numbers, i))]);
   return errors[i] > 0 && scale > options.min_scale * numbers[gaussian_slot(i, kDistanceRow)];
 }
@@ -86,16 +85,16 @@ float least_error(const DensifyOptions& options, const GaussianLayout& layout, f
                   const float* numbers, std::span<const float> errors) {
   if (options.replaced == 0) return 0;
   std::vector<float> seen;
-  std::size_t alive = 0, can_split = 0;
+  std::size_t alive = 0, candidates = 0;
   for (std::size_t i = 0; i < errors.size(); ++i) {
     if (!(numbers[gaussian_slot(i, kOpacityRow)] >= least_opacity)) continue;
     ++alive;
-    can_split += splits(options, numbers, errors, i);
+    candidates += can_split(options, numbers, errors, i);
     if (i < layout.world && errors[i] > 0) seen.push_back(errors[i]);
   }
   // Each that is replaced takes a split, as growth does, and may have been a candidate itself.
   const std::size_t grows = options.target - std::min(options.target, alive),
-                    others = can_split - std::min(can_split, kCandidatesPerSplit * grows),
+                    others = candidates - std::min(candidates, kCandidatesPerSplit * grows),
                     replaced = std::min(
                         static_cast<std::size_t>(double(options.replaced) * double(seen.size())),
                         others / (kCandidatesPerSplit + 1));
@@ -144,7 +143,7 @@ std::vector<Source> choose_sources(const DensifyOptions& options, std::uint64_t 
         for (int k = 0; k < 3; ++k) position[k] = p[gaussian_slot(i, kPositionRow + k)];
         candidate.stays = true;
         candidate.source = {part, morton_key(position), static_cast<std::uint32_t>(i), 0};
-        if (splits(options, p, errors, i))
+        if (can_split(options, p, errors, i))
           candidate.time = -std::log(std::max(random_unit(key, i), 1e-9f)) / error;
       }
     });

@@ -23,7 +23,8 @@ constexpr float kHeadlights_m = 8;
 struct DensifyOptions {
   std::size_t target = 0;     ///< number of Gaussians afterwards, at most
   float min_opacity = 0.01f;  ///< Gaussians below it are removed; 0: only unused ones
-  /// part of the world's Gaussians with errors that is removed: those with the least
+  /// share of the world's Gaussians with an error that is removed, the least errors first; less
+  /// where few can be split in their place
   float replaced = 0;
   /// unused places at the end of the world's blocks, which count as Gaussians
   std::size_t spare = 0;
@@ -37,8 +38,8 @@ struct DensifyOptions {
 };
 
 /// Splits Gaussians along their longest axis into two, drawn without replacement with probabilities
-/// proportional to their summed errors, and removes transparent ones and those with the least
-/// errors, which images show hardly or render well. Sets the errors to 0. Parents keep their second
+/// proportional to their summed errors. Removes transparent ones, and those with the least errors:
+/// images hardly show them, or render them well. Sets the errors to 0. Parents keep their second
 /// moments, children start without first moments. numbers: the Gaussians' and after them others,
 /// which stay; moments, errors: the Gaussians' (kernels::GaussianUpdate). Deterministic in key,
 /// whatever the number of threads. Gaussians stay in the world or with their actor.

@@ -8,8 +8,8 @@
 #include "redrive/base/error.h"
 #include "redrive/kernels/gaussian/centre_boxes.h"
 #include "redrive/kernels/gaussian/check_gaussian_sizes.h"
-#include "redrive/kernels/gaussian/mean_bounds.h"
 #include "redrive/kernels/gaussian/shutter_keys.h"
+#include "redrive/kernels/gaussian/vulkan/shader_parameters.h"
 
 namespace redrive::kernels::vulkan {
 namespace {
@@ -19,20 +19,6 @@ constexpr BlockShape kBlocks{8, 4};
 /// common.glsl.
 constexpr std::size_t kSegment = 256, kStateFloats = 5;
 constexpr int kDepthShifts[] = {8, 16, 24};  // the bits of a distance down to 2^-16 of it
-
-/// Params of shaders/common.glsl.
-struct ShaderParameters {
-  VkDeviceAddress numbers, pose_keys, parts, records, depth_key, drawn, by_depth, pair_first,
-      pair_gaussian, pair_blocks, ranges, control, wanted, centre_u, centre_v, boxes, extents, rgb,
-      transmittance, depth, range_error, log_range, last, d_rgb, d_transmittance, error, d_range,
-      pair_sums, sums, gradients, errors, states, segments;
-  float fx, fy, cx, cy, numbers_of_lens[PlainCamera::kMostNumbers], max_radius2;
-  std::uint32_t n, width, height, stride, rows, tiles_x, tiles_y, n_parts, n_keys, by_column,
-      bounds_means, max_pairs;
-  float first_line, row_scale, row_offset;
-  RasterBounds pixels, means;
-  float background[3];
-};
 
 template <class T>
 void grow_for(Queue& queue, DeviceBuffer* buffer, std::size_t n) {
@@ -46,33 +32,6 @@ std::size_t append(std::span<const T> block, std::vector<std::byte>* bytes) {
   bytes->resize(at + std::max<std::size_t>(block.size_bytes(), 1));
   if (!block.empty()) std::memcpy(bytes->data() + at, block.data(), block.size_bytes());
   return at;
-}
-
-/// Sets what follows from the camera and the size of its image.
-void set_camera(const GaussianCamera& from, const RasterSize& size, ShaderParameters* p) {
-  const PlainCamera& camera = from.camera;
-  const RasterBounds bounds = raster_bounds(from);
-  const std::size_t n_keys = from.world_from_camera.size();
-  p->fx = camera.fx;
-  p->fy = camera.fy;
-  p->cx = camera.cx;
-  p->cy = camera.cy;
-  std::ranges::copy(camera.numbers, p->numbers_of_lens);
-  p->max_radius2 = camera.max_radius2;
-  p->width = static_cast<std::uint32_t>(size.width);
-  p->height = static_cast<std::uint32_t>(size.height);
-  p->stride = static_cast<std::uint32_t>(size.stride);
-  p->rows = static_cast<std::uint32_t>(size.rows);
-  p->tiles_x = static_cast<std::uint32_t>(size.stride / kTileSide);
-  p->tiles_y = static_cast<std::uint32_t>(size.rows / kTileSide);
-  p->n_keys = static_cast<std::uint32_t>(n_keys);
-  p->by_column = from.by_column;
-  p->bounds_means = !from.centres.u.empty();
-  p->first_line = first_line(from);
-  p->row_scale = static_cast<float>(n_keys - 1) / from.image_rows;
-  p->row_offset = (from.first_row + 0.5f) * p->row_scale;
-  p->pixels = bounds;
-  p->means = mean_bounds(from, bounds);
 }
 
 }  // namespace
